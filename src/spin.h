@@ -24,8 +24,8 @@
  *
  * Conventions: quaternions are w, x, y, z. Matrices are row-major. Cameras look along +z, with x
  * right and y down; w2c maps world to camera; the centre of the top-left pixel is (0.5, 0.5).
- * Images are planar [3][h][w] float, 0..1. Counts are named n_*, an index has a singular name. The
- * default of an option field is zero unless its comment says otherwise.
+ * Images are planar [3][h][w] float, 0..1. Names of counts begin with n_; an index is a singular
+ * noun, such as frame. An option field is 0 by default unless its comment says otherwise.
  *
  * Example: print the size of the first frame of a bundle.
  *
@@ -82,8 +82,8 @@ typedef enum spin_status {
 /* The error message of this thread's last failure: one line without a full stop; "" if none. */
 const char *spin_last_error(void);
 
-/* Set the error message and return code. The text is in lower case without a full stop: what
- * failed, where (file, array, line), why; names in 'quotes'. */
+/* Sets this thread's error message and returns `code`. The text is in lower case without a full
+ * stop: what failed, where (file, array, line), why; names in 'quotes'. */
 spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 /* Shorthands for the most frequent codes. */
 #define spin_misuse(...) spin_fail(SPIN_E_USAGE, __VA_ARGS__)
@@ -91,11 +91,11 @@ spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 #define spin_malformed(...) spin_fail(SPIN_E_MALFORMED, __VA_ARGS__)
 #define spin_unsupported(...) spin_fail(SPIN_E_UNSUPPORTED, __VA_ARGS__)
 
-/* Prefix the error message with "text: " and return code. SPIN_OK and SPIN_E_CANCELLED are returned
- * as they are. */
+/* Prefixes the error message with the formatted text and a colon, and returns `code`. If `code` is
+ * SPIN_OK or SPIN_E_CANCELLED, the message stays unchanged. */
 spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
 
-/* Return the status of expr from this function if it fails. */
+/* Evaluates expr and, if it fails, returns its status from the calling function. */
 #define SPIN_TRY(expr)                                                                             \
     do {                                                                                           \
         spin_status spin_try_ = (expr);                                                            \
@@ -103,7 +103,7 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINT
             return spin_try_;                                                                      \
     } while (0)
 
-/* The same, prefixing the error message with "text: ". */
+/* SPIN_TRY, with a prefix for the error message, see spin_fail_context(). */
 #define SPIN_TRY_IN(expr, ...)                                                                     \
     do {                                                                                           \
         spin_status spin_try_ = (expr);                                                            \
@@ -111,7 +111,7 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINT
             return spin_fail_context(spin_try_, __VA_ARGS__);                                      \
     } while (0)
 
-/* Jump to out: with status set if expr fails. Requires a local `spin_status status`. */
+/* Assigns expr to the local variable `status` and, if it failed, jumps to the label `out`. */
 #define SPIN_TRY_OUT(expr)                                                                         \
     do {                                                                                           \
         status = (expr);                                                                           \
@@ -119,14 +119,14 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...) SPIN_PRINT
             goto out;                                                                              \
     } while (0)
 
-/* Print "warning: ..." as one line on stderr. */
+/* Prints "warning: ..." as one line on stderr. */
 void spin_warn(const char *fmt, ...) SPIN_PRINTF(1, 2);
 
-/* Verbosity of the library on stderr: -1 warnings only, 0 normal, up to 4: 1 logs each run ... 4
- * each operation. */
+/* Verbosity of the library on stderr: -1 warnings only, 0 normal, 1 log lines per run, 2 per frame,
+ * 3 per iteration, 4 per operation. */
 void spin_set_verbosity(int level);
 
-/* Ask running work to stop at the next safe point. Async-signal-safe. */
+/* Makes running work stop at the next safe point. Async-signal-safe. */
 void spin_cancel(void);
 
 /* ---- 2. Splats of one frame ------------------------------------------------------------------ */
@@ -137,8 +137,8 @@ enum spin_column {
     SPIN_COL_LOG_SCALES = 1 << 2,      /* [n][3] natural log of the standard deviation */
     SPIN_COL_LOGIT_OPACITIES = 1 << 3, /* [n] before the sigmoid, finite */
     SPIN_COL_SH = 1 << 4,              /* [n][(sh_degree+1)^2][3] coefficients, channel last */
-    SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, for points with a plain colour */
-    SPIN_COL_ATTRIBUTES =              /* all that a Gaussian needs besides its mean */
+    SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, colours of points without SH */
+    SPIN_COL_ATTRIBUTES =              /* all columns of a Gaussian except its mean */
     SPIN_COL_QUATS | SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH
 };
 
@@ -148,7 +148,7 @@ struct spin_splats {
     size_t n;               /* rows */
     size_t capacity;        /* rows that each allocated column can hold */
     int sh_degree;          /* degree of sh, 0..3 */
-    bool antialias;         /* to be rendered with antialiasing */
+    bool antialias;         /* the splats are to be rendered with antialiasing */
     float *means;           /* [n][3] */
     float *quats;           /* [n][4] or NULL */
     float *log_scales;      /* [n][3] or NULL */
@@ -159,11 +159,12 @@ struct spin_splats {
     size_t held[6];         /* private: allocated bytes of each column */
 };
 
-/* Set n and sh_degree, clear antialias, and allocate the wanted columns for at least n rows; other
- * columns stay allocated if they were. Contents are not preserved. Fails with SPIN_E_MEMORY. */
+/* Sets n and sh_degree, clears antialias, and allocates the requested columns for at least n rows.
+ * Other columns that are already allocated grow to n rows too. Contents are not preserved. Fails
+ * with SPIN_E_MEMORY, or SPIN_E_UNSUPPORTED if SH is requested with a degree outside 0..3. */
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
-/* Copy the rows of s whose mark is 1 to *out, with all columns except rgb. */
+/* Copies the rows i of s with mark[i] not 0 to *out, with all columns except rgb. */
 spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *mark,
                              struct spin_splats *out);
 
@@ -176,31 +177,37 @@ spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *m
  *     opacity    sigmoid(logit_opacities) w(t)
  *     colour     sh + cos(2 pi d / period) sh_cos[0] + cos(4 pi d / period) sh_cos[1]
  *
- * where w(t) = exp(-0.5 (d / sigmas)^2), a Gaussian window. With a plateau lo, hi, sigma2, w is 1
- * from lo to hi, falls as a Gaussian of sigmas before lo and as one of sigma2 after hi. With a gate
- * g it is g + (1 - g) w; with cuts first, end it is 0 outside [first, end). Times are in the unit
- * of the clip's frame times (struct spin_frame_info).
+ * where w(t) = exp(-0.5 (d / sigmas)^2) is a Gaussian window. Terms of arrays that are NULL are
+ * omitted. Three optional arrays change the window of a row, in this order:
  *
- * Terms of arrays that are NULL are omitted. A frame is a slice: the rows that are drawn at its
- * time, in order. The struct owns its memory: zero it, reserve once, fill it, settle, free. */
+ *     If there are plateaus (lo, hi, sigma2), w is 1 from lo to hi. Before lo it falls like a
+ *     Gaussian of standard deviation sigmas, after hi like one of sigma2.
+ *     If there are gates (g), g + (1 - g) w replaces w.
+ *     If there are cuts (first, end), w is 0 outside [first, end).
+ *
+ * All times are in the unit of the clip's frame times (struct spin_frame_info). A frame is a slice
+ * of the 4D splats: the rows that are drawn at its time, in order.
+ *
+ * The struct owns its memory: zero it, call spin_splats_4d_reserve() once, fill the arrays, call
+ * spin_splats_4d_settle(), and free it with spin_splats_4d_free(). */
 struct spin_splats_4d {
     size_t n;
-    int degree;           /* of the paths, as polynomials: 0..3 */
+    int degree;           /* degree of the paths, which are polynomials: 0..3 */
     int sh_degree;        /* 0..3 */
-    bool antialias;       /* to be rendered with antialiasing */
-    double least_weight;  /* rows whose w(t) is below this are not drawn, */
-    double least_opacity; /* nor those whose opacity at t is below this */
-    double period;        /* of the cosines with sh_cos */
-    /* Factors on the screen-space covariance that the model was trained with; 0: none. */
+    bool antialias;       /* the splats are to be rendered with antialiasing */
+    double least_weight;  /* a row is not drawn at times at which its w is below this */
+    double least_opacity; /* a row is not drawn at times at which its opacity is below this */
+    double period;        /* period of the cosines of sh_cos */
+    /* The training multiplied the screen-space covariance by these factors; 0: it did not. */
     double cov2d[2];
     float *centres;         /* [n][3] world units */
     float *times;           /* [n] */
     float *quats;           /* [n][4] w, x, y, z */
     float *log_scales;      /* [n][3] */
     float *logit_opacities; /* [n] */
-    float *sigmas;          /* [n] above 0; SPIN_FOREVER: w does not fall */
+    float *sigmas;          /* [n] standard deviation of w, above 0; SPIN_FOREVER: w is constant */
     float *sh;              /* [n][(sh_degree+1)^2][3] */
-    float *paths;           /* [n][degree][3] or NULL where degree is 0 */
+    float *paths;           /* [n][degree][3], or NULL if degree is 0 */
     float *spins;           /* [n][4] or NULL */
     float *plateaus;        /* [n][3] lo, hi, sigma2, or NULL */
     float *cuts;            /* [n][2] first, end, or NULL */
@@ -210,43 +217,47 @@ struct spin_splats_4d {
 };
 #define SPIN_FOREVER 3e38f
 
-enum spin_splats_4d_part { /* optional arrays, except paths */
-                           SPIN_4D_SPINS = 1 << 0,
-                           SPIN_4D_PLATEAUS = 1 << 1,
-                           SPIN_4D_CUTS = 1 << 2,
-                           SPIN_4D_GATES = 1 << 3,
-                           SPIN_4D_SH_COS = 1 << 4
+/* Optional arrays. The paths have no flag: they are allocated if degree is above 0. */
+enum spin_splats_4d_part {
+    SPIN_4D_SPINS = 1 << 0,
+    SPIN_4D_PLATEAUS = 1 << 1,
+    SPIN_4D_CUTS = 1 << 2,
+    SPIN_4D_GATES = 1 << 3,
+    SPIN_4D_SH_COS = 1 << 4
 };
-/* Set n and the degrees, and allocate all arrays, filled with zeros. */
+/* Sets n and the degrees, and allocates the arrays, filled with zeros: those that are always
+ * present, the paths if degree is above 0, and the optional arrays of `parts`. */
 spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degree, int sh_degree,
                                    unsigned parts);
 void spin_splats_4d_free(struct spin_splats_4d *s);
-/* A view of the 4D splats as those of one frame, each at its centre. Borrows the arrays: do not
- * free it. */
+/* The 4D splats as the splats of one frame, each at its centre with its full opacity. The result
+ * borrows the arrays: do not free it. */
 struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s);
-/* Call when all rows are filled: drops rows whose values are not finite or far out of range, or
- * whose rotation is zero or sigma not above 0; keeps the order of the others and normalises their
- * quats. from: NULL, or [n], receives the original index of each remaining row. */
+/* Validates the rows; call it once all are filled. Drops rows with values that are not finite or
+ * far out of range, with a rotation of length 0, or with a sigma that is not above 0. Keeps the
+ * order of the others and normalises their quats. from: NULL, or [n], which receives the original
+ * index of each remaining row. */
 spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, size_t *from);
 /* Fill the columns with the rows that are drawn at `time`. */
 spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, unsigned columns,
                                  struct spin_splats *out);
-/* Whether row i is drawn at `time`; its w(time). */
+/* Whether row i is drawn at `time`. */
 bool spin_splats_4d_shows(const struct spin_splats_4d *s, size_t i, double time);
+/* The window w(time) of row i. */
 double spin_splats_4d_weight(const struct spin_splats_4d *s, size_t i, double time);
-/* For each of n times, the number of rows drawn. */
+/* Counts the rows that are drawn at each of n times. */
 spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *times, size_t n,
                                   size_t *counts);
 
 /* ---- 3. Cameras and views -------------------------------------------------------------------- */
 
-/* Near plane of 3DGS, world units. */
+/* Depth of the near plane in 3DGS, world units. */
 #define SPIN_NEAR 0.2
 
 struct spin_camera {
     int width, height;     /* pixels */
     double fx, fy, cx, cy; /* pixels; centre of the top-left pixel is 0.5, 0.5 */
-    double w2c[12];        /* [3][4], p_c = R p_w + t; R orthonormal, det +1 */
+    double w2c[12];        /* [3][4], R | t: p_c = R p_w + t; R orthonormal, det +1 */
     double z_near;         /* splats at or in front of this depth are not drawn; 0: SPIN_NEAR */
 };
 
@@ -267,11 +278,11 @@ struct spin_views {
     struct spin_view *view; /* [n] */
     size_t n, capacity;
     int n_dataset_frames;
-    bool numbered;   /* every view has a frame number, the same for all views of a frame */
-    char notes[512]; /* lines about guesses and losses, for the user; "" */
+    bool numbered;   /* every view has a frame number, which all views of a frame share */
+    char notes[512]; /* for the user: one line for each assumption or loss; "" if none */
 };
 
-/* Append a copy of v (path and mask are copied). */
+/* Appends a copy of v, with copies of path and mask. */
 spin_status spin_views_add(struct spin_views *views, const struct spin_view *v);
 void spin_views_free(struct spin_views *views);
 
@@ -297,12 +308,12 @@ struct spin_plugin_values {
 const char *spin_plugin_value(const struct spin_plugin_values *v, const char *key,
                               const char *fallback);
 
-/* All that probe() can examine of an input. */
+/* What probe() may examine of an input. */
 struct spin_peek {
     const char *path;
     bool is_folder;
-    /* First bytes, at most 16384, of a file; for a folder, of the first that exists of cfg_args,
-     * chkpnt*, deformation.pth and point_cloud.ply. */
+    /* The first 16384 bytes, or fewer if the file is shorter. For a folder, they are those of the
+     * first of these files that exists: cfg_args, chkpnt*, deformation.pth, point_cloud.ply. */
     const unsigned char *head;
     size_t n_head;
     /* Member names, one per line, of a zip archive or of the params.npz of a folder; else "". */
@@ -316,21 +327,22 @@ struct spin_sequence_info {
     const double *times;     /* [n_frames] in the method's unit of time; NULL: 0, 1, 2, ... */
     const int *numbers;      /* [n_frames] frame numbers from file names; NULL: none */
     const size_t *counts;    /* [n_frames] rows of each frame; NULL: unknown until read */
-    unsigned columns;        /* that frame() can fill */
-    unsigned static_columns; /* those of `columns` that are equal in all frames */
+    unsigned columns;        /* columns that frame() can fill */
+    unsigned static_columns; /* the subset of `columns` that is equal in all frames */
     bool identity;           /* row i is the same Gaussian in every frame */
     int sh_degree;           /* -1: no SH */
     bool antialias;          /* the splats were trained with antialiasing */
     bool continuous;         /* can be sampled at any time in [time_first, time_last] */
     double time_first, time_last;
-    int n_clip_frames;  /* frames of the clip of a continuous method; 0: unknown */
-    double fps;         /* frames per second of the clip; 0: unknown */
-    bool half_open;     /* for data sets without times: frame i of n is at i/n of the time span, not
-                           i/(n-1) */
-    bool counts_frames; /* time t is frame t: frame i of a data set is at i, whatever its own times
-                         */
-    char variant[128];  /* variant of the format, for --info */
-    char notes[1024];   /* lines about guesses and losses, for the user; "" */
+    int n_clip_frames; /* frames of the clip of a continuous method; 0: unknown */
+    double fps;        /* frames per second of the clip; 0: unknown */
+    /* For data sets without times: frame i of n is at i/n of the time span, not at i/(n-1). */
+    bool half_open;
+    /* The method's times are frame numbers: frame i of a data set is at time i, even if the data
+     * set has other times. */
+    bool counts_frames;
+    char variant[128]; /* variant of the format, for --info */
+    char notes[1024];  /* for the user: one line for each assumption or loss; "" if none */
 };
 
 struct spin_importer {
@@ -343,18 +355,19 @@ struct spin_importer {
     /* Confidence, 0..100, that this importer reads the input. Must not open files or allocate. */
     int (*probe)(const struct spin_peek *peek);
 
-    /* Splats. open() reads only what is quick to read; frame() fills the wanted columns of one
-     * frame, after spin_splats_reserve(). `time` is used by continuous methods only. frame() may be
-     * called in any order and repeatedly, by one thread at a time. close() also follows a failed
-     * open() that had set *self. NULL open: the importer reads data sets only. */
+    /* Reading splats. open() reads only what is quick to read, and is NULL if the importer reads
+     * data sets only. frame() calls spin_splats_reserve() and fills the requested columns of one
+     * frame; `time` is for continuous methods only. The frames are requested in any order and
+     * repeatedly, by one thread at a time. close() is also called after a failed open() that set
+     * *self. */
     spin_status (*open)(const char *path, const struct spin_plugin_values *values, void **self,
                         struct spin_sequence_info *sequence);
     spin_status (*frame)(void *self, int frame, double time, unsigned columns,
                          struct spin_splats *out);
     void (*close)(void *self);
 
-    /* The same input as 4D splats, for methods that store these: settled, and owned by the importer
-     * until close(). *out is NULL if this input has none. */
+    /* The same input as 4D splats, after spin_splats_4d_settle(). The importer owns them until
+     * close(). *out is NULL if this input contains none. NULL: the method never stores any. */
     spin_status (*splats_4d)(void *self, const struct spin_splats_4d **out);
 
     /* Append every view of the data set in folder `path`. NULL: the importer reads no data sets. */
@@ -374,7 +387,8 @@ struct spin_export_check {
     /* Largest displacement of a mean, in units of the splat's largest standard deviation; NaN:
      * unknown. */
     double place_sizes;
-    /* The same in pixels of the data set's images; NaN: no camera sees a splat, or unknown. */
+    /* Largest displacement of a mean, in pixels of the data set's images; NaN: unknown, or no splat
+     * is visible to any camera. */
     double place_pixels;
     int rendered; /* number of the frame that was rendered from its file; -1: none */
     double psnr;  /* dB against the render of the bundle; infinite: identical; NaN: none */
@@ -382,18 +396,18 @@ struct spin_export_check {
 
 /* Result of --decimate: the splats that were dropped, and the loss in quality. */
 struct spin_decimated {
-    /* Splats per frame on average, or of the clip if in_all; `before` excludes those that other
-     * options drop. before is 0 without --decimate. */
+    /* Splats per frame on average, or splats of the clip if in_all is set. `before` excludes splats
+     * that other options drop, and is 0 without --decimate. */
     double before, after;
-    /* The counts are of the clip: its rows are 4D splats, or filters drop some of them in some
-     * frames only. */
+    /* before and after count the splats of the clip, since these are 4D splats or filters drop
+     * some of them in some frames only. */
     bool in_all;
-    /* Splats were ranked by their contribution to the cameras of the data set; else by opacity and
-     * size. */
+    /* The splats were ranked by their contribution to the data set's views; otherwise by opacity
+     * and size. */
     bool by_views;
-    int n_pictures;   /* images that were compared; 0: no splat is visible in any */
-    double psnr;      /* dB over all compared images, against all splats; infinite: identical */
-    int n_tries;      /* outputs written to reach a size; 0: no size was requested */
+    int n_pictures; /* images that were compared; 0: no splat is visible in any */
+    double psnr;    /* dB over all compared images, kept splats against all; infinite: identical */
+    int n_tries;    /* outputs written to reach a size; 0: no size was requested */
     uint64_t reached; /* bytes of the whole output, if a size was requested */
 };
 
@@ -434,48 +448,49 @@ struct spin_export_report {
 struct spin_export_job {
     const char *output; /* as given by the user */
     bool force;         /* overwrite existing files */
-    bool sync;          /* for every struct spin_out */
-    int n_frames;       /* to be exported */
+    bool sync;          /* the value of `sync` for every struct spin_out */
+    int n_frames;       /* frames to export */
     double fps;         /* 0: unknown */
     const char *source; /* name of the method that the clip was imported from */
-    int sh_degree;      /* of the exported splats */
+    int sh_degree;      /* SH degree of the exported splats */
     bool antialias;     /* the splats are to be rendered with antialiasing */
     const struct spin_plugin_values *values;
     const struct spin_views *views; /* NULL if the data set is not available */
     const int *dataset_frame_of;    /* [n_frames] index of each frame in the data set, or -1 */
     struct spin_renderer *renderer; /* not NULL if the exporter sets needs_renderer */
     const float *background;        /* [3] */
-    bool transparent; /* --background none: render with alpha; refused for exporters without `alpha`
-                       */
-    int n_threads;    /* 0: all */
-    /* Reads the same frame as it was imported, if the bundle has both source and retrained splats,
-     * for comparisons; else NULL. */
+    /* --background none: render images with alpha. Only set for exporters with `alpha`. */
+    bool transparent;
+    int n_threads; /* 0: all */
+    /* Reads the source of a frame, for comparisons with the retrained splats. NULL unless the
+     * bundle contains both. */
     spin_status (*source_frame)(void *source_of, int frame, struct spin_splats *out);
     void *source_of;
     int source_sh_degree;
     bool source_antialias;
     bool retrained; /* the attributes were retrained, not imported */
-    /* [n_frames] splats of each frame, or somewhat more if some cannot be drawn; NULL: unknown */
+    /* [n_frames] number of splats of each frame, or an upper bound if some cannot be drawn; NULL:
+     * unknown */
     const size_t *counts;
-    /* The exporter adds to bytes and images, and sets frames if it exports only some; or NULL. At
-     * end(), left_out is final. */
+    /* The exporter increases `bytes` and `images` of the report, and sets `frames` if it exports
+     * only some of them. left_out is final at end(). May be NULL. */
     struct spin_export_report *report;
 
-    /* With `check`, end() reads back what was written and fills report->check; only set for
-     * exporters with `checks`. again() returns a frame, 0..n_frames-1, that stays valid until its
-     * next call or that of frame(). It serves checks, and exporters that read all frames in
-     * begin(). */
+    /* end() is to read back its files and to fill report->check. Only set for exporters with
+     * `checks`. */
     bool check;
+    /* Returns a frame, 0..n_frames-1, for checks and for exporters that need all frames in begin().
+     * The splats stay valid until the next call of again() or frame(). */
     spin_status (*again)(void *context, int frame, const struct spin_splats **out);
     void *context;
 
-    const double *times; /* [n_frames] of each frame, in the source's unit */
-    /* The clip, for exporters with splats_4d, in the time unit of `times`; NULL: the clip consists
-     * of frames. */
+    const double *times; /* [n_frames] time of each frame, in the source's unit */
+    /* The clip as 4D splats, in the time unit of `times`, for exporters with splats_4d; NULL: the
+     * clip consists of frames. */
     const struct spin_splats_4d *splats_4d;
     double stride; /* mean difference of consecutive frame numbers; 0 means 1 */
 
-    /* How frames were paired with a data set, for programs that import the output again. */
+    /* The pairing of frames with the data set, for programs that import the output again. */
     const int *source_index; /* [n_frames] index of each frame in the source clip; NULL: unknown */
     int n_source_frames;     /* frames of the source clip */
     bool numbered;           /* frame numbers come from the source */
@@ -485,13 +500,13 @@ struct spin_export_job {
     const char *data_from;
     bool identity; /* row i is the same splat in every frame, if no splat is left_out at end() */
 
-    const int *numbers; /* [n_frames] of each frame, as in struct spin_frame_info */
+    const int *numbers; /* [n_frames] number of each frame, see struct spin_frame_info */
 };
 
 struct spin_frame_info {
-    int number;  /* the source's frame number, or the index if it has none */
-    double time; /* in the source's unit */
-    size_t n;    /* splats, if known */
+    int number;  /* frame number in the source, or the index if the source has no numbers */
+    double time; /* time of the frame, in the source's unit */
+    size_t n;    /* number of splats, if known */
 };
 
 struct spin_exporter {
@@ -499,16 +514,16 @@ struct spin_exporter {
     const char *name, *summary;
     const struct spin_plugin_option *options;
     unsigned wants; /* required columns */
-    bool checks;    /* can read back its output */
-    /* The output records whether splats are to be rendered with antialiasing, or was rendered
-     * so. */
+    bool checks;    /* the exporter supports job->check */
+    /* Antialiasing is not lost: the output records whether its splats are to be rendered with
+     * antialiasing, or consists of images, which are rendered that way. */
     bool antialias;
-    /* Accepts a clip of 4D splats, for which frame() is not called; without `frame` it accepts
-     * nothing else. */
+    /* The exporter accepts clips of 4D splats, in job->splats_4d; frame() is not called then. If
+     * `frame` is NULL, it accepts only such clips. */
     bool splats_4d;
-    bool needs_renderer;
-    bool alpha;          /* supports job->transparent */
-    bool looks_at_views; /* uses job->views; else the data set is not opened */
+    bool needs_renderer; /* the exporter uses job->renderer */
+    bool alpha;          /* the exporter supports job->transparent */
+    bool looks_at_views; /* the exporter uses job->views; else the data set is not opened */
 
     /* Exactly one of end() and abort() follows a successful begin(). Files appear under their final
      * name only when complete. */
@@ -519,14 +534,15 @@ struct spin_exporter {
     void (*abort)(void *self);
 };
 
-/* An output file that appears under its name only when complete: it is written beside it under a
- * unique name, path.tmp.*, and renamed by commit after all writes and the close succeeded. Write
- * with spin_out_write() or with stdio on `file`; commit detects errors of both. Exactly one of
- * commit and abandon must follow; both free it.
+/* An output file that appears under its name only when complete. It is written in the same folder
+ * under a unique name, path.tmp.*, which spin_out_commit() changes to `path` if all writes and the
+ * close succeeded. Write with spin_out_write() or with stdio on `file`; spin_out_commit() detects
+ * the errors of either. Exactly one of spin_out_commit() and spin_out_abandon() must follow, and
+ * frees the struct.
  *
- * Set `sync` after opening for output that would take long to produce again: commit then flushes it
- * to the disk (fsync) before renaming. Without it a file is still never partial after a kill or on
- * a full disk, but may be after a power failure. */
+ * Set `sync` after opening if the output would take long to produce again: spin_out_commit() then
+ * flushes the file to the disk (fsync) before renaming it. Without `sync`, a kill or a full disk
+ * never leaves a partial file under the final name, but a power failure may. */
 struct spin_out {
     FILE *file;
     char *path, *temporary;
@@ -534,15 +550,15 @@ struct spin_out {
     bool sync;
     bool force; /* as passed to spin_out_open() */
 };
-/* Without force: SPIN_E_IO if path exists ("... exists; use --force to overwrite"), even as a
- * dangling link. Commit checks again and does not replace a file that another process created in
- * the meantime. Inputs are never replaced. */
+/* Without force, fails with SPIN_E_IO if path exists ("... exists; use --force to overwrite"), even
+ * as a dangling link, and spin_out_commit() does not replace a file that another process has
+ * created in the meantime. Inputs are never replaced, not even with force. */
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
 spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
 spin_status spin_out_commit(struct spin_out *out);
 void spin_out_abandon(struct spin_out *out);
 
-/* mkdir -p */
+/* Creates a folder and its missing parents, like mkdir -p. */
 spin_status spin_folder_make(const char *path);
 
 /* The object that a shared library built outside this tree defines as spin_plugin; spin-plugin(7)
@@ -554,14 +570,14 @@ struct spin_plugin {
 };
 extern SPIN_VISIBLE const struct spin_plugin spin_plugin;
 
-/* The built-in ones, NULL-terminated, in alphabetical order. */
+/* The built-in importers and exporters, NULL-terminated, in alphabetical order. */
 extern const struct spin_importer *const spin_importers[];
 extern const struct spin_exporter *const spin_exporters[];
 
-/* Load the plug-ins of SPIN_PLUGIN_PATH: shared objects and folders of them, separated by colons.
- * They are loaded once, by the first call of any of these three functions, and from nowhere else.
- * Plug-ins that fail to load are skipped with a warning, except `chosen` (or NULL), whose error the
- * caller reports. */
+/* Loads the plug-ins of SPIN_PLUGIN_PATH, a list of shared objects and folders separated by colons.
+ * No other place is searched. Only the first call of any of these three functions loads plug-ins.
+ * Those that fail to load are skipped with a warning, except the one named `chosen`, whose error
+ * the caller reports; NULL: warn about all. */
 void spin_plugins_load(const char *chosen);
 /* All importers and exporters, the built-in ones first, NULL-terminated. */
 const struct spin_importer *const *spin_importer_list(void);
@@ -569,7 +585,8 @@ const struct spin_exporter *const *spin_exporter_list(void);
 
 /* The shared object that defines this importer or exporter; NULL: it is built in. */
 const char *spin_plugin_origin(const void *plugin);
-/* Why the plug-in of this name, or the object name.so, failed to load; NULL if it did not. */
+/* The reason why the plug-in of this name, or the object name.so, failed to load; NULL if there was
+ * no failure. */
 const char *spin_plugin_fault(const char *name);
 
 /* ---- 5. A clip: the *.spin bundle ------------------------------------------------------------ */
@@ -584,35 +601,36 @@ int spin_scene_n_frames(const struct spin_scene *scene);
 const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame);
 bool spin_scene_is_trained(const struct spin_scene *scene);
 unsigned spin_scene_columns(const struct spin_scene *scene); /* columns of the source */
-/* Fill the columns of a frame. BEST: from the retrained splats if any, else from refined splats if
- * they have all attributes, else from the source. The number of splats in a frame may differ
- * between these. SPIN_E_NOT_FOUND if the columns do not exist (positions only: run spin-retrain).
- */
+/* Fills the columns of a frame. BEST: from the retrained splats if there are any, else from the
+ * refined splats if they have all attributes, else from the source. The three may differ in their
+ * number of splats. SPIN_E_NOT_FOUND if the columns do not exist (positions only: run
+ * spin-retrain). */
 spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat_source from,
                             unsigned columns, struct spin_splats *out);
 
 /* ---- 6. Rendering ---------------------------------------------------------------------------- */
 
-/* Render one view of splats that have all attribute columns. image: [3][h][w]. */
+/* Renders one view of splats that have all attribute columns. image: [3][h][w]. */
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
                         const struct spin_camera *camera, const float background[3], float *image);
 
-/* Layers of the last rendered image; either may be NULL. alpha: [h][w], 0..1, how much of the
- * background the splats cover. depth: [2][h][w], along the camera's axis in world units: the
- * expected depth (mean weighted by contribution), and the median depth, where transmittance falls
- * to a half; 0: none. */
+/* Layers of the last rendered image; alpha and depth may be NULL. alpha: [h][w], 0..1, 1 minus the
+ * transmittance of all splats. depth: [2][h][w], along the camera's axis in world units: the
+ * expected depth (mean weighted by contribution), and the median depth, at which the transmittance
+ * falls to a half. A depth of 0 means none. */
 spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth);
 
-/* Load an image, box-filtered to width x height if its size differs, into out, planar [3][h][w]
- * float 0..1; save one as PNG (sync: see struct spin_out). For exporters that render. Transparent
- * pixels are blended over the background; NULL: black. */
+/* For exporters that render. Loads an image into out, planar [3][h][w] float 0..1. If its size
+ * differs from width x height, a box filter resizes it. Transparent pixels are blended over the
+ * background; NULL: black. */
 spin_status spin_image_load(const char *path, int width, int height, const float background[3],
                             float *out);
+/* Saves an image as PNG. sync: see struct spin_out. */
 spin_status spin_image_save(const char *path, int width, int height, const float *image, bool sync);
 
 /* ---- 7. Calls and programs ------------------------------------------------------------------- */
 
-/* Half-open range of frame numbers A:B:STEP; {0} means all. */
+/* Half-open range of frame numbers, --range A:B:STEP; {0} means all frames. */
 struct spin_range {
     bool given;
     int first, last, step;
@@ -624,7 +642,7 @@ enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
 enum spin_dynamic_from {
     SPIN_DYNAMIC_AUTO,   /* masks if every view has one, else images */
     SPIN_DYNAMIC_MASKS,  /* the data set's foreground masks */
-    SPIN_DYNAMIC_IMAGES, /* pixels that differ from their camera's median over time */
+    SPIN_DYNAMIC_IMAGES, /* pixels that differ from the median of their camera's images over time */
     SPIN_DYNAMIC_OFF
 };
 
@@ -634,19 +652,20 @@ enum spin_dynamic_from {
  * process. */
 void spin_catch_cut_files(const char *command);
 
-/* For programs started as several processes by MPI's mpirun, which share the work of one call of
- * spin_run.h (rank 0 returns the report). A process started without mpirun is rank 0 of 1 and does
- * not load MPI. */
-/* This process's rank, from its environment; -1: not started by mpirun. May be called before
+/* The next four functions are for programs that MPI's mpirun starts as several processes, which
+ * share the work of one call of spin_run.h; rank 0 returns the report. A process started without
+ * mpirun is rank 0 of 1 and does not load MPI. */
+
+/* The rank of this process, from its environment; -1: not started by mpirun. May be called before
  * spin_ranks_begin(). */
 int spin_ranks_place(void);
-/* Join the other ranks. To be called before the shared call, by the thread that makes it. */
+/* Joins the other ranks. Call this before the shared call, in the same thread. */
 spin_status spin_ranks_begin(void);
-/* To be called after the shared call, with its status; returns that, or the failure of another
- * rank. *speaks: this process prints the report, or the error. */
+/* Call this after the shared call, with its status. Returns that status, or the failure of another
+ * rank. *speaks is set to whether this process has to print the report or the error. */
 spin_status spin_ranks_end(spin_status status, bool *speaks);
-/* To be called when everything is printed. If code is not 0, terminates other ranks that do not end
- * by themselves. */
+/* Call this when everything is printed. If code is not 0, terminates the ranks that do not end by
+ * themselves. */
 void spin_ranks_exit(int code);
 
 #ifdef __cplusplus

@@ -13,15 +13,16 @@ struct spin_import_options {
     const char *input, *output;   /* output NULL: describe only */
     const char *from;             /* importer, NULL: detect */
     const char *data, *data_from; /* data set, or NULL */
-    const char *pair;             /* "auto", "number" or "order"; NULL: auto */
-    /* Of the data set: "auto", "data", "unit" or "count"; NULL: auto. */
+    const char *pair;             /* pairing of frames: "auto", "number" or "order"; NULL: auto */
+    /* Times of the data set's frames: "auto", "data", "unit" or "count"; NULL: auto. */
     const char *frame_times;
     int n_frames;        /* continuous methods: number of samples; 0: not given */
-    const double *times; /* continuous methods: sample at these times */
+    const double *times; /* continuous methods: [n_times] sample times */
     int n_times;
     struct spin_range range;
     bool positions_only, force;
-    /* Of the values of 4D splats: 0 lossless, 1 half, 2 compact (see enum spin_precision). */
+    /* Precision of the stored 4D splats: 0 lossless, 1 half, 2 compact (see enum
+     * spin_precision). */
     unsigned precision;
     bool sync; /* flush the bundle to the disk (fsync) before renaming it */
     bool full; /* describe only: read every frame instead of at most 16 */
@@ -30,20 +31,20 @@ struct spin_import_options {
     const char *const *plugin_pairs; /* see struct spin_plugin_values */
 };
 
-/* The calls below return a report as a JSON document, which the caller frees with free(); its keys
- * are those of --json, see the commands' manuals. report may be NULL. With several ranks only rank
- * 0 returns it. */
+/* The calls below return a report as a JSON document, which the caller frees with free(). Its keys
+ * are those of --json, see the manuals of the commands. Of several ranks only rank 0 returns the
+ * report. */
 
 /* Import a foreign run as a bundle, or only describe it. */
 spin_status spin_import(const struct spin_import_options *o, char **report);
 
-/* Describe a bundle's contents and how it was made; reads only the headers of its arrays.
- * SPIN_E_NOT_RECOGNISED if the file is not a bundle. */
+/* Describes the contents of a bundle and how they were made. Reads only meta.json and the headers
+ * of the arrays. SPIN_E_NOT_RECOGNISED if the file is not a bundle. */
 spin_status spin_bundle_describe(const char *path, char **report);
 
-/* The images of a bundle's data set, as an array of: frame (from 0), number, camera, test, width,
- * height, fx, fy, cx, cy, w2c (see struct spin_camera), image, mask (or null). data, data_from:
- * NULL to use those recorded in the bundle. */
+/* Lists the views of a bundle's data set: an array of objects with the members frame (from 0),
+ * number, camera, test, width, height, fx, fy, cx, cy, w2c (see struct spin_camera), image, and
+ * mask (or null). data, data_from: NULL means those that the bundle records. */
 spin_status spin_bundle_views(const char *path, const char *data, const char *data_from,
                               char **report);
 
@@ -61,7 +62,8 @@ struct spin_eval_options {
     enum spin_dynamic_from dynamic;
     /* Score only the pixels inside the data set's masks or the images' alpha. */
     bool mask;
-    /* HTML page to write; log written by spin-retrain --log; or NULL. */
+    /* report: HTML page to write, or NULL. log: log of spin-retrain --log that the page shows, or
+     * NULL. */
     const char *report, *log;
     /* Folder with the weights of one or both LPIPS networks; or NULL. */
     const char *lpips;
@@ -75,9 +77,10 @@ struct spin_eval_options {
 
 spin_status spin_eval(const struct spin_eval_options *o, char **report);
 
-/* The same for n bundles on the same views; o->input, log and images are ignored, report is a page
- * that compares the bundles. figures: folder for charts and images, or NULL. The JSON document has
- * "runs": those of spin_eval(), each with "input" and "name". */
+/* Measures n bundles on the same views. o->input, o->log and o->images are ignored; o->report is a
+ * page that compares the bundles. figures: folder for charts and images, or NULL. The member "runs"
+ * of the JSON document is an array of the documents of spin_eval(), each with "input" and "name"
+ * added. */
 spin_status spin_compare(const struct spin_eval_options *o, const char *const *input, int n,
                          const char *figures, char **report);
 
@@ -90,7 +93,8 @@ struct spin_export_options {
     bool source, force;
     bool sync;  /* flush files to the disk (fsync) before renaming them */
     bool check; /* read back the output and compare */
-    /* The goal: "5000" splats, "50%" of them, "2MB" in all, or a loss of "40dB"; NULL: keep all. */
+    /* What to keep: "5000" splats per frame, "50%" of the splats, as many as fit into a total of
+     * "2MB", or as few as reach a PSNR of "40dB" against all splats; NULL: all. */
     const char *decimate;
     const char *data, *data_from, *pair;
     float background[3];
@@ -99,14 +103,15 @@ struct spin_export_options {
     int n_threads;
     const char *const *plugin_pairs;
 
-    /* Splats to keep, in the scene's own units and axes; then scale and translation. */
-    double crop[6]; /* low and high corner of a bounding box, or centre and radius of a sphere */
-    int n_crop;     /* 6: bounding box; 4: sphere; 0: none */
+    /* Region to keep, in the scene's own units and axes, before scale and translation: low and high
+     * corner of a bounding box, or centre and radius of a sphere. */
+    double crop[6];
+    int n_crop; /* 6: bounding box; 4: sphere; 0: keep everything */
     /* Keep splats whose centre is inside the image of at least so many training views of their
-     * frame. */
+     * frame; 0: all. */
     int min_views;
-    /* Largest RMS distance to the three nearest splats, as a multiple of the median; 0: no
-     * limit. */
+    /* Keep splats whose RMS distance to their three nearest neighbours is at most this multiple of
+     * the median distance; 0: all. */
     double floaters;
     enum spin_export_backdrop backdrop;
     double min_opacity; /* drop splats of a lower opacity, 0 to below 1 */
@@ -123,32 +128,34 @@ spin_status spin_export(const struct spin_export_options *o, char **report);
 /* The exporter for files with this extension, such as "html" for "clip.html"; or NULL. Names of
  * formats and extensions are case-insensitive. */
 const char *spin_exporter_for(const char *output);
-/* For an extension that no exporter writes: the supported extension of the same kind, else the one
- * with the most similar spelling, or NULL. */
+/* Suggests a supported extension instead of one that no exporter writes, which begins with a dot:
+ * one for the same kind of file, or else one that is spelled similarly; NULL if there is none. */
 const char *spin_exporter_nearest(const char *ending);
-/* The exporter for a format or the nearest supported one, such as "video" for "mp4" and "mov"; or
- * NULL. */
+/* The exporter for a format, or for the nearest supported format: "video" for "mp4" and for "mov".
+ * NULL if there is none. */
 const char *spin_exporter_of_format(const char *format);
-const struct spin_exporter *spin_exporter_named(const char *name); /* or NULL */
+/* The exporter of this name; NULL if there is none. */
+const struct spin_exporter *spin_exporter_named(const char *name);
 /* SPIN_E_USAGE if the extension of output belongs to another exporter. */
 spin_status spin_exporter_check_name(const struct spin_exporter *e, const char *output);
 /* SPIN_E_USAGE if the name of a bundle has the extension of another format. */
 spin_status spin_bundle_check_name(const char *output);
-/* The same for the HTML page of a report. */
+/* SPIN_E_USAGE if the name of a report, which is an HTML page, has another extension. */
 spin_status spin_report_check_name(const char *path);
 
 /* Convert a run to a format that viewers play, with the calls above. The bundle is kept beside the
  * output, with the extension .spin. */
 struct spin_convert_options {
-    const char *input,
-        *output;      /* run or bundle; NULL: the input's name with .html, in the current folder */
-    const char *to;   /* exporter; NULL: by the extension of the output */
-    const char *from; /* importer; NULL: detect */
+    /* input: a run or a bundle. output: NULL means the input's name with .html, in the current
+     * folder. */
+    const char *input, *output;
+    const char *to;               /* exporter; NULL: by the extension of the output */
+    const char *from;             /* importer; NULL: detect */
     const char *data, *data_from; /* data set; NULL: the only one in or beside the run */
     int n_frames;                 /* see struct spin_import_options */
-    bool no_retrain;              /* otherwise retrain if there is a data set */
-    const char *preset;           /* of the retraining; NULL: the default */
-    int iterations;               /* of the retraining; 0: the preset's */
+    bool no_retrain;              /* otherwise the clip is retrained if there is a data set */
+    const char *preset;           /* preset of the retraining; NULL: the default */
+    int iterations;               /* iterations of the retraining; 0: those of the preset */
     const char *device;
     int n_threads;
     bool force;

@@ -1,4 +1,5 @@
-/* Opens a device by name and counts the memory of a plan. The only file that lists the devices. */
+/* Opens a device by name, and provides a device that counts the memory of a plan. No other file
+ * lists the devices. */
 #include "device/device.h"
 
 #include "base/base.h"
@@ -14,7 +15,7 @@ extern const struct spin_device_ops spin_cpu_v4_ops;
 struct path {
     const char *name, *title;
     const struct spin_device_ops *op;
-    int (*here)(void); /* whether this machine supports it */
+    int (*here)(void); /* whether this machine supports the path */
 };
 
 static int always(void) { return 1; }
@@ -34,7 +35,7 @@ static int has_v4(void)
 }
 #endif
 
-/* Best first. */
+/* The SIMD paths, the best first. */
 static const struct path paths[] = {
 #ifdef SPIN_CPU_PATHS_3
     {"v4", "avx-512", &spin_cpu_v4_ops, has_v4},
@@ -66,8 +67,8 @@ static spin_status open_cpu(int n_threads, struct spin_device *out)
     return spin_misuse("unknown SPIN_CPU '%s': use base, v3 or v4", wanted ? wanted : "");
 }
 
-/* The CUDA device is a shared object opened at run time: one build serves machines with and without
- * a GPU. */
+/* Opens the CUDA device. It is a shared object that is loaded at run time, so that one build serves
+ * machines with and without a GPU. */
 static spin_status open_cuda(int n_threads, struct spin_device *out)
 {
     static const struct spin_cuda_shim *shim;
@@ -86,8 +87,8 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
     return out->op->open(out, n_threads);
 }
 
-/* The GPU if it works, else the CPU. Logs the choice and its reason once, at level 0 if a GPU is
- * present but unusable. SPIN_CPU selects the CPU. */
+/* Opens the GPU if it works, else the CPU; only the CPU if SPIN_CPU is set. Logs the choice and its
+ * reason once, at level 0 if a GPU is present but unusable, otherwise at level 1. */
 static spin_status open_auto(int n_threads, struct spin_device *out)
 {
     static bool said;
@@ -174,7 +175,7 @@ void spin_device_count(struct spin_counting_device *c, const struct spin_device 
     };
     c->device.op = &c->op;
     c->device.state = c;
-    c->device.is_host = true; /* so that no caller sets up an all-reduce link */
+    c->device.is_host = true; /* prevents callers from setting up an all-reduce link */
 }
 
 struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera)

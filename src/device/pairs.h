@@ -1,5 +1,5 @@
-/* The (splat, tile) pairs of one splat cover a rectangle of tiles, row by row; pair k has index
- * first_intersection + k. */
+/* The (splat, tile) pairs of one splat: one pair per tile of a rectangle, row by row. Pair k of a
+ * splat has the index first_intersection + k. */
 #pragma once
 
 #include "device/device.h"

@@ -11,10 +11,10 @@ struct spin_image_store {
     uint8_t SPIN_DEV *pixels;  /* [n] images */
     uint8_t SPIN_DEV *masks;   /* [n] masks, or NULL */
     size_t n, image_bytes, mask_bytes;
-    size_t *key;   /* [n] key of the image at each number; SIZE_MAX: none */
-    int64_t *used; /* [n] turn in which it was last found */
+    size_t *key;   /* [n] key of each image; SIZE_MAX: no image */
+    int64_t *used; /* [n] turn in which each image was last found or inserted */
     int64_t turn;
-    size_t next;
+    size_t next; /* number to try first for the next insertion */
 };
 
 /* Reserves memory for n images of up to max_pixels each, with or without masks. */
@@ -27,9 +27,9 @@ void spin_image_store_close(struct spin_image_store *s);
 void spin_image_store_put(struct spin_image_store *s, uint32_t number, size_t n_pixels,
                           const void *pixels, const uint8_t *mask);
 
-/* Use as a cache: begins a new turn. Images that are found or inserted in a turn stay until the
- * next. */
+/* For use as a cache. Begins a new turn: images that are found or inserted in a turn stay until the
+ * next turn begins. */
 void spin_image_store_turn(struct spin_image_store *s);
-/* Finds the number of the image with this key. False: it is missing; the caller must put it at the
- * returned number. A turn must not ask for more than n images. */
+/* Finds the number of the image with this key. Returns false if the image is missing: the caller
+ * must then upload it as the returned number. At most n images may be requested in one turn. */
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number);

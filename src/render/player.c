@@ -36,17 +36,17 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
     else if (!(SPIN_COL_ATTRIBUTES & ~bundle->meta.columns))
         *out = SPIN_FROM_SOURCE;
     else if (source)
-        return spin_not_found("'%s' contains positions only, no source attributes", bundle->path);
+        return spin_not_found("the source in '%s' contains positions only: omit --source",
+                              bundle->path);
     else
         return spin_not_found("'%s' contains positions only: run spin-retrain first", bundle->path);
     return SPIN_OK;
 }
 
-/* ---- Values that are not finite
- * --------------------------------------------------------------- */
+/* ---- Values that are not finite -------------------------------------------------------------- */
 
-/* An infinite logit is an opacity of 0 or 1, and a log scale of minus infinity a point: both can be
- * drawn. */
+/* Whether the values of a splat can be drawn. An infinite logit can, since it means an opacity of 0
+ * or 1; so can a log scale of minus infinity, which means a point. */
 static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
 {
     const float *scale = s->log_scales + 3 * i;
@@ -58,7 +58,7 @@ static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
            !isnan(s->logit_opacities[i]);
 }
 
-static void add_bad(struct spin_player *p, int index, size_t n_bad)
+static void add_bad_splats(struct spin_player *p, int index, size_t n_bad)
 {
     p->looked[index] = 1;
     p->n_bad += n_bad;
@@ -73,11 +73,11 @@ static void count_stored(struct spin_player *p, int index, const struct spin_spl
         return;
     for (size_t i = 0; i < s->n; i++)
         n_bad += !is_drawable(s, i, n_sh);
-    add_bad(p, index, n_bad);
+    add_bad_splats(p, index, n_bad);
 }
 
-/* Counts splats of the network with positions or residuals (NULL: none) that are not finite; their
- * other attributes are computed from checked parameters. */
+/* Counts splats whose positions or residuals (NULL: none) are not finite. No other check is needed,
+ * since the network, from which the other values are computed, was checked when it was loaded. */
 static void count_network(struct spin_player *p, int index, size_t n, const float *means,
                           const float *residual)
 {
@@ -89,7 +89,7 @@ static void count_network(struct spin_player *p, int index, size_t n, const floa
         n_bad += spin_zeros(means + 3 * i, 3) +
                      (residual ? spin_zeros(residual + SPIN_RESIDUAL * i, SPIN_RESIDUAL) : 0) !=
                  0.0f;
-    add_bad(p, index, n_bad);
+    add_bad_splats(p, index, n_bad);
 }
 
 static void warn_bad(const struct spin_player *p)
@@ -115,10 +115,9 @@ static spin_status check_weights(const char *name, const float *values, size_t n
     return SPIN_OK;
 }
 
-/* ---- Opening
- * ---------------------------------------------------------------------------------- */
+/* ---- Opening --------------------------------------------------------------------------------- */
 
-enum { PORTION = 1 << 20 }; /* values of a packed array that are decoded at once */
+enum { PORTION = 1 << 20 }; /* number of values of a packed array that are decoded at once */
 
 static spin_status upload_values(struct spin_player *p, const char *name,
                                  const struct spin_bundle_values *v, float SPIN_DEV *to)
@@ -231,7 +230,7 @@ static void release_frame(struct spin_player *p)
     p->capacity = 0;
 }
 
-static void release_pictures(struct spin_player *p)
+static void release_images(struct spin_player *p)
 {
     struct spin_device *d = p->device;
 
@@ -251,7 +250,7 @@ void spin_player_close(struct spin_player *p)
     warn_bad(p);
     free(p->looked);
     release_frame(p);
-    release_pictures(p);
+    release_images(p);
     if (p->lenses)
         p->device->op->release(p->device, p->falloff);
     spin_bundle_tracks_close(&p->tracks);
@@ -263,8 +262,8 @@ void spin_player_close(struct spin_player *p)
     memset(p, 0, sizeof *p);
 }
 
-/* Ensures capacity for n splats. A larger capacity discards the current frame. */
-static spin_status need(struct spin_player *p, size_t n)
+/* Ensures capacity for n splats. If the capacity grows, the current frame is discarded. */
+static spin_status reserve_frame(struct spin_player *p, size_t n)
 {
     struct spin_device *d = p->device;
     size_t capacity = n + n / 8 + 64;
@@ -287,7 +286,7 @@ out:
     return status;
 }
 
-static void decode(struct spin_player *p, const struct spin_frame_batch *frame)
+static void decode_frame(struct spin_player *p, const struct spin_frame_batch *frame)
 {
     p->now = *frame;
     p->now.narrow = p->field_eval.narrow;
@@ -297,7 +296,7 @@ static void decode(struct spin_player *p, const struct spin_frame_batch *frame)
     p->now_antialias = p->field.antialias;
 }
 
-/* Reads an array of a frame, [n][width]. */
+/* Reads the array [n][width] of a frame. */
 static spin_status read_rows(struct spin_player *p, const char *series, int index, size_t n,
                              int64_t width, float *to)
 {
@@ -310,8 +309,8 @@ static spin_status read_rows(struct spin_player *p, const char *series, int inde
     return SPIN_OK;
 }
 
-/* Uploads the residuals of a frame, rows [n][SPIN_RESIDUAL] in the staging buffer. */
-static spin_status send_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
+/* Uploads the residuals of a frame, which are rows [n][SPIN_RESIDUAL] in the staging buffer. */
+static spin_status upload_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
 {
     struct spin_device *d = p->device;
     float *rows = p->staging, *groups = p->staging + p->capacity * SPIN_ATTR;
@@ -325,7 +324,7 @@ static spin_status send_residual(struct spin_player *p, size_t n, const float SP
     return SPIN_OK;
 }
 
-/* Reads and uploads the residuals of a frame; *residual is NULL if it has none. */
+/* Reads and uploads the residuals of a frame; *residual is NULL if the frame has none. */
 static spin_status read_residual(struct spin_player *p, int index, size_t n,
                                  const float SPIN_DEV **residual)
 {
@@ -336,7 +335,7 @@ static spin_status read_residual(struct spin_player *p, int index, size_t n,
     if (!spin_npz_has(&p->bundle->npz, name))
         return SPIN_OK;
     SPIN_TRY(read_rows(p, "trained/residual", index, n, SPIN_RESIDUAL, p->staging));
-    return send_residual(p, n, residual);
+    return upload_residual(p, n, residual);
 }
 
 /* Reads positions and residuals of a retrained frame. */
@@ -349,10 +348,10 @@ static spin_status read_network_frame(struct spin_player *p, int index, size_t n
         return read_residual(p, index, n, residual);
     }
     SPIN_TRY(spin_bundle_tracks_frame(&p->tracks, index, n, p->splats.means, p->staging));
-    return send_residual(p, n, residual);
+    return upload_residual(p, n, residual);
 }
 
-/* Reads columns as they are stored. */
+/* Reads columns that are stored as they are. */
 static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out)
 {
@@ -373,13 +372,13 @@ spin_status spin_player_show(struct spin_player *p, int index)
         SPIN_TRY(spin_player_show_splats(p, &p->splats));
         spin_bundle_rest(&p->splats);
     } else {
-        SPIN_TRY(need(p, n));
+        SPIN_TRY(reserve_frame(p, n));
         SPIN_TRY(read_network_frame(p, index, n, &residual));
         p->device->op->upload(p->device, p->pos, p->splats.means, n * 3 * sizeof(float));
         count_network(p, index, n, p->splats.means, residual ? p->staging : NULL);
         frame = spin_one_frame(
             n, p->pos, spin_field_time(&p->field, p->bundle->meta.frame[index].time), residual);
-        decode(p, &frame);
+        decode_frame(p, &frame);
     }
     p->now_frame = index;
     return SPIN_OK;
@@ -393,16 +392,16 @@ spin_status spin_player_show_live(struct spin_player *p, int index, size_t n)
         SPIN_TRY(p->read(p->context, index, &p->splats));
         return spin_player_show_splats(p, &p->splats);
     }
-    SPIN_TRY(need(p, n));
+    SPIN_TRY(reserve_frame(p, n));
     frame = p->live(p->context, index);
-    decode(p, &frame);
+    decode_frame(p, &frame);
     p->now_frame = index;
     return SPIN_OK;
 }
 
 spin_status spin_player_show_splats(struct spin_player *p, const struct spin_splats *s)
 {
-    SPIN_TRY(need(p, s->n));
+    SPIN_TRY(reserve_frame(p, s->n));
     spin_attr_from_splats(s, p->staging);
     p->device->op->upload(p->device, p->pos, s->means, s->n * 3 * sizeof(float));
     p->device->op->upload(p->device, p->attr, p->staging, s->n * SPIN_ATTR * sizeof(float));
@@ -437,11 +436,11 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
     return SPIN_OK;
 }
 
-/* Ensures capacity for an image and for the intersections of the current frame. */
-static spin_status need_pictures(struct spin_player *p, size_t pixels, size_t tiles)
+/* Ensures that the raster is open, with capacity for an image of this size. */
+static spin_status reserve_images(struct spin_player *p, size_t pixels, size_t tiles)
 {
     if (pixels > p->pixels || tiles > p->tiles) {
-        release_pictures(p);
+        release_images(p);
         p->pixels = pixels;
         p->tiles = tiles;
     }
@@ -468,8 +467,8 @@ spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lens
     return SPIN_OK;
 }
 
-/* Applies the camera's lens to the image rendered last. */
-static void look_through_lens(struct spin_player *p, const struct spin_camera *camera)
+/* Applies the falloff of the camera's lens to the image rendered last. */
+static void apply_lens(struct spin_player *p, const struct spin_camera *camera)
 {
     int lens = p->lenses ? spin_lenses_find(p->lenses, camera) : -1;
 
@@ -486,11 +485,11 @@ spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *ca
     struct spin_camera_f32 cam = spin_camera_f32_from(camera);
 
     p->drawn_pixels = (size_t)cam.width * (size_t)cam.height;
-    SPIN_TRY(need_pictures(p, p->drawn_pixels, (size_t)cam.tiles_x * (size_t)cam.tiles_y));
+    SPIN_TRY(reserve_images(p, p->drawn_pixels, (size_t)cam.tiles_x * (size_t)cam.tiles_y));
     p->drawn = spin_raster_batch(&p->raster, background);
     spin_raster_add_view(&p->raster, &p->drawn, 0, p->now.n, camera, p->now_antialias);
     SPIN_TRY(spin_raster_forward(&p->raster, &p->drawn, &p->now, p->now_attr, p->now_sh_degree));
-    look_through_lens(p, camera);
+    apply_lens(p, camera);
     return image ? spin_player_picture(p, image) : SPIN_OK;
 }
 
@@ -500,8 +499,8 @@ spin_status spin_player_picture(struct spin_player *p, float *image)
                                    3 * p->drawn_pixels * sizeof(float));
 }
 
-/* A splat's contribution is the derivative of the sum of all pixels by its colour: run the backward
- * pass of blending with a gradient of 1 in every pixel. */
+/* The contribution of a splat is the derivative of the sum of all pixels by the splat's colour.
+ * Hence this runs the backward pass of blending with a gradient of 1 in every pixel. */
 spin_status spin_player_weigh(struct spin_player *p, float *weights)
 {
     struct spin_device *d = p->device;

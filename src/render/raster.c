@@ -1,17 +1,17 @@
 /* Renders views with the device's rasteriser. All sizes are known beforehand except the number of
- * (splat, tile) intersections: the device counts them, the host reads the count and reserves
- * memory, then the device fills the list. */
+ * intersections, that is, of (splat, tile) pairs: the device counts them, the host reads the count
+ * and reserves memory, then the device fills the list. */
 #include "render/raster.h"
 
 #include <string.h>
 
 #include "base/text.h"
 
-/* An array, to be reserved and released with all others. */
+/* An array of struct spin_raster. All of them are reserved and released together. */
 struct piece {
     void SPIN_DEV **at;
     size_t bytes;
-    bool training;
+    bool training; /* only needed for gradients */
 };
 enum { N_PIECES = 7 };
 
@@ -32,10 +32,10 @@ static void list_pieces(struct spin_raster *r, struct piece piece[N_PIECES])
     memcpy(piece, all, sizeof all);
 }
 
-static const size_t pair_gradient = 12 * 4; /* bytes of gradients per splat-tile pair */
+static const size_t pair_gradient = 12 * 4; /* bytes of gradients per (splat, tile) pair */
 
-/* Fails early if the list of pairs exceeds the free memory: the system overcommits, and would kill
- * the process later. */
+/* Fails if the list of pairs exceeds the free memory. An allocation would succeed, as the system
+ * overcommits, but the process would be killed later. */
 static spin_status check_pairs(const struct spin_raster *r)
 {
     size_t pair = sizeof *r->tiles.intersections + (r->training ? pair_gradient : 0);
@@ -54,11 +54,11 @@ static spin_status check_pairs(const struct spin_raster *r)
 
 size_t spin_raster_grows(size_t n, size_t pixels, bool training)
 {
-    size_t splat = 6 * 4 * 2; /* about six pairs, twice */
+    /* A splat has about six pairs of 4 bytes. Twice that is for the list and for buffers of the
+     * device. In a training, the loss also needs 16 floats per pixel for its bands and weights. */
+    size_t splat = 6 * 4 * 2;
 
-    return training
-               ? n * (splat + 6 * pair_gradient) + pixels * 16 * 4 /* the loss's bands, weights */
-               : n * splat;
+    return training ? n * (splat + 6 * pair_gradient) + pixels * 16 * 4 : n * splat;
 }
 
 spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, size_t n,

@@ -10,7 +10,8 @@
 #include "math/sh.h"
 
 #define DARKEN 0.45f
-/* Squares are one pixel wide, plus one on each side for every so many pixels of image width. */
+/* The radius of a square is 1 pixel for every so many pixels of image width, rounded down; a radius
+ * of 0 is a single pixel. */
 #define PIXELS_PER_RADIUS 900
 
 struct canvas {
@@ -21,7 +22,7 @@ struct canvas {
 
 static float clamp01(float value) { return value > 0 ? (value < 1 ? value : 1) : 0; }
 
-static void colour_of(const struct spin_splats *s, size_t i, float rgb[3])
+static void point_colour(const struct spin_splats *s, size_t i, float rgb[3])
 {
     static const float orange[3] = {1, 0.5f, 0};
     size_t side = (size_t)(s->sh_degree + 1);
@@ -36,7 +37,7 @@ static void colour_of(const struct spin_splats *s, size_t i, float rgb[3])
     }
 }
 
-static void square(struct canvas *canvas, int u, int v, float depth, const float rgb[3])
+static void draw_square(struct canvas *canvas, int u, int v, float depth, const float rgb[3])
 {
     int radius = canvas->width / PIXELS_PER_RADIUS;
     size_t plane = (size_t)canvas->width * (size_t)canvas->height;
@@ -55,7 +56,8 @@ static void square(struct canvas *canvas, int u, int v, float depth, const float
     }
 }
 
-/* Draws every stride-th point and counts; with canvas NULL it only counts. */
+/* Draws every stride-th point, and counts the points in front of the camera and inside its image.
+ * If canvas is NULL, only counts. */
 static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
                         const struct spin_splats *s, size_t stride,
                         struct spin_camera_overlay_share *out)
@@ -74,8 +76,8 @@ static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
         inside++;
         if (!canvas)
             continue;
-        colour_of(s, i, rgb);
-        square(canvas, (int)p[0], (int)p[1], (float)p[2], rgb);
+        point_colour(s, i, rgb);
+        draw_square(canvas, (int)p[0], (int)p[1], (float)p[2], rgb);
     }
     out->in_front = n ? (double)in_front / (double)n : 0;
     out->inside = n ? (double)inside / (double)n : 0;
@@ -99,7 +101,8 @@ spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct 
     return spin_image_save(path, width, height, image, false);
 }
 
-static size_t row_of(const struct spin_views *views, int row, size_t *first)
+/* Number of views of one frame of the data set, and the index of the first. */
+static size_t find_views(const struct spin_views *views, int row, size_t *first)
 {
     size_t n = 0;
 
@@ -114,21 +117,22 @@ static size_t row_of(const struct spin_views *views, int row, size_t *first)
 size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
                                   size_t *index)
 {
-    size_t first, n = row_of(views, row, &first), chosen = n < most ? n : most;
+    size_t first, n = find_views(views, row, &first), chosen = n < most ? n : most;
 
     for (size_t i = 0; i < chosen; i++)
         index[i] = first + i * n / chosen;
     return chosen;
 }
 
-/* ---- Cameras that lie apart ------------------------------------------------------------------ */
+/* ---- Outlying cameras ------------------------------------------------------------------------ */
 
 /* Points projected per view, evenly spaced. */
 #define POINTS 4096
 /* With fewer views an outlier cannot be identified. */
 #define LEAST_VIEWS 4
-/* A view is an outlier if it is below the median by so many standard deviations, estimated from the
- * MAD, and by at least this share of the points. Cameras of one rig may differ by less. */
+/* A view is an outlier if its share of the points is below the median by more than DEVIATIONS
+ * standard deviations, estimated from the MAD, and by more than LEAST_GAP, since the shares of
+ * correct cameras also differ. */
 #define DEVIATIONS 6
 #define LEAST_GAP 0.25
 
@@ -144,8 +148,8 @@ static double median(double *values, size_t n)
 }
 
 /* Median of one share over all views, and the limit below which a view is an outlier. */
-static void judge(const struct look *look, size_t n, int which, double *values, double *middle,
-                  double *limit)
+static void find_limit(const struct look *look, size_t n, int which, double *values, double *middle,
+                       double *limit)
 {
     for (size_t i = 0; i < n; i++)
         values[i] = look[i].share[which];
@@ -155,14 +159,16 @@ static void judge(const struct look *look, size_t n, int which, double *values, 
     *limit = *middle - fmax(LEAST_GAP, DEVIATIONS * 1.4826 * median(values, n));
 }
 
-/* Whether view a of a camera is worse than its view b: outliers first, then fewer points inside. */
+/* Whether view a of a camera is worse than view b of the same camera: an outlier is worse than
+ * other views; otherwise the view with fewer points inside is worse. */
 static bool is_lower(const struct spin_camera_share *a, const struct spin_camera_share *b)
 {
     return a->apart != b->apart ? a->apart : a->inside < b->inside;
 }
 
-static void put(const struct spin_views *views, const struct spin_camera_share *one,
-                struct spin_camera_shares *out)
+/* Adds a view to the list of cameras, which contains the worst view of each. */
+static void add_camera(const struct spin_views *views, const struct spin_camera_share *one,
+                       struct spin_camera_shares *out)
 {
     int id = views->view[one->view].camera_id;
     size_t k = 0;
@@ -174,14 +180,14 @@ static void put(const struct spin_views *views, const struct spin_camera_share *
     out->n += k == out->n;
 }
 
-/* Measures every view of the rows; returns their number. */
-static size_t look_at(const struct spin_views *views, const int *rows, int n_rows,
-                      const struct spin_splats *s, struct look *look)
+/* Measures every view of the given data set frames; returns the number of views. */
+static size_t measure_views(const struct spin_views *views, const int *rows, int n_rows,
+                            const struct spin_splats *s, struct look *look)
 {
     size_t n = 0;
 
     for (int r = 0; r < n_rows; r++) {
-        size_t first, n_views = row_of(views, rows[r], &first);
+        size_t first, n_views = find_views(views, rows[r], &first);
 
         for (size_t v = first; v < first + n_views && n < views->n; v++) {
             struct spin_camera_overlay_share share;
@@ -205,16 +211,17 @@ spin_status spin_camera_shares(const struct spin_views *views, const int *rows, 
     SPIN_TRY(spin_alloc(views->n, sizeof *look, (void **)&look));
     SPIN_TRY(spin_alloc(views->n, sizeof *values, (void **)&values));
     SPIN_TRY(spin_alloc(views->n, sizeof *out->camera, (void **)&out->camera));
-    n = look_at(views, rows, n_rows, s, look);
+    n = measure_views(views, rows, n_rows, s, look);
     if (n == 0)
         return SPIN_OK;
-    judge(look, n, 0, values, &out->in_front, &limit[0]);
-    judge(look, n, 1, values, &out->inside, &limit[1]);
+    find_limit(look, n, 0, values, &out->in_front, &limit[0]);
+    find_limit(look, n, 1, values, &out->inside, &limit[1]);
     for (size_t i = 0; i < n; i++) {
         const double *share = look[i].share;
         bool apart = n >= LEAST_VIEWS && (share[0] < limit[0] || share[1] < limit[1]);
 
-        put(views, &(struct spin_camera_share){look[i].view, share[0], share[1], apart}, out);
+        add_camera(views, &(struct spin_camera_share){look[i].view, share[0], share[1], apart},
+                   out);
     }
     return SPIN_OK;
 }

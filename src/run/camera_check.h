@@ -1,13 +1,13 @@
-/* Checks that cameras match the points of a clip: draws the points over the images of the data set,
- * which reveals wrong axes or pairing, and finds cameras that see a far smaller share of the points
- * than the others, whose pose or image size is probably wrong. */
+/* Checks that cameras match the points of a clip. Points drawn over the images of the data set
+ * reveal wrong axes or a wrong pairing. A camera whose images contain far fewer points than those
+ * of the others probably has a wrong pose or image size. */
 #pragma once
 
 #include "scene/dataset.h"
 
 struct spin_camera_overlay_share {
-    double in_front,
-        inside; /* shares of the points, 0..1: in front of the camera; inside its image */
+    /* Shares of the points that are in front of the camera and inside its image, 0..1. */
+    double in_front, inside;
 };
 
 /* Draws the points of a frame (means, and colours if it has rgb or sh) over the darkened image of
@@ -20,10 +20,10 @@ spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct 
 size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
                                   size_t *index);
 
-/* One camera, in its view with the smallest share of points. */
+/* One camera, in the view where it has the fewest points. */
 struct spin_camera_share {
     size_t view;             /* index into views->view */
-    double in_front, inside; /* shares of the points in front of it and inside its image, 0..1 */
+    double in_front, inside; /* see struct spin_camera_overlay_share */
     bool apart;              /* outlier: far fewer points than in other views */
 };
 
@@ -33,7 +33,7 @@ struct spin_camera_shares {
     double in_front, inside; /* medians over all views */
 };
 
-/* Measures the views of the given data set frames with the points of a single frame: motion is
- * small compared to the error of a wrong pose. Free out->camera. */
+/* Measures the views of the given data set frames, all with the points of a single frame, since
+ * motion is small compared to the error of a wrong pose. The caller frees out->camera. */
 spin_status spin_camera_shares(const struct spin_views *views, const int *rows, int n_rows,
                                const struct spin_splats *s, struct spin_camera_shares *out);

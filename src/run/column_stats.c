@@ -1,4 +1,4 @@
-/* Minimum, median and maximum of every attribute over the frames that are read. */
+/* Collects minimum, median and maximum of every attribute over the frames that are read. */
 #include "run/column_stats.h"
 
 #include <float.h>
@@ -6,12 +6,12 @@
 #include "base/base.h"
 #include "scene/columns.h"
 
-/* Values sampled per series for its median. */
+/* Number of sampled values of each series, for its median. */
 #define SAMPLE 65536
 
-/* Positions have a series per axis, since a single axis may be wrong; colours one for the
- * view-independent part and one for the rest. Each row contributes values first to first + n - 1; n
- * 0 means all from first on. */
+/* The series. Positions have one per axis, since a single axis may be wrong; SH has one for the
+ * view-independent part and one for the rest. Each splat contributes the values first to
+ * first + n - 1 of its row in the column; if n is 0, all values from first on. */
 static const struct {
     const char *name;
     unsigned column;
@@ -56,7 +56,7 @@ void spin_column_stats_close(struct spin_column_stats *d)
     memset(d, 0, sizeof *d);
 }
 
-static void take(struct spin_series *series, const float *row, size_t n)
+static void add_row(struct spin_series *series, const float *row, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         if (!isfinite(row[i])) {
@@ -69,9 +69,9 @@ static void take(struct spin_series *series, const float *row, size_t n)
     series->n += n;
 }
 
-/* A frame's share of the sample, evenly from its values. */
-static void sample(struct spin_series *series, size_t quota, const float *values, size_t n_rows,
-                   size_t width, size_t first, size_t n)
+/* Adds at most `quota` values of a frame to the sample, evenly spaced. */
+static void sample_frame(struct spin_series *series, size_t quota, const float *values,
+                         size_t n_rows, size_t width, size_t first, size_t n)
 {
     size_t total = n_rows * n, step = total > quota ? (total + quota - 1) / quota : 1;
 
@@ -97,16 +97,16 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
         if (!(columns & kinds[k].column) || !values || n == 0)
             continue;
         for (size_t i = 0; i < s->n; i++)
-            take(&d->series[k], values + i * width + kinds[k].first, n);
-        sample(&d->series[k], quota ? quota : 1, values, s->n, width, kinds[k].first, n);
+            add_row(&d->series[k], values + i * width + kinds[k].first, n);
+        sample_frame(&d->series[k], quota ? quota : 1, values, s->n, width, kinds[k].first, n);
     }
 }
 
-/* Converts stored values to familiar ones: scales and opacities. */
+/* Convert stored values, which are logarithms and logits, to scales and opacities. */
 static double exponential(double x) { return exp(x); }
 static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
 
-static spin_json *three(double (*function)(double), const double v[3])
+static spin_json *convert_three(double (*function)(double), const double v[3])
 {
     return spin_json_numbers((double[]){function(v[0]), function(v[1]), function(v[2])}, 3);
 }
@@ -134,9 +134,9 @@ void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report)
                           spin_json_number_value(value[1]), "max", spin_json_number_value(value[2]),
                           "not_finite", (double)series->n_not_finite / (double)series->n);
         if (kinds[k].column == SPIN_COL_LOG_SCALES)
-            spin_json_set(range, "scales", three(exponential, value));
+            spin_json_set(range, "scales", convert_three(exponential, value));
         if (kinds[k].column == SPIN_COL_LOGIT_OPACITIES)
-            spin_json_set(range, "opacities", three(sigmoid, value));
+            spin_json_set(range, "opacities", convert_three(sigmoid, value));
         spin_json_set(ranges, kinds[k].name, range);
     }
     spin_json_set(report, "ranges", ranges);

@@ -7,15 +7,15 @@ struct spin_series; /* private: one attribute or axis */
 
 struct spin_column_stats {
     struct spin_series *series; /* [number of series] */
-    int n_frames;               /* number of frames to come */
+    int n_frames;               /* number of frames that will be added */
 };
 
 spin_status spin_column_stats_open(struct spin_column_stats *d, int n_frames);
 /* Adds the columns of one frame. */
 void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
                              const struct spin_splats *s);
-/* Sets "ranges" of the report, with an entry for each attribute that was added, and "finite", false
- * if any value is NaN or infinite. Medians are of a sample of 65,536 values spread over the frames.
- */
+/* Sets two members of the report: "ranges", with an entry for each attribute that was added, and
+ * "finite", which is false if any value is NaN or infinite. A median is that of a sample of at most
+ * 65,536 values, spread over the frames. */
 void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report);
 void spin_column_stats_close(struct spin_column_stats *d);

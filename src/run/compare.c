@@ -23,7 +23,7 @@ static spin_status set_name(spin_json *run, const char *const *input, int n, int
     return SPIN_OK;
 }
 
-/* Scores are only comparable on the same views. */
+/* Refuses runs with different views, since only scores on the same views are comparable. */
 static spin_status check_views(const spin_json *first, const spin_json *run)
 {
     const spin_json *a = spin_json_get(first, "views"), *b = spin_json_get(run, "views");
@@ -41,8 +41,8 @@ static spin_status check_views(const spin_json *first, const spin_json *run)
                               spin_json_string(spin_json_get(run, "input")));
 }
 
-static spin_status measure(const struct spin_eval_options *all, const char *const *input, int n,
-                           int i, struct spin_compare *c)
+static spin_status measure_run(const struct spin_eval_options *all, const char *const *input, int n,
+                               int i, struct spin_compare *c)
 {
     struct spin_eval_options o = *all;
     struct spin_eval_report report;
@@ -59,8 +59,8 @@ static spin_status measure(const struct spin_eval_options *all, const char *cons
     return check_views(spin_json_at(c->runs, 0), run);
 }
 
-/* Different data sets are not comparable either, but may be copies of one: warn only. Errors are
- * ignored here, since measuring reports them. */
+/* Warns if the bundles were made for different data sets. This is no error, since these may be
+ * copies of one data set. A bundle that cannot be opened is reported later, when it is measured. */
 static void warn_data(const char *const *input, int n)
 {
     SPIN_FREED char *first = NULL;
@@ -107,7 +107,7 @@ spin_status spin_compare(const struct spin_eval_options *o, const char *const *i
     if (spin_rank() == 0 && !o->data)
         warn_data(input, n);
     for (int i = 0; i < n; i++)
-        SPIN_TRY(measure(&all, input, n, i, &c));
+        SPIN_TRY(measure_run(&all, input, n, i, &c));
     if (spin_rank() == 0 && o->report)
         SPIN_TRY(spin_compare_page(&c, o->report, o->force));
     if (spin_rank() == 0 && figures)

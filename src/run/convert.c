@@ -1,10 +1,15 @@
 /* spin_convert(): converts a run to a format for viewers by the other calls: import, retrain,
  * export.
  *
- * Intermediate files are beside the output, under its name: clip.import.spin until all is done,
- * clip.spin.part (the checkpoint) while the training is unfinished, and clip.spin, which stays. So
- * the same call continues after an interruption. Formats of 4D splats need two trainings: of
- * frames, kept as clip.tracks.spin, and then of the 4D splats made from them. */
+ * For the output clip.html, these files are written beside it:
+ *
+ *     clip.import.spin  the imported clip, until everything is done
+ *     clip.spin.part    the checkpoint, while the training is unfinished
+ *     clip.spin         the final clip, which is kept
+ *
+ * After an interruption the same call continues from them. A format of 4D splats needs two
+ * trainings: first of frames, kept as clip.tracks.spin, then of 4D splats made from these frames.
+ */
 #include <sys/stat.h>
 
 #include "base/base.h"
@@ -24,14 +29,14 @@ struct convert {
     char *import; /* the bundle to export or retrain; the input itself if that is a bundle */
     char *beside; /* data set found beside the run, not named by the user; or NULL */
     bool imports;
-    bool has_data, is_trained; /* of the bundle `import` */
-    bool is_tracks; /* its frames were trained with tracks, so 4D splats can be made of them */
+    bool has_data, is_trained; /* the bundle `import` has a data set, was retrained */
+    bool is_tracks; /* `import` was trained with tracks, so 4D splats can be made of its frames */
     spin_json *report;
 };
 
 /* ---- Names ----------------------------------------------------------------------------------- */
 
-static spin_status put_together(const char *text, size_t n, const char *ending, char **out)
+static spin_status append_text(const char *text, size_t n, const char *ending, char **out)
 {
     SPIN_TRY(spin_alloc(n + strlen(ending) + 1, 1, (void **)out));
     memcpy(*out, text, n);
@@ -63,13 +68,13 @@ static spin_status name_output(struct convert *c)
     SPIN_TRY(spin_foreign_missing(o->input));
     SPIN_TRY(spin_path_absolute(o->input, &absolute));
     name = spin_path_name(absolute);
-    return put_together(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
-                        &c->output);
+    return append_text(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
+                       &c->output);
 }
 
-/* Whether an exporter stores 4D splats. TSOG also accepts frames, but stores every splat of every
- * frame then, so it is given 4D splats. */
-static bool holds_rows(const char *name)
+/* Whether an exporter is to get 4D splats: if it accepts nothing else, or is TSOG, which would
+ * store every splat of every frame. */
+static bool stores_4d(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
         if (strcmp((*e)->name, name) == 0)
@@ -97,11 +102,11 @@ static spin_status name_all(struct convert *c)
     if (named)
         SPIN_TRY(spin_exporter_check_name(named, c->output));
     n = stem_length(c->output, ending != NULL);
-    SPIN_TRY(put_together(c->output, n, ".spin", &c->bundle));
-    if (holds_rows(c->to))
-        SPIN_TRY(put_together(c->output, n, ".tracks.spin", &c->tracks));
+    SPIN_TRY(append_text(c->output, n, ".spin", &c->bundle));
+    if (stores_4d(c->to))
+        SPIN_TRY(append_text(c->output, n, ".tracks.spin", &c->tracks));
     c->imports = !spin_bundle_looks_like(o->input);
-    return c->imports ? put_together(c->output, n, ".import.spin", &c->import)
+    return c->imports ? append_text(c->output, n, ".import.spin", &c->import)
                       : spin_strdup(o->input, &c->import);
 }
 
@@ -113,7 +118,7 @@ static bool is_same_folder(const char *a, const char *b)
            one.st_dev == other.st_dev && one.st_ino == other.st_ino;
 }
 
-/* Fail early: check the output before the training. */
+/* Checks the output before the training, to fail early. */
 static spin_status check_output(const struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -192,8 +197,9 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
-/* A data set that the user did not name and that does not fit is only a warning. */
-static spin_status import(struct convert *c)
+/* Imports the run, with the data set that the user names or that is found beside the run. If the
+ * latter does not fit, warns and imports without it. */
+static spin_status import_run(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
     spin_status status;
@@ -214,14 +220,15 @@ static spin_status import(struct convert *c)
     return import_from(c, NULL);
 }
 
-/* Trained clips are not retrained, except that 4D splats are trained from frames with tracks. */
+/* Whether to retrain. A trained clip is not retrained, unless 4D splats are to be made from frames
+ * that were trained with tracks. */
 static bool retrains(const struct convert *c)
 {
     return c->has_data && !c->o->no_retrain && (!c->is_trained || (c->tracks && c->is_tracks));
 }
 
 /* Opens the bundle, finds what it contains and checks that it can be processed. */
-static spin_status look(struct convert *c)
+static spin_status inspect_bundle(struct convert *c)
 {
     SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
     SPIN_FREED char *data = NULL;
@@ -243,8 +250,8 @@ static spin_status look(struct convert *c)
     return SPIN_OK;
 }
 
-/* Retrains input to output, resuming an unfinished training; with --force, one with other options
- * is replaced. rows: train 4D splats. */
+/* Retrains the bundle `input` to `output`. Resumes an unfinished training; with --force, replaces
+ * one that had other options. rows: train 4D splats. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;
@@ -254,7 +261,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     char *text = NULL;
     spin_status status;
 
-    SPIN_TRY(put_together(output, strlen(output), ".part", &part));
+    SPIN_TRY(append_text(output, strlen(output), ".part", &part));
     SPIN_TRY(spin_retrain_preset(o->preset ? o->preset : "quick", &retrain));
     retrain.method = rows ? SPIN_METHOD_4D : retrain.method;
     retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
@@ -279,7 +286,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
 }
 
 /* Retrains to c->bundle. */
-static spin_status retrain(struct convert *c)
+static spin_status retrain_clip(struct convert *c)
 {
     bool frames = !c->is_trained;
 
@@ -287,11 +294,11 @@ static spin_status retrain(struct convert *c)
         return retrain_as(c, c->import, c->bundle, false);
     if (frames)
         SPIN_TRY(retrain_as(c, c->import, c->tracks, false));
-    spin_log(0, "'%s' stores 4D splats: training them from these frames", c->to);
+    spin_log(0, "'%s' stores 4D splats: training 4D splats from the frames", c->to);
     return retrain_as(c, frames ? c->tracks : c->import, c->bundle, true);
 }
 
-static spin_status export(struct convert *c, const char *bundle)
+static spin_status export_bundle(struct convert *c, const char *bundle)
 {
     const struct spin_convert_options *o = c->o;
     struct spin_export_options export = {.input = bundle,
@@ -309,7 +316,7 @@ static spin_status export(struct convert *c, const char *bundle)
 }
 
 /* The imported clip becomes the result, or is removed if the retrained clip includes it. */
-static spin_status tidy_up(struct convert *c, bool retrained)
+static spin_status keep_or_remove_import(struct convert *c, bool retrained)
 {
     if (!c->imports || spin_rank() > 0)
         return SPIN_OK;
@@ -320,7 +327,7 @@ static spin_status tidy_up(struct convert *c, bool retrained)
     return SPIN_OK;
 }
 
-static spin_status run(struct convert *c)
+static spin_status run_convert(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
     bool trains;
@@ -335,8 +342,8 @@ static spin_status run(struct convert *c)
         return spin_misuse("%s applies to runs only, but '%s' is a bundle",
                            o->from ? "--from" : "--frames", o->input);
     if (c->imports)
-        SPIN_TRY(import(c));
-    SPIN_TRY(look(c));
+        SPIN_TRY(import_run(c));
+    SPIN_TRY(inspect_bundle(c));
     trains = retrains(c);
     if (trains)
         spin_log(0, "retraining on the images of the data set; --no-retrain skips this, and Ctrl-C "
@@ -355,14 +362,14 @@ static spin_status run(struct convert *c)
     else if (!o->no_retrain)
         spin_log(0, "no data set is known, so the clip is not retrained; give one with --data");
     if (trains)
-        SPIN_TRY(retrain(c));
+        SPIN_TRY(retrain_clip(c));
     else if (c->imports)
         SPIN_TRY(spin_output_check_file(c->bundle, o->force));
-    status = export(c, trains ? c->bundle : c->import);
+    status = export_bundle(c, trains ? c->bundle : c->import);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED && trains)
         return spin_fail_context(status, "the retrained clip is kept in '%s'", c->bundle);
     SPIN_TRY(status);
-    SPIN_TRY(tidy_up(c, trains));
+    SPIN_TRY(keep_or_remove_import(c, trains));
     spin_json_set_string(c->report, "bundle", c->imports || trains ? c->bundle : c->import);
     spin_json_set_string(c->report, "output", c->output);
     spin_json_set_string(c->report, "to", c->to);
@@ -380,7 +387,7 @@ spin_status spin_convert(const struct spin_convert_options *o, char **report)
     spin_json_set_null(c.report, "import");
     spin_json_set_null(c.report, "retrain");
     spin_json_set_null(c.report, "rows");
-    status = run(&c);
+    status = run_convert(&c);
     if (status == SPIN_OK)
         status = spin_json_finish(json_incref(c.report), report);
     spin_json_free(c.report);

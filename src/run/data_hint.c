@@ -5,16 +5,17 @@
 #include "io/json.h"
 #include "scene/probe.h"
 
-#define MAX_BESIDE 64 /* entries of the parent folder that are examined */
+/* At most this many entries of the parent folder are examined. */
+#define MAX_BESIDE 64
 
 struct found {
-    const struct spin_importer *importer; /* importer and path of the first data set */
-    char *path;
-    int n;
+    const struct spin_importer *importer; /* importer of the first data set */
+    char *path;                           /* path of the first data set */
+    int n;                                /* number of data sets */
 };
 
 /* Counts the data set at path, if it is one. Takes ownership of path. */
-static void look_at(struct found *found, char *path)
+static void count_data_set(struct found *found, char *path)
 {
     const struct spin_importer *importer =
         path && spin_path_is_folder(path) ? spin_importer_guess(path, true) : NULL;
@@ -28,7 +29,7 @@ static void look_at(struct found *found, char *path)
     found->path = path;
 }
 
-static void look_beside(struct found *found, const char *input, const char *folder)
+static void search_folder(struct found *found, const char *input, const char *folder)
 {
     char **names = NULL, *path;
     size_t n = 0;
@@ -39,15 +40,15 @@ static void look_beside(struct found *found, const char *input, const char *fold
         if (strcmp(names[i], spin_path_name(input)) == 0 ||
             spin_path_join(folder, names[i], &path) != SPIN_OK)
             continue;
-        if (spin_importer_guess(path, false)) /* another run, whose data set is not ours */
+        if (spin_importer_guess(path, false)) /* another run; a data set inside belongs to it */
             free(path);
         else
-            look_at(found, path);
+            count_data_set(found, path);
     }
     spin_folder_list_free(names);
 }
 
-static struct found search(const char *input)
+static struct found find_data_sets(const char *input)
 {
     struct found found = {0};
     SPIN_FREED char *absolute = NULL, *folder = NULL;
@@ -57,12 +58,12 @@ static struct found search(const char *input)
     if (spin_path_absolute(input, &absolute) == SPIN_OK &&
         spin_path_folder(absolute, &folder) == SPIN_OK) {
         if (spin_strdup(absolute, &copy) == SPIN_OK)
-            look_at(&found, copy);
+            count_data_set(&found, copy);
         copy = NULL;
         if (found.n == 0 && spin_strdup(folder, &copy) == SPIN_OK)
-            look_at(&found, copy);
+            count_data_set(&found, copy);
         if (found.n == 0)
-            look_beside(&found, absolute, folder);
+            search_folder(&found, absolute, folder);
     }
     spin_inputs_pause(false);
     return found;
@@ -70,7 +71,7 @@ static struct found search(const char *input)
 
 char *spin_data_beside(const char *input)
 {
-    struct found found = search(input);
+    struct found found = find_data_sets(input);
 
     if (found.n == 1)
         return found.path;
@@ -80,18 +81,19 @@ char *spin_data_beside(const char *input)
 
 void spin_data_hint(const char *input, char *text, size_t n_text)
 {
-    struct found found = search(input);
+    struct found found = find_data_sets(input);
 
     text[0] = '\0';
     if (found.n == 1)
         snprintf(
             text, n_text,
-            "a data set (%s) was found beside the run: use --data '%s' if it was trained on that\n",
+            "a data set (%s) was found beside the run: use --data '%s' if the run was trained on "
+            "it\n",
             found.importer->name, found.path);
     else if (found.n > 1)
         snprintf(text, n_text,
-                 "%d data sets were found beside the run, one in '%s': use --data to choose the "
-                 "one it was trained on\n",
+                 "%d data sets were found beside the run, one of them in '%s': use --data to name "
+                 "the one that the run was trained on\n",
                  found.n, found.path);
     free(found.path);
 }

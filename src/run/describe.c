@@ -126,8 +126,8 @@ spin_status spin_bundle_describe(const char *path, char **report)
     if (trained)
         add_stage(root, &bundle, "trained", SPIN_FROM_TRAINED, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES,
                   integer_of(trained, "sh_degree"));
-    if (spin_json_get(bundle.json,
-                      "trained_4d")) /* the retrained 4D splats are stored as the source */
+    /* Retrained 4D splats replace the source in the bundle. */
+    if (spin_json_get(bundle.json, "trained_4d"))
         add_stage(root, &bundle, "trained_4d", SPIN_FROM_SOURCE, meta->columns, meta->sh_degree);
     spin_json_set(root, "bytes", spin_bundle_bytes_json(&bytes));
     spin_json_set(root, "bytes_unpacked", spin_bundle_bytes_json(&unpacked));

@@ -1,5 +1,4 @@
-/* Maps file name extensions to exporters, and extensions that no exporter writes to the nearest
- * that one does. */
+/* Maps file name extensions to exporters, and suggests one of these extensions for others. */
 #include <strings.h>
 
 #include "base/base.h"
@@ -22,7 +21,7 @@ static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
                                          {".webm", "video"}};
 enum { N_ENDINGS = sizeof endings / sizeof *endings };
 
-/* Extensions that no exporter writes: the nearest format that is written, and its exporter. */
+/* Extensions that no exporter writes; what to write instead; its exporter. */
 static const char *const kin[][3] = {
     {"gif mov avi mkv m4v ogv mpg mpeg apng", ".mp4", "video"},
     {"exr", "a folder with --to images --format exr", "images"},
@@ -65,8 +64,9 @@ const char *spin_exporter_nearest(const char *ending)
 {
     size_t length = strlen(ending);
     const char *best = NULL;
-    int least = length < 6 ? 2 : 3,
-        k = find_kin(ending + 1); /* one typing error in short extensions such as ".abcd" */
+    /* The edit distance must be below `least`: short extensions may contain one typing error, long
+     * ones two. */
+    int least = length < 6 ? 2 : 3, k = find_kin(ending + 1);
 
     if (k >= 0)
         return kin[k][1];
@@ -118,8 +118,9 @@ spin_status spin_exporter_check_name(const struct spin_exporter *e, const char *
 
     if (!by || strcmp(by, e->name) == 0 || spin_plugin_origin(e) || spin_path_is_folder(output))
         return SPIN_OK;
-    for (size_t i = 0; i < N_ENDINGS; i++) /* exporters of 4D splats only also accept a shorter form
-                                              of their extension, such as .ply for .ftgs.ply */
+    /* An exporter that accepts only 4D splats allows a shorter form of its extension, such as .ply
+     * for .ftgs.ply. */
+    for (size_t i = 0; i < N_ENDINGS; i++)
         if (!e->frame && strcmp(endings[i][1], e->name) == 0 &&
             spin_text_ends_any_case(endings[i][0], ending))
             return SPIN_OK;
@@ -135,8 +136,8 @@ spin_status spin_bundle_check_name(const char *output)
     if (!ending || strcasecmp(ending, ".spin") == 0)
         return SPIN_OK;
     return spin_misuse(
-        "'%s' would be a bundle and must be named *.spin; convert it with spin-export to %s",
-        output, spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
+        "'%s' would be a bundle and must be named *.spin; to write %s, use spin-export", output,
+        spin_exporter_for(output) ? ending : spin_exporter_nearest(ending));
 }
 
 spin_status spin_report_check_name(const char *path)

@@ -64,8 +64,8 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
-/* All views are rendered with the mean exposure, since test cameras have none: scores of training
- * cameras are too low. */
+/* All views are rendered with the mean exposure, since no exposure is learned for test cameras. The
+ * scores of training cameras are therefore too low. */
 static void warn_exposures(const struct eval *e)
 {
     const spin_json *cameras = spin_json_get(spin_training_of(&e->clip.bundle, e->from), "cameras");
@@ -135,11 +135,11 @@ static spin_status open_lpips(struct eval *e)
 
 /* ---- The report ------------------------------------------------------------------------------ */
 
-/* Reports an unwritable page or a missing log before the work. */
+/* Checks the page and the log before the work, to fail early. */
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
-        return spin_misuse("--log is read for the report only: give --report");
+        return spin_misuse("--log is only for the report: give --report too");
     if (o->report)
         SPIN_TRY(spin_report_check_name(o->report));
     if (o->log && !spin_path_exists(o->log))
@@ -150,7 +150,7 @@ static spin_status check_report(const struct spin_eval_options *o)
     return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;
 }
 
-/* Also measures the source if there is one to compare with. */
+/* Writes the page, after measuring the source if there is one to compare with. */
 static spin_status write_report(struct eval *e, const struct spin_metrics *after)
 {
     struct spin_eval_report before = {.n_views = e->n_pairs,
@@ -260,8 +260,9 @@ static spin_status run_eval(struct eval *e)
         bool flat;
 
         SPIN_TRY(spin_borders_are_flat(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &flat));
-        m.opposite = !flat; /* in front of a flat colour, the opposite background is visible beside
-                               the subject */
+        /* Over the opposite background, holes in the scene become visible; but so does the
+         * background itself if the images show a subject in front of a flat colour. */
+        m.opposite = !flat;
     }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)

@@ -20,12 +20,14 @@
 
 /* A description reads this many frames, evenly spaced, unless all are requested. */
 #define DESCRIBED_FRAMES 16
-/* Limit on the number of frames that a file claims to have: half an hour at 30 per second. */
+/* At most this many frames are sampled, even if a file claims to have more: 36 minutes at 30 frames
+ * per second. */
 #define MOST_OWN 65536
-/* --check-cameras draws this many views of each of this many frames, */
+/* --check-cameras draws CHECKED_VIEWS views of each of CHECKED_FRAMES frames. */
 #define CHECKED_FRAMES 3
 #define CHECKED_VIEWS 4
-/* and this many of the cameras that see far fewer points than the others. */
+/* --check-cameras also draws one view of at most this many outliers: cameras with far fewer points
+ * in their images than the others. */
 #define CHECKED_APART 4
 struct import {
     const struct spin_import_options *o;
@@ -38,13 +40,13 @@ struct import {
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
     struct spin_bundle_writer writer;
-    bool stores, writing; /* stores: frames are written to a bundle; writing: by this process */
+    bool stores, writing; /* stores: there is an output bundle; writing: this process writes it */
     struct spin_splats splats;
     const struct spin_splats_4d *four_d; /* 4D splats of the source, or NULL */
     bool keeps_4d;                       /* the bundle stores four_d instead of frames */
-    struct spin_views views;             /* of the data set, if any */
+    struct spin_views views;             /* views of the data set, if there is one */
     char *data;                          /* absolute path of the data set, or NULL */
-    int n_own;  /* frames of a continuous run by its own data; 0: unknown or not needed */
+    int n_own;  /* number of frames that a continuous run states; 0: unknown or not needed */
     int *rows;  /* [n_frames] data set frame of each frame */
     int *index; /* [n_frames] index of each frame in the importer */
     struct spin_column_stats describe;
@@ -58,7 +60,7 @@ struct import {
     struct {
         spin_status status;
         char why[1024]; /* the error text, which is thread-local */
-    } done[2];          /* of reading and of writing */
+    } done[2];          /* results of task 0, reading, and of task 1, writing */
 };
 
 /* Reads frame i of the import, in the order of im->index, from the importer. */
@@ -69,9 +71,9 @@ static spin_status source_frame(struct import *im, int i, unsigned columns, stru
 
 /* ---- The data set ---------------------------------------------------------------------------- */
 
-/* The user did not request the data set of an exported clip, so ignore an unusable one with a
- * warning. */
-static void forget_data(struct import *im)
+/* Closes the data set of an exported clip, with a warning. The user did not request this data set,
+ * so the import continues without it. */
+static void drop_data(struct import *im)
 {
     spin_warn("not using the data set of the exported clip: %s", spin_last_error());
     spin_views_free(&im->views);
@@ -80,8 +82,8 @@ static void forget_data(struct import *im)
     im->meta.data_from[0] = '\0';
 }
 
-/* Opens the data set before the frames are chosen: a continuous method may be sampled at its
- * frames. */
+/* Opens the data set. This comes before the choice of frames, since a continuous method may be
+ * sampled at the times of the data set's frames. */
 static spin_status open_data(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -100,7 +102,7 @@ static spin_status open_data(struct import *im)
     if (im->data && status == SPIN_OK)
         status = spin_views_check_cameras(&im->views, false);
     if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
-        forget_data(im);
+        drop_data(im);
         status = SPIN_OK;
     }
     if (im->data && *im->views.notes)
@@ -110,10 +112,11 @@ static spin_status open_data(struct import *im)
     return status;
 }
 
-/* Chooses frames for a continuous run if the user names none: the run's own number of frames, the
- * frames that its times count, or the frame times of the only data set beside it (whose images are
- * not used). */
-static void look_for_frames(struct import *im)
+/* Chooses the frames of a continuous run if the user did not: as many as the run states; else one
+ * for each integer, if the run's times are frame numbers; else those of the only data set beside
+ * the run, whose images are not used. Failing that, 4D splats get 30 frames per unit of time, as if
+ * the unit were a second, or 61 frames if that would be fewer or the range is implausibly long. */
+static void choose_default_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     struct spin_sequence_info *t = &im->sequence;
@@ -125,7 +128,9 @@ static void look_for_frames(struct import *im)
     im->n_own = t->n_clip_frames;
     if (im->n_own > MOST_OWN) {
         im->n_own = MOST_OWN;
-        spin_note(t, "the clip has %d frames, of which %d are sampled evenly (see --frames)",
+        spin_note(t,
+                  "the clip has %d frames, of which %d are sampled, evenly spaced in time (to "
+                  "sample another number, give --frames)",
                   t->n_clip_frames, MOST_OWN);
     }
     if (!o->output || im->n_own > 0)
@@ -145,15 +150,15 @@ static void look_for_frames(struct import *im)
 
         im->n_own = span > 2 && span < 1e4 ? (int)(30 * span + 0.5) + 1 : 61;
         spin_note(t,
-                  "the run does not store its number of frames: %d are sampled, from time %g to "
-                  "%g%s (use --data for those of a data set)",
+                  "the run does not store its number of frames, so %d frames are sampled from time "
+                  "%g to %g%s (to use the frame times of a data set, give --data)",
                   im->n_own, t->time_first, t->time_last,
                   im->keeps_4d ? "; the 4D splats cover all times in between" : "");
     }
 }
 
-/* Realtime-4DGS assumes a field of view of -1 if the data set stores focal lengths as fl_x: it then
- * rasterises with wrong footprints, and splats grow too large in training. */
+/* If a data set stores focal lengths as fl_x, Realtime-4DGS assumes a field of view of -1. It then
+ * rasterises with wrong footprints, and the splats grow too large in training. */
 static void note_focal(struct import *im)
 {
     SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
@@ -162,7 +167,8 @@ static void note_focal(struct import *im)
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
         spin_note(&im->sequence,
                   "'%s' stores focal lengths as fl_x, which Realtime-4DGS reads as a field of view "
-                  "of -1: its splats are too large and look blurred; spin-retrain corrects this",
+                  "of -1: the splats of the run are too large and look blurred; spin-retrain "
+                  "corrects this",
                   data);
 }
 
@@ -180,7 +186,7 @@ static spin_status attach_data(struct import *im)
         snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair);
     status = spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows);
     if (status != SPIN_OK && !o->data && status != SPIN_E_MEMORY) {
-        forget_data(im);
+        drop_data(im);
         return SPIN_OK;
     }
     SPIN_TRY(status);
@@ -192,8 +198,8 @@ static spin_status attach_data(struct import *im)
 
 /* ---- Which frames ---------------------------------------------------------------------------- */
 
-/* A continuous method extrapolates without an error outside the times that it was trained on. A
- * margin of a tenth of the range allows for the next frame or two. */
+/* Warns about sample times outside the trained range, where a continuous method extrapolates
+ * without an error. A margin of a tenth of the range allows for the next frame or two. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {
@@ -226,9 +232,9 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
                                         : "ends");
     if (*n <= 0 && o->output)
         return spin_misuse("'%s' is continuous in time, from %g to %g, and does not store its "
-                           "number of frames: choose them with --frames, --times or --data",
+                           "number of frames: choose the frames with --frames, --times or --data",
                            o->input, t->time_first, t->time_last);
-    if (*n <= 0) /* both ends are enough for a description */
+    if (*n <= 0) /* a description samples only the two ends of the time range */
         *n = 2;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     all = *out;
@@ -252,7 +258,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     return SPIN_OK;
 }
 
-/* Frames of a method that stores its frames. */
+/* Lists the frames of a method that stores frames. */
 static spin_status stored_frames(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -261,10 +267,10 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
         return spin_misuse(
-            "'%s' stores its %s: --frame-times is for methods that are continuous in time",
+            "'%s' stores its %s: --frame-times is only for methods that are continuous in time",
             o->input, spin_text_count(t->n_frames, "frame", frames));
     if (o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("'%s' stores its %s: --frames and --times are for methods that "
+        return spin_misuse("'%s' stores its %s: --frames and --times are only for methods that "
                            "are continuous in time; use --range",
                            o->input, spin_text_count(t->n_frames, "frame", frames));
     *n = t->n_frames;
@@ -301,7 +307,8 @@ static spin_status choose_frames(struct import *im)
     return SPIN_OK;
 }
 
-/* A description may have two frames at the same time, for a static scene; a bundle may not. */
+/* The frames of a bundle must have different times. A description may have two frames at the same
+ * time, for a static scene. */
 static spin_status check_times(const struct import *im)
 {
     spin_status status = SPIN_OK;
@@ -315,12 +322,13 @@ static spin_status check_times(const struct import *im)
 
 /* ---- Points over images ---------------------------------------------------------------------- */
 
-/* Index of the kth of `most` items spread evenly over n, including both ends. */
-static int spread(int k, int most, int n)
+/* Index of the kth of `most` items that are evenly spaced over 0..n-1, including both ends. */
+static int spread_index(int k, int most, int n)
 {
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
 }
 
+/* Draws the points of a frame over one view and adds the camera to the report. */
 static spin_status check_view(struct import *im, int frame, size_t view)
 {
     const struct spin_view *v = &im->views.view[view];
@@ -341,21 +349,21 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     return SPIN_OK;
 }
 
-/* A number from the report of a camera that was drawn. */
-static double of_camera(const spin_json *cameras, size_t i, const char *key)
+/* A number from the report on the ith camera that was drawn. */
+static double camera_value(const spin_json *cameras, size_t i, const char *key)
 {
     return json_number_value(spin_json_get(spin_json_at(cameras, i), key));
 }
 
-/* If the axes or the data set are wrong, few points project into the images. */
-static void judge_cameras(const spin_json *cameras)
+/* Warns if few points project into the images: the axes or the data set are then probably wrong. */
+static void warn_few_points(const spin_json *cameras)
 {
     size_t n = spin_json_length(cameras);
     double in_front = 0, inside = 0;
 
     for (size_t i = 0; i < n; i++) {
-        in_front += of_camera(cameras, i, "in_front") / (double)n;
-        inside += of_camera(cameras, i, "inside") / (double)n;
+        in_front += camera_value(cameras, i, "in_front") / (double)n;
+        inside += camera_value(cameras, i, "inside") / (double)n;
     }
     if (in_front < 0.5)
         spin_warn("only %.0f %% of the points are in front of the cameras: check the axes, and "
@@ -377,7 +385,8 @@ static spin_status read_points(struct import *im, int frame)
 static bool is_drawn(const spin_json *cameras, int number, int camera)
 {
     for (size_t i = 0; i < spin_json_length(cameras); i++)
-        if (of_camera(cameras, i, "frame") == number && of_camera(cameras, i, "camera") == camera)
+        if (camera_value(cameras, i, "frame") == number &&
+            camera_value(cameras, i, "camera") == camera)
             return true;
     return false;
 }
@@ -405,7 +414,8 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
         if (!c->apart)
             continue;
         spin_warn("camera %d has %.0f %% of the points in front and %.0f %% inside its image in "
-                  "frame %d, but the median of all views is %.0f %% and %.0f %%: check its pose",
+                  "frame %d, but the median of all views is %.0f %% and %.0f %%: check the pose of "
+                  "this camera",
                   v->camera_id, 100 * c->in_front, 100 * c->inside, number, 100 * shares->in_front,
                   100 * shares->inside);
         if (n_apart++ >= CHECKED_APART ||
@@ -430,7 +440,7 @@ static spin_status check_cameras(struct import *im)
     spin_json_set_string(im->report, "folder", o->check_cameras);
     spin_json_set(im->report, "cameras", spin_json_array());
     for (int k = 0; k < n; k++) {
-        int frame = spread(k, n, im->meta.n_frames);
+        int frame = spread_index(k, n, im->meta.n_frames);
         size_t view[CHECKED_VIEWS];
         size_t n_views =
             spin_camera_overlay_choose(&im->views, im->rows[frame], CHECKED_VIEWS, view);
@@ -439,7 +449,7 @@ static spin_status check_cameras(struct import *im)
         for (size_t i = 0; i < n_views; i++)
             SPIN_TRY(check_view(im, frame, view[i]));
     }
-    judge_cameras(spin_json_get(im->report, "cameras"));
+    warn_few_points(spin_json_get(im->report, "cameras"));
     status = spin_camera_shares(&im->views, im->rows, im->meta.n_frames, &im->splats, &shares);
     if (status == SPIN_OK)
         status = report_shares(im, &shares);
@@ -461,7 +471,8 @@ static void widen_bounds(struct import *im, const struct spin_splats *s)
     }
 }
 
-/* Checks the result of the importer's frame(): the requested columns, with capacity for n rows. */
+/* Checks that the importer's frame() filled the requested columns, with capacity for n rows: a
+ * plug-in may violate the interface. */
 static spin_status check_frame(const struct import *im, int i, unsigned wanted,
                                const struct spin_splats *s)
 {
@@ -474,12 +485,12 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     }
     if ((wanted & SPIN_COL_SH) && s->sh_degree != im->sequence.sh_degree)
         return spin_unsupported(
-            "the importer '%s' provides SH of degree %d in frame %d, but %d before",
+            "the importer '%s' provides SH of degree %d in frame %d, but declared degree %d",
             im->importer->name, s->sh_degree, i, im->sequence.sh_degree);
     return SPIN_OK;
 }
 
-/* Files store logarithms of scales, which may be finite where the scale overflows a float. */
+/* Refuses scales that overflow a float, although their logarithms, which files store, do not. */
 static spin_status check_scales(const struct import *im, int i, const struct spin_splats *s)
 {
     size_t n = 0, first = 0;
@@ -492,13 +503,13 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
     if (n == 0)
         return SPIN_OK;
     return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), overflows "
-                          "a float, and so do %zu scales in all: remove these splats from the file",
+                          "a float (scales that do so: %zu): remove these splats from the file",
                           im->input, im->meta.frame[i].number, first / 3,
                           (double)s->log_scales[first], n);
 }
 
-/* Reads `columns` of frame i of the bundle; the other columns are those of frame 0. Rank `rank`
- * reads the frame and sends it to rank 0. */
+/* Reads `columns` of frame i of the bundle; without any, the frame is the same as frame 0. Rank
+ * `rank` reads the frame and sends it to rank 0. */
 static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
                               struct spin_splats *out)
 {
@@ -525,8 +536,8 @@ static spin_status read_frame(struct import *im, int i, int rank, unsigned colum
     return SPIN_OK;
 }
 
-/* Task 0 reads frame im->step, task 1 writes the previous one. Static columns are read and written
- * with the first frame only. */
+/* Task 0 reads frame im->step, task 1 writes the frame before it. Static columns are read and
+ * written with the first frame only. */
 static void store_task(void *context, int task)
 {
     struct import *im = context;
@@ -575,7 +586,7 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
     return status;
 }
 
-/* Stores a copy rounded to --precision; *s is that copy, for counting. */
+/* Stores the 4D splats rounded to --precision, and returns the rounded copy in *s for counting. */
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
@@ -591,8 +602,8 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
     return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
-/* Stores the 4D splats themselves. Frames are their slices, so only the splats of each frame are
- * counted. */
+/* Stores the 4D splats instead of frames, which are slices of them, and counts the splats of each
+ * frame. */
 static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
@@ -615,8 +626,8 @@ static spin_status store_4d(struct import *im)
     SPIN_TRY(spin_splats_4d_counts(s, times, n, counts));
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
-    for (size_t i = 0; i < s->n;
-         i++) /* centres are positions at the splat's own time, halfway along its path */
+    /* The bounds are those of the centres, each at the splat's own time. */
+    for (size_t i = 0; i < s->n; i++)
         for (size_t c = 0; c < 3; c++) {
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
             im->high[c] = fmaxf(im->high[c], s->centres[3 * i + c]);
@@ -624,14 +635,15 @@ static spin_status store_4d(struct import *im)
     return SPIN_OK;
 }
 
-/* Splats per frame: as counted by the importer, otherwise of the frames that were read. */
+/* Reports the number of splats per frame: over all frames if the importer counted them, otherwise
+ * over the frames that were read. */
 static void count_splats(struct import *im, const int *read, int n_read)
 {
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    bool stored = im->keeps_4d &&
-                  im->stores; /* rounding may drop rows, so the importer's counts do not apply */
+    /* The importer's counts do not apply to stored 4D splats, since rounding may drop rows. */
+    bool stored = im->keeps_4d && im->stores;
     bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
@@ -650,7 +662,8 @@ static void count_splats(struct import *im, const int *read, int n_read)
                             (json_int_t)most));
 }
 
-/* An import reads every frame; a description a sample, since a clip may have many gigabytes. */
+/* An import reads every frame. A description reads some frames only, since a clip may have many
+ * gigabytes. */
 static spin_status read_frames(struct import *im)
 {
     int n_all = im->meta.n_frames, n = n_all;
@@ -667,7 +680,7 @@ static spin_status read_frames(struct import *im)
     SPIN_TRY(spin_alloc((size_t)n, sizeof *read, (void **)&read));
     spin_progress_begin(&progress, im->stores ? "importing" : "reading", "frames", 0, n);
     for (int k = 0; k < n; k++)
-        read[k] = n < n_all ? spread(k, n, n_all) : k;
+        read[k] = n < n_all ? spread_index(k, n, n_all) : k;
     if (im->keeps_4d && im->stores)
         SPIN_TRY_OUT(store_4d(im));
     else if (im->stores)
@@ -693,7 +706,7 @@ out:
 /* ---- From start to end ----------------------------------------------------------------------- */
 
 /* Reports how the importer was chosen. */
-static void say_why(struct import *im)
+static void report_recognition(struct import *im)
 {
     char text[160] = "";
     struct spin_peek peek;
@@ -711,7 +724,7 @@ static void say_why(struct import *im)
     spin_json_set_string(im->report, "recognised", text);
 }
 
-/* The importer's notes, one per line, and a hint at a data set beside the run. */
+/* A list of the importer's notes, and a hint if there is a data set beside the run. */
 static spin_json *notes_json(struct import *im)
 {
     char hint[600] = "", *text[] = {im->sequence.notes, hint};
@@ -741,7 +754,7 @@ static void fill_report(struct import *im)
     }
     spin_json_set_string(report, "variant", t->variant);
     spin_json_set_string(report, "upstream", im->importer->upstream ? im->importer->upstream : "");
-    say_why(im);
+    report_recognition(im);
     spin_json_set_integer(report, "frames", meta->n_frames);
     spin_json_set(report, "times", spin_json_numbers((double[]){first->time, last->time}, 2));
     spin_json_set_bool(report, "continuous", t->continuous);
@@ -772,8 +785,8 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     if (!o->frame_times)
         return SPIN_OK;
     if (!o->data || o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("--frame-times chooses how frames of --data get their times: it "
-                           "requires --data, and excludes --frames and --times");
+        return spin_misuse("--frame-times sets the times of a data set's frames: it requires "
+                           "--data, and excludes --frames and --times");
     for (size_t i = 0; i < sizeof rules / sizeof *rules; i++) {
         if (strcmp(o->frame_times, rules[i]) == 0)
             return SPIN_OK;
@@ -781,8 +794,8 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     return spin_misuse("--frame-times is '%s', expected auto, data, unit or count", o->frame_times);
 }
 
-/* Checks the result of the importer's open(): plug-ins may violate the interface. */
-static spin_status check_track(const struct import *im)
+/* Checks the result of the importer's open(): a plug-in may violate the interface. */
+static spin_status check_sequence(const struct import *im)
 {
     const struct spin_sequence_info *t = &im->sequence;
     const char *name = im->importer->name;
@@ -797,8 +810,8 @@ static spin_status check_track(const struct import *im)
     return SPIN_OK;
 }
 
-/* Decides whether to keep 4D splats: yes, unless the user requests positions only or sampled
- * frames. */
+/* Gets the 4D splats of the source, if any, and decides whether the bundle stores them: yes, unless
+ * the user requests positions only or sampled frames. */
 static spin_status find_4d(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -807,7 +820,8 @@ static spin_status find_4d(struct import *im)
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
     if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
-        return spin_malformed("the importer '%s' provides 4D splats that are not settled",
+        return spin_malformed("the importer '%s' provides 4D splats without calling "
+                              "spin_splats_4d_settle()",
                               im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;
@@ -816,7 +830,8 @@ static spin_status find_4d(struct import *im)
                            "--times or --positions-only");
     if (im->four_d && sampled && o->output)
         spin_note(&im->sequence,
-                  "sampled at --frames or --times: the 4D splats themselves are not stored");
+                  "--frames and --times sample the 4D splats: the bundle stores the sampled frames "
+                  "instead of the 4D splats");
     return SPIN_OK;
 }
 
@@ -840,12 +855,12 @@ static spin_status run_import(struct import *im)
     im->values.pairs = o->plugin_pairs;
     spin_json_set_string(im->report, "from", im->importer->name);
     SPIN_TRY(im->importer->open(im->input, &im->values, &im->self, &im->sequence));
-    SPIN_TRY(check_track(im));
+    SPIN_TRY(check_sequence(im));
     SPIN_TRY(find_4d(im));
     if (im->below)
         spin_note(&im->sequence, "the run was found in '%s'", im->below);
     SPIN_TRY(open_data(im));
-    look_for_frames(im);
+    choose_default_frames(im);
     note_focal(im);
     SPIN_TRY(choose_frames(im));
     SPIN_TRY(check_times(im));

@@ -2,10 +2,10 @@
 
 #include "base/base.h"
 
-/* ---- At which times a data set's frames are -------------------------------------------------- */
+/* ---- Times of a data set's frames ------------------------------------------------------------ */
 
-/* True for a data set without times, whose frames count 0, 1, 2, ... beyond the time range of a
- * continuous method. */
+/* Whether the data set stores no times: its frames then have the times 0, 1, 2, ..., which extend
+ * beyond the time range of the method. */
 static bool rows_are_counted(const struct spin_sequence_info *t, const struct spin_frame_info *all,
                              int n)
 {
@@ -16,9 +16,9 @@ static bool rows_are_counted(const struct spin_sequence_info *t, const struct sp
     return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
 }
 
-/* For methods whose times are frame numbers counted from the first frame. */
-static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_frame_info *all,
-                       int n)
+/* Sets the times for a method whose times are frame numbers, counted from the first frame. */
+static void set_counted_times(struct spin_sequence_info *t, bool numbered,
+                              struct spin_frame_info *all, int n)
 {
     bool counted = true;
 
@@ -30,14 +30,15 @@ static void count_rows(struct spin_sequence_info *t, bool numbered, struct spin_
     }
     if (!counted)
         spin_note(t,
-                  "the data set's frames are placed at the method's times 0 to %g, not at their "
-                  "own (see --frame-times data)",
+                  "the data set's frames get the times of the method, 0 to %g, instead of their "
+                  "own (to keep their own, give --frame-times data)",
                   all[n - 1].time);
 }
 
-/* Notes times that cover less than half of the method's range or lie far outside it: they may be in
- * another unit. */
-static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame_info *all, int n)
+/* Adds a note if the times cover less than half of the method's range or extend far beyond it, as
+ * their unit is then probably another. */
+static void note_different_range(struct spin_sequence_info *t, const struct spin_frame_info *all,
+                                 int n)
 {
     double first = all[0].time, last = all[0].time, span = t->time_last - t->time_first;
 
@@ -48,8 +49,8 @@ static void compare_ranges(struct spin_sequence_info *t, const struct spin_frame
     if (n > 1 && (last - first < 0.5 * span || last > t->time_last + 0.5 * span ||
                   first < t->time_first - 0.5 * span))
         spin_note(t,
-                  "the data set's times are %g to %g but the method's %g to %g: check that both "
-                  "use the same unit (see --frame-times)",
+                  "the times of the data set are %g to %g, but those of the method are %g to %g: "
+                  "check that their units agree (see --frame-times)",
                   first, last, t->time_first, t->time_last);
 }
 
@@ -61,25 +62,27 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
     double span = t->time_last - t->time_first, steps = half_open ? n : n > 1 ? n - 1 : 1;
 
     if (automatic && t->counts_frames) {
-        count_rows(t, numbered, all, n);
-        compare_ranges(t, all, n);
+        set_counted_times(t, numbered, all, n);
+        note_different_range(t, all, n);
         return;
     }
     if (!automatic && strcmp(rule, "data") == 0)
         return;
     if (automatic && !rows_are_counted(t, all, n)) {
-        compare_ranges(t, all, n);
+        note_different_range(t, all, n);
         return;
     }
     for (int i = 0; i < n; i++)
         all[i].time = t->time_first + span * i / steps;
-    spin_note(t, "%sspread over the times %g to %g, frame i of n at i/%s (see --frame-times)",
-              automatic ? "the data set numbers its frames without times: "
-                        : "the data set's frames: ",
+    spin_note(t,
+              "%s evenly spaced over the times %g to %g, frame i of n at i/%s of the range (see "
+              "--frame-times)",
+              automatic ? "the data set stores no frame times, so its frames are"
+                        : "the frames of the data set are",
               all[0].time, all[n - 1].time, half_open ? "n" : "(n-1)");
 }
 
-/* ---- What sequence.json says ----------------------------------------------------------------- */
+/* ---- sequence.json of an exported clip ------------------------------------------------------- */
 
 static const spin_json *entry_of(const spin_json *frames, int number)
 {
@@ -93,9 +96,10 @@ static const spin_json *entry_of(const spin_json *frames, int number)
     return NULL;
 }
 
-/* Pass 0 checks all entries, pass 1 sets them: nothing is set unless all frames match. */
-static bool take(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
-                 struct spin_bundle_meta *meta)
+/* Applies sequence.json to the frames. Pass 0 checks all entries and pass 1 sets the values, so
+ * nothing is set unless all frames match. */
+static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
+                           struct spin_bundle_meta *meta)
 {
     const spin_json *frames = spin_json_get(root, "frames");
     const char *pair = spin_json_string(spin_json_get(root, "pair"));
@@ -128,8 +132,8 @@ static bool take(const spin_json *root, struct spin_frame_info *frame, int n, in
     return true;
 }
 
-/* Loads sequence.json from the folder of exported frames; *root is NULL if there is none written by
- * spin-export. */
+/* Loads sequence.json from the folder of exported frames. *root is NULL unless spin-export wrote
+ * that file. */
 static spin_status open_sequence(const char *input, char **path, spin_json **root)
 {
     const char *generator;
@@ -156,9 +160,9 @@ spin_status spin_exported_frames(const char *input, struct spin_frame_info *fram
     SPIN_FREED char *path = NULL;
 
     SPIN_TRY(open_sequence(input, &path, &root));
-    if (root && !take(root, frame, n, place, meta))
-        spin_warn("'%s' does not match the frames beside it: ignoring the times and positions of "
-                  "the frames in the exported clip",
+    if (root && !apply_sequence(root, frame, n, place, meta))
+        spin_warn("'%s' does not match the frames in its folder: ignoring the times and indices in "
+                  "this file",
                   path);
     return SPIN_OK;
 }

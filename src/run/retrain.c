@@ -18,7 +18,9 @@
 #include "train/rows_4d.h"
 #include "train/test_views.h"
 
-/* Smallest spread of the cameras' colours, and of the brightness at the corners, worth learning. */
+/* --learn-exposure auto learns exposures if the cameras' colours differ by more than least_spread,
+ * or if the brightness at the corners differs from that at the centre by more than least_falloff;
+ * both are fractions. */
 static const double least_spread = 0.05, least_falloff = 0.05;
 
 /* Owns the objects of a training; each stage gets those that it needs. */
@@ -37,7 +39,7 @@ struct run {
     struct spin_step_log step_log;
     struct spin_output_lock lock; /* of the output */
     struct spin_watch watch;
-    struct spin_look look; /* differences between cameras; spread is NaN if not measured */
+    struct spin_look look; /* differences between cameras; look.spread is NaN if not measured */
     bool resume;           /* continue from the checkpoint */
 };
 
@@ -47,7 +49,7 @@ static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_
 /* ---- Before the work ------------------------------------------------------------------------- */
 
 /* Output complete: delete intermediate files. */
-static void tidy_up(const struct run *r)
+static void delete_intermediate_files(const struct run *r)
 {
     remove(r->plan.part);
     remove(r->plan.clip_of_state);
@@ -68,7 +70,7 @@ static spin_status check_output(const struct run *r, bool *done)
         *done = o->resume && spin_output_is_done(&r->plan, r->fingerprint);
         spin_inputs_own(o->output);
         if (*done) {
-            tidy_up(r);
+            delete_intermediate_files(r);
             return SPIN_OK;
         }
         return spin_output_check_file(o->output, false); /* reports the existing file */
@@ -84,8 +86,8 @@ static spin_status check_output(const struct run *r, bool *done)
     return SPIN_OK;
 }
 
-/* Checks that checkpoint and output fit on the disk at the same time. The number of splats that
- * share a track is not known yet; there are at least those of one frame. */
+/* Checks that checkpoint and output fit on the disk at the same time. With tracks, the number of
+ * splats to store is not known yet, but is at least that of the largest frame. */
 static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -106,8 +108,8 @@ static spin_status check_disk(const struct run *r)
              (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
     if (p->o->method == SPIN_METHOD_NETWORK)
         floats += p->field.n_table + p->field.n_heads;
-    bytes =
-        4 * floats * sizeof(float); /* checkpoint: values and Adam's two moments; output: values */
+    /* The checkpoint stores the values and Adam's two moments, the output the values. */
+    bytes = 4 * floats * sizeof(float);
     SPIN_TRY(spin_path_folder(p->o->output, &folder));
     room = spin_path_free_bytes(folder);
     if (room < bytes)
@@ -141,7 +143,7 @@ static spin_status check_outputs(struct run *r)
     return o->watch ? spin_watch_begin(&r->watch) : SPIN_OK;
 }
 
-/* Different SIMD paths would make ranks diverge in the last bits. */
+/* Refuses ranks with different SIMD paths, since their results would differ in the last bits. */
 static spin_status check_paths(const struct run *r)
 {
     char(*path)[16];
@@ -160,7 +162,7 @@ static spin_status check_paths(const struct run *r)
 }
 
 /* Logs the preset, the number of iterations and the estimated time. */
-static void say_recipe(const struct spin_plan *p)
+static void log_recipe(const struct spin_plan *p)
 {
     const struct spin_retrain_options *o = p->o;
     char time[32], count[48], frames[48], about[64] = "", refining[96] = "";
@@ -196,8 +198,8 @@ static spin_status prepare_watch(struct run *r)
     return SPIN_OK;
 }
 
-static spin_status plan(struct run *r, const struct spin_retrain_options *o,
-                        struct spin_retrain_report *report)
+static spin_status make_plan(struct run *r, const struct spin_retrain_options *o,
+                             struct spin_retrain_report *report)
 {
     SPIN_TRY(spin_plan_open(&r->plan, o, report));
     if (trains_4d(r)) {
@@ -213,12 +215,12 @@ static spin_status plan(struct run *r, const struct spin_retrain_options *o,
     SPIN_TRY(check_paths(r));
     spin_code_paths_begin(&r->code_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
-    /* without a dry run or refinement, loading the frames examines the points */
+    /* Otherwise the points are examined later, when the frames are loaded. */
     return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_look(&r->plan) : SPIN_OK;
 }
 
 /* Brightness at the corners of the images, relative to the centre. */
-static double corner_of(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
+static double corner_brightness(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
 
 static bool has_falloff(const struct spin_lens *lens)
 {
@@ -227,8 +229,8 @@ static bool has_falloff(const struct spin_lens *lens)
     return memcmp(lens->falloff, none, sizeof none) != 0;
 }
 
-/* Resolves auto to on or off. Training would fit a falloff to anything in the scene that resembles
- * one, so lenses are learned only if auto measured a falloff. */
+/* Resolves auto to on or off. A training would fit a falloff to anything in the scene that
+ * resembles one, so with auto the lenses are learned only if a falloff was measured. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
@@ -243,7 +245,7 @@ static spin_status choose_exposure(struct run *r)
     if (*choice == SPIN_EXPOSURE_ON)
         return SPIN_OK;
     *choice = (r->look.spread > least_spread && r->look.gains == SPIN_LOOK_SEEN) ||
-                      fabs(corner_of(r) - 1) > least_falloff
+                      fabs(corner_brightness(r) - 1) > least_falloff
                   ? SPIN_EXPOSURE_ON
                   : SPIN_EXPOSURE_OFF;
     for (int i = 0; i < lenses->n; i++)
@@ -251,36 +253,39 @@ static spin_status choose_exposure(struct run *r)
     return SPIN_OK;
 }
 
-static const char *why_not(enum spin_look_why why)
+static const char *rejection_text(enum spin_look_why why)
 {
     static const char *const text[] = {
         [SPIN_LOOK_SEEN] = "",
         [SPIN_LOOK_FEW] = "too few points are visible in three training cameras",
         [SPIN_LOOK_SAME_RADII] = "each point is about equally far from the centre in all images",
         [SPIN_LOOK_ODD] = "the measured falloff fits no lens",
-        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points do not confirm it",
+        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points do not confirm the measurement",
     };
 
     return text[why];
 }
 
-/* Describes what was measured, or why it is rejected. */
-static void describe_look(const struct run *r, bool on, char text[400])
+/* Describes the measured differences between cameras, or why the measurement is rejected. */
+static void describe_differences(const struct run *r, bool on, char text[400])
 {
     const struct spin_look *look = &r->look;
     bool refused = !on && look->spread > least_spread;
     char falloff[160];
 
-    if (corner_of(r) != 1)
+    if (corner_brightness(r) != 1)
         snprintf(falloff, sizeof falloff,
-                 "their images keep %.1f %% of the brightness in the corners", 100 * corner_of(r));
+                 "their images keep %.1f %% of the brightness in the corners",
+                 100 * corner_brightness(r));
     else
-        snprintf(falloff, sizeof falloff, "no falloff is measured (%s)", why_not(look->falloff));
+        snprintf(falloff, sizeof falloff, "no falloff is measured (%s)",
+                 rejection_text(look->falloff));
     snprintf(text, 400, "cameras differ in colour by %.1f %%%s%s%s, %s", 100 * look->spread,
-             refused ? " (" : "", refused ? why_not(look->gains) : "", refused ? ")" : "", falloff);
+             refused ? " (" : "", refused ? rejection_text(look->gains) : "", refused ? ")" : "",
+             falloff);
 }
 
-static void say_exposure(const struct run *r)
+static void log_exposure(const struct run *r)
 {
     bool on = r->plan.o->learn_exposure == SPIN_EXPOSURE_ON;
     char text[400];
@@ -289,13 +294,13 @@ static void say_exposure(const struct run *r)
         return;
     if (on && spin_rank() == 0)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
-    describe_look(r, on, text);
+    describe_differences(r, on, text);
     if (on && r->look.spread < 0)
         spin_log(0, "no point is visible in three training cameras to compare their colours: "
-                    "exposures and falloff start from none");
+                    "the learned exposures and falloff start from neutral values");
     else if (on)
         spin_log(0, "%s: learning an exposure for each camera%s", text,
-                 r->plan.lenses_stay ? "" : ", and the falloff of their lens");
+                 r->plan.lenses_stay ? "" : " and the falloff of the lenses");
     else if (r->look.spread < 0)
         spin_log(1, "no point is visible in three training cameras to compare their colours: no "
                     "exposure is learned");
@@ -303,8 +308,9 @@ static void say_exposure(const struct run *r)
         spin_log(r->look.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
 }
 
-/* Opens the inputs: images, exposure, backdrop, keys of refined frames, fingerprint. */
-static spin_status look_at_input(struct run *r)
+/* Opens the images and computes what the training derives from them: exposures, backdrop, keys of
+ * refined frames, and the fingerprint of all inputs. */
+static spin_status open_inputs(struct run *r)
 {
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
     SPIN_TRY(spin_photos_look(&r->photos, &r->plan));
@@ -317,7 +323,7 @@ static spin_status look_at_input(struct run *r)
 
 /* ---- The work -------------------------------------------------------------------------------- */
 
-static void say_plan(const struct run *r)
+static void log_plan(const struct run *r)
 {
     double outside = r->plan.report->outside_ball;
     char frames[48];
@@ -326,27 +332,29 @@ static void say_plan(const struct run *r)
              spin_text_count(r->plan.clip.n_frames, "frame", frames), r->plan.clip.n_mean,
              r->plan.n_train, r->plan.n_test, r->device.description);
     if (trains_4d(r))
-        spin_log(0, "%zu 4D splats, %zu of them the same in all frames", r->rows.n,
+        spin_log(0, "%zu 4D splats, of which %zu are the same in all frames", r->rows.n,
                  r->rows.n_whole);
     if (r->plan.o->method != SPIN_METHOD_NETWORK)
         return;
-    spin_log(0, "%.1f M parameters in the table, %.1f %% of the points outside the unit ball",
+    spin_log(0,
+             "the hash table has %.1f million parameters; %.1f %% of the points are outside the "
+             "unit ball",
              (double)r->plan.field.n_table / 1e6, 100 * outside);
     if (outside > 0.9)
         spin_warn("nearly all points are outside the unit ball: consider --scene-normalise auto");
 }
 
-static spin_status look_at_source(struct run *r)
+static spin_status measure_source(struct run *r)
 {
     struct spin_quality *q = &r->plan.report->before;
 
     SPIN_TRY(spin_test_views_measure_input(&r->plan, &r->photos, &r->device, q));
     if (q->valid)
-        spin_log(0, "before: test PSNR %.3f dB, SSIM %.4f", q->psnr, q->ssim);
+        spin_log(0, "before retraining: test PSNR %.3f dB, SSIM %.4f", q->psnr, q->ssim);
     return SPIN_OK;
 }
 
-/* Finds tracks; refined frames share no splats. */
+/* Finds tracks. Refined frames have none, since they share no splats. */
 static spin_status find_tracks(struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -355,7 +363,7 @@ static spin_status find_tracks(struct run *r)
     if (!p->o->tracks)
         return SPIN_OK;
     if (r->refinement.frame) {
-        spin_log(0, "refined frames share no splats: no tracks");
+        spin_log(0, "no tracks: refined frames share no splats");
         return SPIN_OK;
     }
     SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
@@ -364,7 +372,7 @@ static spin_status find_tracks(struct run *r)
         spin_log(0, "added a backdrop of %zu splats behind the surfaces of the scene",
                  t->n_backdrop);
     if (t->n == 0)
-        spin_log(0, "no splat matches one of another frame: no tracks%s",
+        spin_log(0, "no splat matches a splat of another frame: no tracks%s",
                  spin_plan_densifies(p) ? ", each frame is densified independently" : "");
     else
         spin_log(0, "%zu tracks, %zu dynamic%s, %zu with attributes per frame", t->n, t->n_moving,
@@ -404,7 +412,7 @@ static spin_status open_trainer(struct run *r, bool resume)
 }
 
 /* Initialises hash table and heads. */
-static spin_status begin_network(struct run *r)
+static spin_status init_network(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
     struct spin_trainer *t = &r->trainer;
@@ -447,8 +455,8 @@ static struct spin_output output_of(struct run *r)
                                 .code_paths = r->code_paths.all};
 }
 
-/* Updates the page of --watch. Failing to write it does not end the training. */
-static spin_status show_state(void *context)
+/* Updates the page of --watch. A failure to write the page does not end the training. */
+static spin_status update_watch(void *context)
 {
     struct run *r = context;
     struct spin_output output = output_of(r);
@@ -468,7 +476,7 @@ static spin_status train_network(struct run *r)
     struct spin_checkpoint *c = &r->checkpoint;
     struct spin_loop loop = spin_loop_of(&r->plan, &r->photos, &r->trainer, c, &r->step_log);
 
-    loop.looked = r->plan.o->watch ? show_state : NULL;
+    loop.looked = r->plan.o->watch ? update_watch : NULL;
     loop.context = r;
     c->path = r->plan.part;
     c->fingerprint = r->fingerprint;
@@ -480,10 +488,10 @@ static spin_status train_network(struct run *r)
                           : spin_frames_load(&r->frames, &r->plan, &r->refinement, &r->tracks,
                                              &r->trainer, !resume));
     c->permutation = r->frames.permutation;
-    SPIN_TRY(resume ? spin_checkpoint_load(c, &r->trainer) : begin_network(r));
+    SPIN_TRY(resume ? spin_checkpoint_load(c, &r->trainer) : init_network(r));
     c->sound = true;
-    say_plan(r);
-    SPIN_TRY(look_at_source(r));
+    log_plan(r);
+    SPIN_TRY(measure_source(r));
     if (spin_rank() == 0)
         remove(r->plan.clip_of_state); /* left by an earlier interrupt */
     c->saved_s = spin_now_s();
@@ -496,12 +504,12 @@ static spin_status train_network(struct run *r)
 }
 
 /* --method frames: the refined frames are the result. */
-static spin_status keep_frames(struct run *r)
+static spin_status use_refined_frames(struct run *r)
 {
     struct spin_retrain_report *report = r->plan.report;
 
-    say_plan(r);
-    SPIN_TRY(look_at_source(r));
+    log_plan(r);
+    SPIN_TRY(measure_source(r));
     report->test = report->refined;
     report->seconds = report->refine_seconds;
     return SPIN_OK;
@@ -512,7 +520,7 @@ static void warn_worse(const struct run *r)
     const struct spin_quality *before = &r->plan.report->before, *test = &r->plan.report->test;
 
     if (before->valid && test->valid && test->psnr < before->psnr)
-        spin_warn("the result is worse than the %s, test PSNR %.3f dB after %.3f dB: try %s",
+        spin_warn("the result is worse than the %s, test PSNR %.3f dB instead of %.3f dB: try %s",
                   trains_4d(r) ? "input clip" : "source", test->psnr, before->psnr,
                   trains_clip(r) && r->plan.o->method != SPIN_METHOD_NETWORK
                       ? "more --iterations, or --preset best"
@@ -520,7 +528,7 @@ static void warn_worse(const struct run *r)
                                    : "a larger --refine, or --refine-start source");
 }
 
-static spin_status run(struct run *r)
+static spin_status run_stages(struct run *r)
 {
     struct spin_plan *p = &r->plan;
     struct spin_output output = output_of(r);
@@ -531,16 +539,16 @@ static spin_status run(struct run *r)
         if (trains_clip(r))
             SPIN_TRY(spin_plan_check_memory(p));
     }
-    SPIN_TRY(trains_clip(r) ? train_network(r) : keep_frames(r));
+    SPIN_TRY(trains_clip(r) ? train_network(r) : use_refined_frames(r));
     spin_reserve_set(&r->checkpoint.reserve, NULL, 0);
     SPIN_TRY(spin_output_write(&output));
     warn_worse(r);
     return SPIN_OK;
 }
 
-/* Users who interrupt a training want to see the result so far: writes a clip beside the
- * checkpoint, where spin_bundle_open() finds it. */
-static void keep_clip(struct run *r)
+/* After an interrupt, writes the result so far as a clip beside the checkpoint, where
+ * spin_bundle_open() finds it, so that users can view it. */
+static void write_partial_clip(struct run *r)
 {
     struct spin_retrain_options o = *r->plan.o;
     struct spin_plan plan = r->plan;
@@ -551,17 +559,17 @@ static void keep_clip(struct run *r)
     plan.o = &o;
     output.plan = &plan;
     if (spin_output_write(&output) != SPIN_OK && spin_rank() == 0)
-        spin_warn("cannot write the clip of the checkpoint for viewing: %s", spin_last_error());
+        spin_warn("cannot write the result so far as a clip for viewing: %s", spin_last_error());
 }
 
-/* After a failure or an interrupt, saves the checkpoint for --resume and extends the error by where
- * it is kept. */
-static spin_status keep(struct run *r, spin_status failed)
+/* After a failure or an interrupt, saves the checkpoint for --resume and adds its path to the
+ * error. */
+static spin_status save_after_failure(struct run *r, spin_status failed)
 {
     struct spin_checkpoint *c = &r->checkpoint;
     const char *go_on = spin_options_continue(r->plan.o);
     bool shared = r->plan.o->cache && !r->plan.o->resume;
-    bool lost = false, said = c->failed; /* saving the checkpoint is what failed */
+    bool lost = false, said = c->failed; /* said: the failure was to save the checkpoint */
     char why[1024], kept[1024] = "";
 
     snprintf(why, sizeof why, "%s", spin_last_error());
@@ -572,7 +580,7 @@ static spin_status keep(struct run *r, spin_status failed)
         snprintf(kept, sizeof kept, "; %s", spin_last_error());
     if (failed == SPIN_E_CANCELLED && spin_ranks_agreed() && c->sound &&
         c->saved == r->trainer.iteration)
-        keep_clip(r);
+        write_partial_clip(r);
     if (c->saved >= 0)
         return spin_fail(failed, "%s%s; the checkpoint of iteration %lld is kept in '%s'%s%s", why,
                          kept, (long long)c->saved, r->plan.part, c->sound ? ": " : "",
@@ -583,7 +591,7 @@ static spin_status keep(struct run *r, spin_status failed)
     return spin_fail(failed, "%s%s", why, kept);
 }
 
-static spin_status begin(struct run *r, bool *done)
+static spin_status prepare_outputs(struct run *r, bool *done)
 {
     bool found[2] = {false, r->plan.o->resume && spin_path_exists(r->plan.part)};
     spin_status status = spin_rank() == 0 ? check_output(r, &found[0]) : SPIN_OK;
@@ -599,33 +607,33 @@ static spin_status begin(struct run *r, bool *done)
     return SPIN_OK;
 }
 
-static spin_status work(struct run *r)
+static spin_status run_training(struct run *r)
 {
     struct spin_plan *p = &r->plan;
     bool done = false;
     spin_status status;
 
-    /* rank 0 alone writes files: lock, log and checkpoint */
+    /* Only rank 0 writes files: lock, log and checkpoint. */
     SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? spin_output_lock_take(p->o->output, &r->lock)
                                                : SPIN_OK));
-    SPIN_TRY(look_at_input(r));
-    SPIN_TRY(begin(r, &done));
+    SPIN_TRY(open_inputs(r));
+    SPIN_TRY(prepare_outputs(r, &done));
     if (done) {
         spin_log(0, "'%s' is already finished", p->o->output);
         return SPIN_OK;
     }
-    say_recipe(p);
-    say_exposure(r);
-    status = run(r);
+    log_recipe(p);
+    log_exposure(r);
+    status = run_stages(r);
     if (status != SPIN_OK)
-        return keep(r, status);
+        return save_after_failure(r, status);
     p->report->bytes_peak = spin_memory_peak();
     if (spin_rank() == 0)
-        tidy_up(r);
+        delete_intermediate_files(r);
     return SPIN_OK;
 }
 
-/* The training is complete, but an incomplete log or preview is still an error. */
+/* Closes the log. An incomplete log or preview is an error even though the training is complete. */
 static spin_status close_log(struct run *r)
 {
     const char *output = r->plan.o->output, *incomplete = r->plan.report->incomplete;
@@ -668,9 +676,9 @@ spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain
     r.checkpoint.saved = -1;
     status = o->output ? spin_bundle_check_name(o->output) : SPIN_OK;
     if (status == SPIN_OK)
-        status = plan(&r, o, report);
+        status = make_plan(&r, o, report);
     if (status == SPIN_OK && !o->dry_run)
-        status = work(&r);
+        status = run_training(&r);
     if (status == SPIN_OK) {
         status = close_log(&r);
     } else {

@@ -3,6 +3,5 @@
 
 #include "spin.h"
 
-/* Rank 0 receives these columns into *splats from *splats of rank `from`; other ranks do nothing.
- */
+/* Copies these columns from *splats of rank `from` to *splats of rank 0. Other ranks do nothing. */
 spin_status spin_share_splats(struct spin_splats *splats, unsigned columns, int from);

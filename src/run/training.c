@@ -21,7 +21,8 @@ void spin_training_warn_background(const struct spin_bundle *bundle, enum spin_s
         differs |= spin_json_number(spin_json_at(taught, c), &value[c]) &&
                    fabs(value[c] - (double)background[c]) > 1e-6;
     if (differs)
-        spin_warn("trained over a different background: --background %g,%g,%g %s over that one",
+        spin_warn("the splats were trained over a different background: --background %g,%g,%g %s "
+                  "over the same one",
                   value[0], value[1], value[2], what);
 }
 
@@ -34,7 +35,8 @@ void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_
         spin_json_get(spin_json_get(spin_training_of(bundle, from), "options"), "image_scale"),
         &taught);
     if (taught != image_scale)
-        spin_warn("trained on images of a different size: --scale %g measures at that size",
+        spin_warn("the splats were trained on images of a different size: --scale %g measures at "
+                  "the same size",
                   taught);
 }
 

@@ -1,4 +1,4 @@
-/* The training record in meta.json, and warnings about differences from it. */
+/* The record of a training in meta.json, and warnings if options differ from that training. */
 #pragma once
 
 #include "scene/clip.h"

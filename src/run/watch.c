@@ -1,4 +1,4 @@
-/* The page of --watch, which loads now.js as a script every few seconds: this works without a
+/* The page of --watch. It loads now.js as a script every few seconds, which works without a
  * server. */
 #include "run/watch.h"
 
@@ -76,10 +76,10 @@ static spin_status add_curves(const char *log, spin_json *now)
     SPIN_TRY(spin_train_log_read(log, LOSS_POINTS, &history));
     to = spin_text_open(&text, &n);
     if (!to)
-        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves of the page");
     draw_curves(&history, to);
     if (fclose(to) != 0)
-        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the curves of the page");
     spin_json_set_string(now, "curves", text);
     spin_json_set_number(now, "seconds", history.total_seconds);
     return SPIN_OK;

@@ -592,11 +592,11 @@ def check_said(name, told, j, lines, sizes):
     n = j["splats_mean"] if j["refine"] else np.mean(sizes)
     ok(line(r"%s, %.0f splats a frame, 30 training and 10 test views, %s" % (
         some(j["frames"], "frame"), n, re.escape(j["device"]))) is not None, "%s: says what it works on" % name, told)
-    ok(line(r"before: test PSNR %.3f dB, SSIM %.4f" % (j["before"]["psnr"], j["before"]["ssim"])) is not None,
+    ok(line(r"before retraining: test PSNR %.3f dB, SSIM %.4f" % (j["before"]["psnr"], j["before"]["ssim"])) is not None,
        "%s: says how good the source is" % name, told)
     if j["method"] == "network":
         table = meta_of(path(name))["trained"]["field"]
-        ok(line(r"%.1f M parameters in the table, %.1f %% of the points outside the unit ball" % (
+        ok(line(r"the hash table has %.1f million parameters; %.1f %% of the points are outside the unit ball" % (
             table["offset"][table["levels"]] * table["features"] / 1e6, 100 * j["outside_ball"])) is not None,
            "%s: says how large the table is" % name, told)
     tracks = meta_of(path(name)).get("trained", {}).get("tracks")

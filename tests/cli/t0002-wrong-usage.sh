@@ -94,9 +94,9 @@ misnamed() {
 }
 run "$bin/spin-import" -q "$clip" --data "$clip" --range 0:1 -o "$work/One.SPIN"
 is "$code" 0 "*.SPIN is a bundle"
-misnamed "named \*.spin; convert it with spin-export to .ply" "spin-import $clip -o $work/new.ply"
-misnamed "named \*.spin; convert it with spin-export to a folder with --to images" "spin-import $clip -o $work/new.png"
-misnamed "named \*.spin; convert it with spin-export to .HTML" "spin-retrain $work/One.SPIN -o $work/new.HTML"
+misnamed "named \*.spin; to write .ply, use spin-export" "spin-import $clip -o $work/new.ply"
+misnamed "named \*.spin; to write a folder with --to images, use spin-export" "spin-import $clip -o $work/new.png"
+misnamed "named \*.spin; to write .HTML, use spin-export" "spin-retrain $work/One.SPIN -o $work/new.HTML"
 misnamed "a browser prints the page as PDF" "spin-eval $work/One.SPIN --report $work/new.pdf"
 misnamed "a browser prints the page as PDF" "spin-eval $work/One.SPIN $work/One.SPIN --report $work/new.pdf"
 misnamed "is that of exporter 'html', but --to is 'ply'" "spin-export $work/One.SPIN --to ply -o $work/new.html"

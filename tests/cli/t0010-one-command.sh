@@ -103,7 +103,7 @@ run "$bin/spin4d" run -o rows.sogst --iterations 40 --preset paper
 fails 2 spin4d "4D splats by the paper's network"
 run "$bin/spin4d" run -o rows.sogst --iterations 40
 is "$code $(echo $(ls -d rows.*))" "0 rows.sogst rows.spin rows.tracks.spin" "a run becomes 4D splats"
-err_has "'sogst' stores 4D splats: training them from these frames" "which are trained from frames"
+err_has "'sogst' stores 4D splats: training 4D splats from the frames" "which are trained from frames"
 out_has "^as 4D splats: [0-9.]* dB" "and says how good they are"
 "$bin/spin-import" --info rows.spin --json | grep -q antialias.*true
 is $? 1 "they are drawn without antialiasing"

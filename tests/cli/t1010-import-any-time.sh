@@ -25,7 +25,7 @@ run "$bin/spin-import" "$run_in" -o "$work/any.spin" --json
 is "$code $(member frames)" "0 61" "4D splats are kept for any time, and frames are shown"
 out_has "the run does not store its number of frames" "of which a note says that their number is a guess"
 run "$bin/spin-import" "$run_in" -o "$work/sampled.spin" --frames 61 --json
-out_has "the 4D splats themselves are not stored" "with --frames they are sampled, and a note says so"
+out_has "stores the sampled frames instead of the 4D splats" "with --frames they are sampled, and a note says so"
 for kept in any sampled; do
     "$bin/spin-export" "$work/$kept.spin" --to ply -o "$work/$kept" -q
 done
@@ -141,7 +141,7 @@ if [ -d "$mini" ]; then
     run "$bin/spin-import" "$fixtures/rotor4dgs/old_names" --time-range 0,1 --from rotor4dgs \
         --data "$mini" -o "$work/mini.spin" --json
     is "$code" 0 "a data set without times"
-    out_has "times: spread over the times 0 to 1" "is spread over the range"
+    out_has "evenly spaced over the times 0 to 1" "is spread over the range"
 fi
 
 run "$bin/spin-import" "$run_in" --from realtime4dgs --convention wrong -o "$work/bad.spin" --frames 2

@@ -18,7 +18,7 @@ fi
 run "$bin/spin-import" "$model" --data "$clip" -o "$work/auto.spin" --json
 is "$code" 0 "4dgaussian with a data set that counts its frames"
 times_are "0,0.83333[0-9]*" "takes i/n, as its own reader does"
-out_has "i/n (see --frame-times)" "and a note says so"
+out_has "i/n of the range (see --frame-times)" "and a note says so"
 run "$bin/spin-import" "$model" --data "$clip" --frame-times unit -o "$work/unit.spin" --json
 times_are "0,1" "unit: i/(n-1)"
 run "$bin/spin-import" "$model" --data "$clip" --frame-times count -o "$work/count.spin" --json
@@ -59,8 +59,8 @@ times_are "0,5" "samples at 0 to 5"
 mini=fixtures/datasets/blender_mini
 run "$bin/spin-import" "$run_in" --data "$mini" -o "$work/ex2.spin" --json
 times_are "0,6" "so it does where the data set's seven times are 0 to 1"
-out_has "not at their own (see --frame-times data)" "and a note says so"
-out_has "are 0 to 6 but the method's 0 to 29" "and that these are not all 30 frames"
+out_has "instead of their own (to keep their own, give --frame-times data)" "and a note says so"
+out_has "are 0 to 6, but those of the method are 0 to 29" "and that these are not all 30 frames"
 run "$bin/spin-import" "$run_in" --data "$mini" --frame-times data -o "$work/ex3.spin" --json
 times_are "0,1" "data: its own times, if asked for"
 run "$bin/spin-import" "$run_in" --data "$mini" --frame-times unit -o "$work/ex4.spin" --json
@@ -73,10 +73,10 @@ cp -R fixtures/deformable3dgs/real_small/model/. "$motion"
 echo "Namespace(is_6dof=False, use_depth_and_flow=True, scene_format='plenopticVideo')" >"$motion/cfg_args"
 run "$bin/spin-import" "$motion" --data fixtures/datasets/dynerf_mini -o "$work/motion.spin" --json
 is "$code" 0 "MotionGS in seconds, a data set of times below 1"
-out_has "check that both use the same unit" "is doubted"
+out_has "check that their units agree" "is doubted"
 run "$bin/spin-import" "$motion" --data fixtures/datasets/dynerf_mini --data-from dynerf:time=0.6 \
     -o "$work/motion2.spin" --json
-grep -q "both use" "$work/out"
+grep -q "units agree" "$work/out"
 is $? 1 "and is not where the data set's times are the method's"
 
 run "$bin/spin-import" "$model" --frames 3 --frame-times unit -o "$work/none.spin"

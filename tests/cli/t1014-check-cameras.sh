@@ -39,7 +39,7 @@ s/$z/-0.769752713, -0.545526135, -0.331484535, -3.540686501/g"
 run "$bin/spin-import" --check-cameras "$work/seen" --data "$work/turned" "$clip"
 is "$code" 0 "one camera that looks the other way"
 is "$(wc -l <"$work/err")" 1 "is one warning"
-err_has "^warning: camera 12 has [0-9] % of the points in front and 0 % inside its image in frame 0, but the median of all views is 9[0-9] % and 6[0-9] %: check its pose" \
+err_has "^warning: camera 12 has [0-9] % of the points in front and 0 % inside its image in frame 0, but the median of all views is 9[0-9] % and 6[0-9] %: check the pose of this camera" \
     "that names it"
 of_camera 12 | grep -q 'far fewer'
 ok $? "its line says so"

@@ -87,7 +87,7 @@ is "$(tr -d ' \n' <"$work/out" | sed 's/.*"bytes":{"file":\([0-9]*\),"source":\(
 run "$bin/spin-retrain" "$work/moved.spin" -o "$work/tracks.spin" --device cpu --iterations 6 \
     --scale 0.25 --force
 is "$code" 0 "is retrained without a network"
-grep -q "in the table" "$work/err"
+grep -q "the hash table has" "$work/err"
 is $? 1 "of which nothing is said then"
 run "$bin/spin-import" --info "$work/tracks.spin"
 out_has "^trained .*, 6 iterations on cpu, no network$" "nor here"

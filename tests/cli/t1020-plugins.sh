@@ -150,7 +150,7 @@ SPIN_PLUGIN_PATH=$work/broken/twice.so run "$bin/spin-import" "$work/two.csv" -o
 fails 1 spin-import "numbers twice"
 err_has "two frames have the number 0" "numbers twice: says which"
 breaks degree 's/sh_degree = 0;/sh_degree = 4;/' "provides SH of degree 4"
-breaks change 's/sh_degree = 0;/sh_degree = 1;/' "provides SH of degree 0 in frame 0, but 1 before"
+breaks change 's/sh_degree = 0;/sh_degree = 1;/' "provides SH of degree 0 in frame 0, but declared degree 1"
 breaks hollow 's/SPIN_TRY(spin_splats_reserve(.*/out->n = 3; return SPIN_OK;/' "provides no means in frame 0"
 
 variant clash 's/"points-csv"/"ply"/'

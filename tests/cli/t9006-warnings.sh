@@ -286,7 +286,7 @@ and that --data is the data set of this run"
 over less
 warns "cameras that see few of them"
 over apart
-apart=$(figure '"camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame %d, but the median of all views is %.0f %% and %.0f %%: check its pose" % next(
+apart=$(figure '"camera %d has %.0f %% of the points in front and %.0f %% inside its image in frame %d, but the median of all views is %.0f %% and %.0f %%: check the pose of this camera" % next(
     (c["camera"], 100 * c["least_in_front"], 100 * c["least_inside"], c["frame"], 100 * j["shares"]["in_front"],
      100 * j["shares"]["inside"]) for c in j["shares"]["cameras"] if c["apart"])')
 warns "one camera apart" "$apart"
@@ -298,7 +298,7 @@ in=$work/in.spin
 run "$bin/spin-import" "$clip" --data "$work/data" -o "$in"
 warns "an import"
 retrain() { run "$bin/spin-retrain" "$in" -o "$work/out.spin" --device cpu --scale 0.25 --force --json "$@"; }
-worse() { figure '"the result is worse than the source, test PSNR %.3f dB after %.3f dB: try " % (j["test"]["psnr"], j["before"]["psnr"])'; }
+worse() { figure '"the result is worse than the source, test PSNR %.3f dB instead of %.3f dB: try " % (j["test"]["psnr"], j["before"]["psnr"])'; }
 retrain --iterations 3 --backdrop off
 warns "tracks that are worse" "$(worse)more --iterations, or --preset best"
 small='--levels 2 --hash-log2 8 --hidden 16 --finest-resolution 16'

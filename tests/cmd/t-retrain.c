@@ -643,7 +643,7 @@ static void test_auto_exposure(void)
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s --test-cams "
              "0,3,12,15,19,23 --learn-exposure on",
              bin, folder, folder, folder, one) == 0 &&
-           strstr(said, "exposures and falloff start from none") && !strstr(said, "cameras differ"),
+           strstr(said, "exposures and falloff start from neutral values") && !strstr(said, "cameras differ"),
        "and learn all the same when that is asked for: %s", said);
     ok(shell("%s/spin-eval %s/tinted.spin --data %s/tinted --device cpu --threads 1", bin, folder,
              folder) == 0 &&
@@ -715,7 +715,7 @@ static void test_falloff(void)
              folder, folder) == 0 &&
            !strstr(said, "another lens"),
        "and those of full size in scaled pictures");
-    ok(strstr(said, "images of a different size: --scale 1 measures at that size") != NULL,
+    ok(strstr(said, "images of a different size: --scale 1 measures at the same size") != NULL,
        "which the training has not seen, as is said");
     ok(!strstr(said, "exposure was learned"), "of test cameras no exposure was learned");
     ok(shell("%s/spin-eval %s/lens.spin --data %s/lens --device cpu --threads 1 --split all", bin,

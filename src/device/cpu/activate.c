@@ -9,13 +9,13 @@
 enum { CHUNK = 1024, BLOCK = 32 };
 
 struct job {
-    size_t n, width; /* of a row of attributes */
+    size_t n, width; /* width: floats in a row of attributes */
     const uint32_t *rows;
     const float *raw, *d_attr, *d_pos_w;
     float *out;
     uint32_t first_row; /* first row of the frame */
-    uint32_t *found;    /* [n], each chunk writes at its first row */
-    uint32_t *count;    /* [chunks] rows found */
+    uint32_t *found;    /* [n] active rows; each chunk writes from the index of its first row on */
+    uint32_t *count;    /* [chunks] number of active rows of each chunk */
 };
 
 static inline void copy_sh(size_t width, const float *from, float *to)
@@ -31,7 +31,7 @@ struct block {
     float scale[3][BLOCK], rotation[4][BLOCK], opacity[BLOCK];
 };
 
-static inline void block_put(struct block *b, int i, const float *row, size_t width)
+static inline void block_load_row(struct block *b, int i, const float *row, size_t width)
 {
     for (int k = 0; k < 3; k++)
         b->scale[k][i] = row[SPIN_ATTR_SCALE + k];
@@ -40,7 +40,7 @@ static inline void block_put(struct block *b, int i, const float *row, size_t wi
     b->opacity[i] = row[width - 1];
 }
 
-static inline void block_take(const struct block *b, int i, float *row, size_t width)
+static inline void block_store_row(const struct block *b, int i, float *row, size_t width)
 {
     for (int k = 0; k < 3; k++)
         row[SPIN_ATTR_SCALE + k] = b->scale[k][i];
@@ -76,10 +76,10 @@ static void activate_task(void *context, size_t first, size_t end)
         float *attr = job->out + first * job->width;
 
         for (int i = 0; i < n; i++)
-            block_put(&h, i, raw + (size_t)i * job->width, job->width);
+            block_load_row(&h, i, raw + (size_t)i * job->width, job->width);
         block_activate(&h, &a);
         for (int i = 0; i < n; i++) {
-            block_take(&a, i, attr + (size_t)i * job->width, job->width);
+            block_store_row(&a, i, attr + (size_t)i * job->width, job->width);
             copy_sh(job->width, raw + (size_t)i * job->width, attr + (size_t)i * job->width);
         }
     }
@@ -123,13 +123,13 @@ static void activate_back_task(void *context, size_t first, size_t end)
         for (int i = 0; i < n; i++) {
             size_t row = job->rows[first + (size_t)i];
 
-            block_put(&h, i, job->raw + row * job->width, job->width);
-            block_put(&g, i, job->d_attr + row * job->width, job->width);
+            block_load_row(&h, i, job->raw + row * job->width, job->width);
+            block_load_row(&g, i, job->d_attr + row * job->width, job->width);
             copy_sh(job->width, job->d_attr + row * job->width, d_raw + (size_t)i * job->width);
         }
         block_activate_back(&h, &g, &d_h);
         for (int i = 0; i < n; i++)
-            block_take(&d_h, i, d_raw + (size_t)i * job->width, job->width);
+            block_store_row(&d_h, i, d_raw + (size_t)i * job->width, job->width);
     }
 }
 
@@ -170,7 +170,8 @@ static void active_task(void *context, size_t first, size_t end)
     job->count[first / CHUNK] = n;
 }
 
-/* Each chunk lists its own rows, then the lists are joined in order. Returns the number of rows. */
+/* Lists the active rows of a frame: each chunk lists its own rows, then the lists are joined in
+ * order. Returns the number of rows. */
 static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
                             size_t width, const float *d_attr, uint32_t *rows)
 {

@@ -58,7 +58,8 @@ struct finite {
     uint32_t *count;
 };
 
-/* Testing the exponent bits alone is a loop that compilers vectorise. */
+/* Counts the values whose exponent bits are all 1: those that are NaN or infinite. Compilers
+ * vectorise this test. */
 static void finite_task(void *context, size_t first, size_t end)
 {
     const struct finite *job = context;

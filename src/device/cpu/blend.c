@@ -2,10 +2,10 @@
  * formulas are those of math/blend.h, rewritten for a vector of pixels of a row at a time;
  * tests/device/t-blend.c compares the two.
  *
- * The pairs of a tile are prepared in batches. A splat visits only the rows, and on SIMD paths with
- * short vectors only the columns, that its alpha can reach. Backward, each (splat, tile) pair
- * writes its sums to its own slot, and the slots of a splat are added in order: no atomics, and the
- * same bits for any number of threads. */
+ * The pairs of a tile are prepared in batches. A splat is only blended in the rows that its alpha
+ * can reach and, on SIMD paths with short vectors, only in the columns that it can reach. Backward,
+ * each (splat, tile) pair writes its sums to its own slot, and the slots of a splat are added in
+ * order. This needs no atomics and gives the same bits for any number of threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -55,11 +55,12 @@ static struct place place_of(const struct spin_camera_f32 *cam, int tile)
 }
 
 /* A batch of the tile's pairs, prepared for blending: offsets from the tile's first pixel,
- * coefficients of the exponent, the vectors of a row that alpha can reach, and what rows_set()
- * needs to find the rows. Arrays, so that the compiler vectorises the loop that fills them. */
+ * coefficients of the exponent, the range of vectors in a row that alpha can reach, and the values
+ * from which rows_set() finds the rows. A structure of arrays, so that the compiler vectorises the
+ * loop that fills it. */
 struct ready {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH], colour[3][BATCH];
-    float peak[BATCH];  /* dx / dy at which the exponent is largest in a row */
+    float peak[BATCH];  /* dx / dy at the largest exponent of a row */
     float least[BATCH]; /* threshold of the exponent without the opacity: pixels below it do not
                          * contribute */
     int32_t vec0[BATCH], vec1[BATCH];
@@ -68,10 +69,11 @@ struct ready {
 /* v truncated and clamped to 0..n */
 SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf(v, 0), n); }
 
-/* `reach` is padded by 0.01, so adding 0.999 rounds up. `least` has a margin for the rounding
- * errors of the exponent's terms anywhere in the tile; for degenerate coefficients it is so low
- * that no pixel is skipped. */
-static void reach_of(struct ready *r)
+/* Computes vec0, vec1, peak and least, and scales a, b, c and the opacity for the exponent. The
+ * reach of spin_blend_reach() is padded by 0.01, so adding 0.999 rounds up. `least` has a margin
+ * for the rounding errors of the exponent's terms anywhere in the tile; for degenerate coefficients
+ * it is so low that no pixel is skipped. */
+static void compute_reach(struct ready *r)
 {
     for (int i = 0; i < BATCH; i++) {
         float reach_x, reach_y, a, b, c, x, y, terms;
@@ -91,10 +93,10 @@ static void reach_of(struct ready *r)
     }
 }
 
-/* Prefetches the n_next splats of `next`, the batch that will be prepared after this one. */
-static void make_ready(const struct spin_splat2d *splat2d, const struct place *p,
-                       const uint32_t *intersections, uint32_t n, const uint32_t *next,
-                       uint32_t n_next, struct ready *r)
+/* Prepares a batch of n pairs, and prefetches the n_next splats of the batch after it, `next`. */
+static void prepare_batch(const struct spin_splat2d *splat2d, const struct place *p,
+                          const uint32_t *intersections, uint32_t n, const uint32_t *next,
+                          uint32_t n_next, struct ready *r)
 {
     for (uint32_t i = 0; i < n_next; i++)
         __builtin_prefetch(splat2d + next[i]);
@@ -109,7 +111,7 @@ static void make_ready(const struct spin_splat2d *splat2d, const struct place *p
         for (int c = 0; c < 3; c++)
             r->colour[c][i] = s->colour[c];
     }
-    reach_of(r);
+    compute_reach(r);
 }
 
 static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
@@ -124,13 +126,16 @@ static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
     return s;
 }
 
-/* Terms of the exponent for every row of the tile: the distance dy, and the term without dx. Kept
- * in memory because a load that broadcasts one float costs no more than a plain load. */
+/* Terms of the exponent for every row of the tile: the distance dy, and c, the term without dx.
+ * They are kept in memory because a load that broadcasts one float costs no more than a plain
+ * load. */
 struct rows {
     float dy[SIDE], c[SIDE];
-    int begin, end; /* rows with a pixel that may contribute; an ellipse leaves no gap */
+    int begin, end; /* range of rows with a pixel to which the splat may contribute */
 };
 
+/* Computes the terms and the range of rows of splat i. An ellipse covers consecutive rows, so the
+ * range has no gaps. */
 SPIN_FN void rows_set(struct rows *rows, const struct ready *r, uint32_t i, int height)
 {
     spin_lanes lowest = spin_lanes_all(r->u[i] - (SIDE - 1)), highest = spin_lanes_all(r->u[i]);
@@ -153,14 +158,16 @@ SPIN_FN void rows_set(struct rows *rows, const struct ready *r, uint32_t i, int 
 
 /* ---- Forward --------------------------------------------------------------------------------- */
 
+/* The pixels of a tile: transmittance, colour, and `used`, the last contributor. A pixel is live
+ * until it is opaque. */
 struct front {
     __attribute__((aligned(64))) float t[SIDE * SIDE], colour[3][SIDE * SIDE];
     int32_t used[SIDE * SIDE];
     spin_mask live[SIDE * VECS];
-    int n_live; /* vectors with a pixel that is not yet opaque */
+    int n_live; /* number of vectors with a live pixel */
 };
 
-/* Prefetches the output pixels of the tile while they are computed. */
+/* Prefetches the tile's pixels in the output arrays, which are written at the end. */
 static void fetch_pixels(const struct job *job, const struct place *p)
 {
     size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
@@ -271,7 +278,7 @@ static void front_end(const struct job *job, const struct front *f, const struct
     for (int y = 0; y < p->height; y++) {
         size_t at = (size_t)(p->y0 + y) * (size_t)job->cam->width + (size_t)p->x0;
 
-        if (p->width == SIDE) /* constant width, so that the loops are unrolled */
+        if (p->width == SIDE) /* a constant width lets the compiler unroll the loops */
             row_out(job, f, plane, SIDE, y * SIDE, at);
         else
             row_out(job, f, plane, p->width, y * SIDE, at);
@@ -291,8 +298,8 @@ static void blend_task(void *context, int tile)
     front_begin(&f, &p);
     for (uint32_t first = 0; first < n && f.n_live; first += BATCH) {
         uint32_t count = n - first < BATCH ? n - first : BATCH, left = n - first - count;
-        make_ready(job->splat2d, &p, intersections + first, count, intersections + first + count,
-                   left < BATCH ? left : BATCH, &ready);
+        prepare_batch(job->splat2d, &p, intersections + first, count, intersections + first + count,
+                      left < BATCH ? left : BATCH, &ready);
         for (uint32_t i = 0; i < count && f.n_live; i++)
             front_splat(&f, &ready, i, p.height, (int32_t)(first + i));
     }
@@ -378,16 +385,17 @@ void SPIN_CPU(depth)(struct spin_device *d, const struct spin_view_batch *views,
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
+/* The pixels of a tile while its splats are visited from back to front. */
 struct back {
-    float t[SIDE * SIDE]; /* transmittance behind the splat, then in front of it */
-    float s[SIDE * SIDE]; /* sum of weight * (colour . g) over everything behind the splat */
-    float g[3][SIDE * SIDE];
-    float used[SIDE * SIDE];       /* as floats: exact below 2^24 */
-    int32_t vec_used[SIDE * VECS]; /* largest value of each vector */
-    int32_t most;                  /* largest value of the tile */
+    float t[SIDE * SIDE];          /* transmittance behind the splat, then in front of it */
+    float s[SIDE * SIDE];          /* sum of weight * (colour . g) over all that is behind it */
+    float g[3][SIDE * SIDE];       /* gradient of the image */
+    float used[SIDE * SIDE];       /* last contributor, as a float: exact below 2^24 */
+    int32_t vec_used[SIDE * VECS]; /* largest `used` of each vector */
+    int32_t most;                  /* largest `used` of the tile */
 };
 
-/* Reads a row of the input gradients into the tile. */
+/* Reads one row of the tile from the input arrays. */
 SPIN_FN void row_in(const struct job *job, struct back *b, size_t plane, int width, int i,
                     size_t at)
 {
@@ -432,8 +440,8 @@ static void back_begin(const struct job *job, struct back *b, const struct place
         b->most = b->vec_used[k] > b->most ? b->vec_used[k] : b->most;
 }
 
-/* Sums of one splat over the rows. The sums with a factor dx follow from these, since dx is the
- * same in all rows. */
+/* Sums of one splat over the rows, for a vector of columns. The sums with a factor dx follow from
+ * these sums, since dx is the same in all rows. */
 struct sums {
     spin_lanes colour[3], e, ey, eyy;
 };
@@ -542,8 +550,8 @@ static void back_task(void *context, int tile)
     while (end > 0) {
         uint32_t first = (end - 1) / BATCH * BATCH, n_batch = end - first;
         struct spin_blend_sums *slot[BATCH];
-        make_ready(job->splat2d, &p, intersections + first, n_batch,
-                   intersections + first - (first ? BATCH : 0), first ? BATCH : 0, &ready);
+        prepare_batch(job->splat2d, &p, intersections + first, n_batch,
+                      intersections + first - (first ? BATCH : 0), first ? BATCH : 0, &ready);
         for (uint32_t i = 0; i < n_batch; i++) {
             slot[i] = slot_of(job, &p, intersections[first + i]);
             __builtin_prefetch(slot[i], 1);

@@ -7,7 +7,7 @@ enum { CHUNK = 4096 };
 
 struct job {
     const struct spin_scene_transform *transform;
-    size_t n, first_row; /* first_row: of the frame */
+    size_t n, first_row; /* first_row: first row of the frame */
     const uint32_t *rows;
     const float *pos_w, *d_x_u;
     float t, *x_u, *d_pos_w;

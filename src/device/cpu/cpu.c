@@ -1,5 +1,5 @@
-/* The CPU device: memory, and the table of its verbs. Verbs run synchronously. A batch of one frame
- * and one view fits its caches best. */
+/* The CPU device: memory, and the table of verbs. Verbs run synchronously. A batch of one frame and
+ * one view makes the best use of the caches. */
 #include "device/cpu/cpu.h"
 
 #include "base/base.h"
@@ -75,7 +75,7 @@ static spin_status wait(struct spin_device *d)
         return SPIN_OK;
     cpu->failed = SPIN_OK;
     spin_fail(status, "%s", cpu->why);
-    return spin_fail_context(status, "scratch memory of an operation");
+    return spin_fail_context(status, "cannot reserve the scratch memory of an operation");
 }
 
 static spin_status download(struct spin_device *d, void *host, const void *from, size_t bytes)

@@ -1,6 +1,7 @@
-/* Internals of the CPU device. Every file of this folder is compiled once per SIMD path with the
- * matching compiler flags (SPIN_CPU_PATH = base, v3, v4 on x86-64; elsewhere only base, which is
- * NEON on Arm); device.c selects one at run time. SPIN_CPU(name) is the name for this path. */
+/* Internals of the CPU device. Every file of this folder is compiled once for each SIMD path, with
+ * matching compiler flags, and device.c selects a path at run time. SPIN_CPU_PATH is the path:
+ * base, v3 or v4 on x86-64, elsewhere only base, which uses NEON on Arm. SPIN_CPU(name) makes names
+ * unique by adding the path. */
 #pragma once
 
 #include "base/log.h"
@@ -28,13 +29,14 @@ enum spin_cpu_scratch {
 struct spin_cpu {
     struct spin_pool *pool;
     struct spin_scratch scratch[SPIN_SCRATCHES];
-    double seconds[SPIN_N_OPS]; /* since the last clock() */
-    spin_status failed;         /* error that the next wait() reports, once */
-    char why[256];
+    double seconds[SPIN_N_OPS]; /* time of each operation since its last clock() */
+    spin_status failed;         /* error that the next wait() reports and clears */
+    char why[256];              /* text of this error */
 };
 
-/* Scratch of at least `bytes`, 64-byte aligned, contents undefined. NULL if out of memory: the verb
- * then leaves its results unchanged, and the next wait() or download() reports the error. */
+/* Returns a scratch buffer of at least `bytes`, 64-byte aligned, with undefined contents; NULL if
+ * out of memory: the calling verb then leaves its results unchanged, and the next wait() or
+ * download() reports the error. */
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes);
 #define spin_cpu_scratch_need SPIN_CPU(scratch_need)
 
@@ -43,7 +45,7 @@ static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
     return ((struct spin_cpu *)d->state)->pool;
 }
 
-/* Accounts the time from here to the end of the block to the operation. */
+/* Adds the time from here to the end of the block to the operation's time. */
 struct spin_cpu_clock {
     struct spin_device *d;
     int op;
@@ -53,7 +55,7 @@ static inline void spin_cpu_stop(struct spin_cpu_clock *c)
 {
     ((struct spin_cpu *)c->d->state)->seconds[c->op] += spin_now_s() - c->start_s;
 }
-/* unused: Clang would warn that the variable is never read. */
+/* The attribute `unused` prevents a warning of Clang, as the variable is never read. */
 #define SPIN_CPU_CLOCK(d, op)                                                                      \
     __attribute__((unused))                                                                        \
     SPIN_LEAVES(spin_cpu_stop) struct spin_cpu_clock clock_of_verb = {d, op, spin_now_s()}
@@ -64,7 +66,8 @@ static inline float *spin_cpu_picture(const struct spin_view_batch *views, int v
     return pictures ? pictures + (size_t)view * 3 * views->max_pixels : NULL;
 }
 
-/* Finds the active rows of one frame: [first, first + returned) of the list. */
+/* Finds the active rows of one frame. They are a range of the list: *first is its begin, the
+ * returned value its length. */
 size_t SPIN_CPU(active_of)(const struct spin_active *active,
                            const struct spin_frame_of_batch *frame, size_t *first);
 

@@ -1,6 +1,7 @@
-/* Treat denormal numbers as zero between these two calls. Adam's moments of entries without
- * gradient decay into denormals and stay there (0.9 times the smallest one rounds back to it), and
- * arithmetic on denormals is a hundred times slower. Without SSE the calls do nothing. */
+/* Between these two calls denormal numbers are treated as zero. Adam's moments of parameters
+ * without a gradient decay to denormal numbers and stay there, since 0.9 times the smallest
+ * denormal is rounded back to it. Arithmetic on denormals is a hundred times slower. Without SSE
+ * the calls do nothing. */
 #pragma once
 
 #if defined(__SSE__)

@@ -1,5 +1,5 @@
-/* Applies a camera's gain and offset and its lens's falloff to an image, and the gradient back.
- * Sums are accumulated chunk by chunk in double. */
+/* Applies the gain and offset of a camera and the falloff of its lens to an image, and propagates
+ * gradients back. Sums are accumulated chunk by chunk in double. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"
@@ -8,7 +8,7 @@
 enum { ROWS = 8, SUMS = 4 }; /* a chunk has ROWS rows of one channel */
 
 struct job {
-    int width, height, n_chunks; /* chunks per channel */
+    int width, height, n_chunks; /* n_chunks: chunks per channel */
     float cx, cy;
     const float *exposure, *lens, *image;
     float *out;   /* the image with exposure applied, or d_image in place */
@@ -36,7 +36,7 @@ static struct part part_of(const struct job *j, int task)
                          .c2 = j->lens[3 + channel]};
 }
 
-static void forward(void *context, int task)
+static void forward_task(void *context, int task)
 {
     const struct job *j = context;
     struct part p = part_of(j, task);
@@ -54,7 +54,7 @@ static void forward(void *context, int task)
     }
 }
 
-static void backward(void *context, int task)
+static void backward_task(void *context, int task)
 {
     const struct job *j = context;
     struct part p = part_of(j, task);
@@ -106,7 +106,7 @@ void SPIN_CPU(exposure)(struct spin_device *d, const struct spin_view_batch *vie
     for (int k = 0; k < views->n_views; k++) {
         struct job j = job_of(views, k, exposure, image, out);
 
-        spin_pool_run(spin_cpu_pool(d), 3 * j.n_chunks, forward, &j);
+        spin_pool_run(spin_cpu_pool(d), 3 * j.n_chunks, forward_task, &j);
     }
 }
 
@@ -139,7 +139,7 @@ void SPIN_CPU(exposure_back)(struct spin_device *d, const struct spin_view_batch
                                        3 * (size_t)j.n_chunks * SUMS * sizeof(double));
         if (!j.sums)
             return;
-        spin_pool_run(spin_cpu_pool(d), 3 * j.n_chunks, backward, &j);
+        spin_pool_run(spin_cpu_pool(d), 3 * j.n_chunks, backward_task, &j);
         add_sums(&j, d_exposure + (size_t)view->exposure * SPIN_EXPOSURE,
                  d_exposure + (size_t)view->lens * SPIN_EXPOSURE);
     }

@@ -1,15 +1,15 @@
 /* The 4-D hash grid on the CPU, forward and backward.
  *
  * Points are processed in blocks of 64. For one level, the rows and weights of all corners of a
- * block are computed first, in loops over points that vectorise; then every corner is one short
- * vector of the table. Meanwhile the table rows of the next level or block are prefetched: most of
- * the encoder's time is memory latency. Compiled with -ffp-contract=off, so that every SIMD path
- * gives the same bits.
+ * block are computed first, in loops over points that the compiler vectorises. Then the features of
+ * each corner are read from the table as one short vector. Meanwhile the table rows of the next
+ * level or block are prefetched, since most of the encoder's time is memory latency. Compiled with
+ * -ffp-contract=off, so that every SIMD path gives the same bits.
  *
- * Backward: each level is one task, which visits the points in order, so the sums into the table do
- * not depend on the number of threads. Gradients to the positions are kept per level and added in a
- * second pass by a binary tree over the levels, so that the sum of an aligned group of levels is a
- * branch of that tree. */
+ * Backward: each level is one task, which visits the points in order, so the sums in the table do
+ * not depend on the number of threads. The gradients of the positions are kept per level. A second
+ * pass adds them by a binary tree over the levels, in which the sum of an aligned group of levels
+ * is a node. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -47,32 +47,32 @@ static inline __attribute__((always_inline)) void quad_store(float *p, quad v, i
 
 static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i; }
 
-/* ---- rows and weights of a block ------------------------------------------------------------- */
+/* ---- Rows and weights of a block ------------------------------------------------------------- */
 
-/* Up to 64 points, axis-major. Unused entries and points outside [0,1]^4 (or NaN) hold 0 and have
- * inside = 0. */
+/* Up to 64 points, axis-major. Unused entries, and points that are NaN or outside [0,1]^4, have x =
+ * 0 and inside = 0. */
 struct points {
     float x[4][BLOCK];
     uint32_t inside[BLOCK];
 };
 
 /* Constants of a level for computing rows. In a dense level an upper vertex beyond the border has
- * weight 0; the last vertex stands in for it, which avoids the modulo and keeps every index inside
+ * weight 0; it is replaced by the last vertex, which avoids a modulo and keeps every index inside
  * the table. */
 struct level {
     float scale[4];
     uint32_t step[4]; /* stride of a dense level, hash prime of a hashed one */
     uint32_t top[4];  /* last vertex */
     uint32_t n_rows, mask;
-    int hashed; /* 0: dense; 1: n_rows is a power of two; 2: it is not */
+    int hashed; /* 0: dense; 1: hashed, n_rows is a power of two; 2: hashed, another n_rows */
     size_t first_row;
 };
 
 struct corners {
-    uint32_t row[CORNERS][BLOCK]; /* within the level */
+    uint32_t row[CORNERS][BLOCK]; /* index within the level */
     float weight[CORNERS][BLOCK];
     float w[4][BLOCK];     /* weight of the upper vertex, per axis */
-    float slope[4][BLOCK]; /* d w / d x_u, space only */
+    float slope[4][BLOCK]; /* d w / d x_u, used for the axes of space only */
 };
 
 static void level_set(struct level *at, const struct spin_grid *grid, int level)
@@ -173,8 +173,9 @@ struct ahead {
 };
 
 /* Prefetches the rows of point b into the second-level cache: in the first level they would evict
- * those that are being read. */
-static inline __attribute__((always_inline)) void fetch(const struct ahead *a, int b, int width)
+ * the rows that are being read. */
+static inline __attribute__((always_inline)) void prefetch_rows(const struct ahead *a, int b,
+                                                                int width)
 {
     if (!a->c)
         return;
@@ -187,7 +188,7 @@ static inline __attribute__((always_inline)) void fetch(const struct ahead *a, i
     }
 }
 
-/* ---- forward --------------------------------------------------------------------------------- */
+/* ---- Forward --------------------------------------------------------------------------------- */
 
 struct grid_job {
     const struct spin_grid *grid;
@@ -198,7 +199,7 @@ struct grid_job {
     quad *d_x; /* [n_levels][n] */
     float *d_x_u;
     const struct spin_cpu_lazy_adam *lazy;
-    float *p, *m, *v; /* of the table with lazy Adam */
+    float *p, *m, *v; /* with lazy Adam: the table and its moments */
 };
 
 /* Up to 64 points and their corners in one level. */
@@ -218,13 +219,13 @@ static void block_set(struct block *b, const struct grid_job *job, const struct 
 
 /* Interpolates one group of `lanes` features of rows of `width` floats. */
 static inline __attribute__((always_inline)) void
-gather(const float *table, const struct corners *c, const struct points *p, int m, int width,
-       int lanes, float *z, size_t z_width, const struct ahead *next)
+gather_features(const float *table, const struct corners *c, const struct points *p, int m,
+                int width, int lanes, float *z, size_t z_width, const struct ahead *next)
 {
     for (int b = 0; b < m; b++) {
         quad sum = {0, 0, 0, 0};
 
-        fetch(next, b, width);
+        prefetch_rows(next, b, width);
         if (p->inside[b])
             for (int k = 0; k < CORNERS; k++)
                 sum += c->weight[k][b] *
@@ -245,17 +246,17 @@ static void gather_level(const struct grid_job *job, int level, const struct lev
 
     switch (job->grid->n_features) {
     case 1:
-        gather(table, c, p, m, 1, 1, z, z_width, next);
+        gather_features(table, c, p, m, 1, 1, z, z_width, next);
         break;
     case 2:
-        gather(table, c, p, m, 2, 2, z, z_width, next);
+        gather_features(table, c, p, m, 2, 2, z, z_width, next);
         break;
     case 4:
-        gather(table, c, p, m, 4, 4, z, z_width, next);
+        gather_features(table, c, p, m, 4, 4, z, z_width, next);
         break;
     default:
-        gather(table, c, p, m, 8, 4, z, z_width, next);
-        gather(table + 4, c, p, m, 8, 4, z + 4, z_width, &nothing);
+        gather_features(table, c, p, m, 8, 4, z, z_width, next);
+        gather_features(table + 4, c, p, m, 8, 4, z + 4, z_width, &nothing);
     }
 }
 
@@ -293,10 +294,11 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
     spin_pool_rows(spin_cpu_pool(d), n, BLOCK, grid_task, &job);
 }
 
-/* ---- forward, with lazy Adam ----------------------------------------------------------------- */
+/* ---- Forward, with lazy Adam ----------------------------------------------------------------- */
 
-/* Applies the Adam steps that a line has missed. */
-static void bring(const struct grid_job *job, float from, size_t at)
+/* Applies the Adam steps that a line has missed. from: its last step; at: index of its first
+ * value. */
+static void catch_up_line(const struct grid_job *job, float from, size_t at)
 {
     const struct spin_cpu_lazy_adam *lazy = job->lazy;
     size_t step = (size_t)from, missed = (size_t)lazy->public.done - step;
@@ -309,10 +311,11 @@ static void bring(const struct grid_job *job, float from, size_t at)
         spin_adam_skip(skipped_step, skipped_eps, decay_m, decay_v, &p[i], &m[i], &v[i]);
 }
 
-/* Updates and marks the lines that the corners of a block need. `line` is the first line of the
- * level. */
-static void need(const struct grid_job *job, const struct corners *c, const struct points *p, int m,
-                 size_t begin, size_t line, const struct ahead *next)
+/* Updates and marks the lines that the corners of a block need. begin: index of the first value
+ * that is divided into lines; line: first line of the level. */
+static void update_lines(const struct grid_job *job, const struct corners *c,
+                         const struct points *p, int m, size_t begin, size_t line,
+                         const struct ahead *next)
 {
     float mark = (float)(job->lazy->public.done + 1), done = (float)job->lazy->public.done;
     float *lines = job->lazy->public.last;
@@ -336,7 +339,7 @@ static void need(const struct grid_job *job, const struct corners *c, const stru
             if (last == mark)
                 continue;
             if (last != done)
-                bring(job, last, begin + at * SPIN_LINE);
+                catch_up_line(job, last, begin + at * SPIN_LINE);
             lines[at] = mark;
         }
     }
@@ -365,7 +368,8 @@ static void grid_lazy_task(void *context, int task)
             next.first = job->table + at.first_row * width;
         }
         if (level >= lazy_level)
-            need(job, &b->c, &b->p, b->m, begin, (at.first_row * width - begin) / SPIN_LINE, &next);
+            update_lines(job, &b->c, &b->p, b->m, begin, (at.first_row * width - begin) / SPIN_LINE,
+                         &next);
         gather_level(job, level, &at, &b->c, &b->p, first, b->m, &next);
     }
     spin_denormals_back(before);
@@ -390,7 +394,7 @@ void SPIN_CPU(lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy
     spin_pool_run(spin_cpu_pool(d), own->grid.n_levels, grid_lazy_task, &job);
 }
 
-/* ---- backward -------------------------------------------------------------------------------- */
+/* ---- Backward -------------------------------------------------------------------------------- */
 
 /* Interpolates along one axis: a + w (b - a). */
 static inline __attribute__((always_inline)) quad mix(quad a, quad b, float w)
@@ -437,16 +441,17 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     return sum;
 }
 
-/* The adjoint of gather(). Adds the position gradient, including the smoothstep slopes, to d_x
- * unless it is NULL. */
+/* The adjoint of gather_features(). Adds the position gradient, including the smoothstep slopes, to
+ * d_x unless it is NULL. */
 static inline __attribute__((always_inline)) void
-scatter(const float *table, float *d_table, const struct corners *c, const struct points *p, int m,
-        int width, int lanes, const float *d_z, size_t z_width, quad *d_x, const struct ahead *next)
+scatter_gradients(const float *table, float *d_table, const struct corners *c,
+                  const struct points *p, int m, int width, int lanes, const float *d_z,
+                  size_t z_width, quad *d_x, const struct ahead *next)
 {
     for (int b = 0; b < m; b++) {
         quad g = quad_load(d_z + (size_t)b * z_width, lanes);
 
-        fetch(next, b, width);
+        prefetch_rows(next, b, width);
         if (!p->inside[b])
             continue;
         for (int k = 0; k < CORNERS; k++) {
@@ -468,7 +473,7 @@ static void grid_back_task(void *context, int task)
 {
     const struct grid_job *job = context;
     const struct spin_grid *grid = job->grid;
-    int level = grid->n_levels - 1 - task; /* finest first: they take longest */
+    int level = grid->n_levels - 1 - task; /* the finest levels first, as they take longest */
     size_t width = (size_t)grid->n_features, z_width = (size_t)grid->n_levels * width;
     static const struct ahead nothing;
     const float *table = job->table;
@@ -496,17 +501,18 @@ static void grid_back_task(void *context, int task)
             memset(d_x, 0, (size_t)m * sizeof *d_x);
         switch (grid->n_features) {
         case 1:
-            scatter(table, d_table, c, p, m, 1, 1, d_z, z_width, d_x, &next);
+            scatter_gradients(table, d_table, c, p, m, 1, 1, d_z, z_width, d_x, &next);
             break;
         case 2:
-            scatter(table, d_table, c, p, m, 2, 2, d_z, z_width, d_x, &next);
+            scatter_gradients(table, d_table, c, p, m, 2, 2, d_z, z_width, d_x, &next);
             break;
         case 4:
-            scatter(table, d_table, c, p, m, 4, 4, d_z, z_width, d_x, &next);
+            scatter_gradients(table, d_table, c, p, m, 4, 4, d_z, z_width, d_x, &next);
             break;
         default:
-            scatter(table, d_table, c, p, m, 8, 4, d_z, z_width, d_x, &next);
-            scatter(table + 4, d_table + 4, c, p, m, 8, 4, d_z + 4, z_width, d_x, &nothing);
+            scatter_gradients(table, d_table, c, p, m, 8, 4, d_z, z_width, d_x, &next);
+            scatter_gradients(table + 4, d_table + 4, c, p, m, 8, 4, d_z + 4, z_width, d_x,
+                              &nothing);
         }
     }
 }

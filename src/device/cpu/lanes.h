@@ -51,7 +51,7 @@ SPIN_FN spin_lanes_i spin_lanes_load_i(const int32_t *from)
 
 SPIN_FN void spin_lanes_store_i(int32_t *to, spin_lanes_i v) { memcpy(to, &v, sizeof v); }
 
-/* 0, 1, 2 ... */
+/* The lane numbers: 0, 1, 2, ... */
 SPIN_FN spin_lanes spin_lanes_count(void)
 {
     static const float count[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};

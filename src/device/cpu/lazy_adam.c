@@ -1,5 +1,4 @@
-/* Lazy Adam, for a table of which an iteration touches only a small part (struct spin_lazy_adam in
- * device.h). */
+/* Lazy Adam, see struct spin_lazy_adam in device.h. */
 #include "device/cpu/lazy_adam.h"
 
 #include "base/base.h"
@@ -11,15 +10,15 @@
 #include <immintrin.h>
 #endif
 
-/* REACH: a step's influence decays by (.9 / sqrt(.999))^400 = 6e-19 within 400 steps, which is
- * negligible. */
+/* REACH: within 400 steps the influence of a gradient decays to (.9 / sqrt(.999))^400 = 6e-19,
+ * which is negligible. */
 enum { LINES = 4096, AHEAD = 8, REACH = 400 };
 
 struct job {
     const struct spin_cpu_lazy_adam *lazy;
     size_t n_lines;
     struct spin_adam_step step;
-    float *p, *g, *m, *v; /* from the first line on */
+    float *p, *g, *m, *v; /* the arrays of the table, from the first line on */
     float *out;
 };
 

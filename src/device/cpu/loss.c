@@ -1,19 +1,22 @@
 /* L1 + SSIM in two passes over bands of rows (docs/method.md 5). The first pass filters x, y, x^2 +
- * y^2 and x y with the SSIM window and stores the three slopes of the SSIM map; the second filters
- * those slopes. The bands depend only on the image size, and their sums are added in order. */
+ * y^2 and x y with the SSIM window, computes the SSIM map from them, and stores the three partial
+ * derivatives of the map. The second pass filters these derivatives, which gives the gradient of
+ * the image. The bands depend only on the image size and their sums are added in order, so the
+ * result does not depend on the number of threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
 #include "math/loss.h"
 
 enum {
-    BAND = 24,
-    PART = 8, /* rows of a band that are filtered at a time */
+    BAND = 24, /* rows of a band */
+    PART = 8,  /* rows of a band that are filtered at a time */
     HALF = SPIN_SSIM_HALF,
     TAPS = 2 * HALF + 1,
     RING = PART + 2 * HALF,
-    STRIP = 256, /* columns at a time, so that the rows shared by their windows stay in cache */
-    MAPS = 4,    /* forward; backward uses 3 */
+    STRIP = 256, /* columns that are filtered at a time, so that all rows of the window stay in
+                    cache */
+    MAPS = 4,    /* filtered maps in the forward pass; the backward pass uses 3 */
     PAD = 16,    /* zeros on both sides of a row; a multiple of the vector size, for alignment */
     SUMS = 16    /* partial sums per row */
 };
@@ -25,11 +28,11 @@ struct job {
     size_t stride; /* floats in a padded row */
     const float *image, *truth, *pixel_weight;
     float *d_image;
-    float *slope[3];    /* slopes of the map, planes [3][h][w] */
-    float *rows;        /* scratch per worker, see struct band */
-    size_t rows_floats; /* per worker */
+    float *slope[3];    /* partial derivatives of the SSIM map (by mu, xx, xy), each [3][h][w] */
+    float *rows;        /* scratch of all workers, see struct band */
+    size_t rows_floats; /* floats of `rows` per worker */
     float scale_l1, scale_ssim;
-    double *l1, *ssim, *mass; /* [3 * bands] sums; mass: sum of the pixel weights */
+    double *l1, *ssim, *mass; /* [3 * bands] sums of each band; mass: of the pixel weights */
 };
 
 /* to [w] = the rows from[0..TAPS-1] weighted by the vertical window. */
@@ -55,7 +58,8 @@ SPIN_FN float window_across(const float *row, int x)
     return sum;
 }
 
-/* Sum of a row in double, in an order independent of the SIMD width. */
+/* Sum of a row: SUMS partial sums in float, which are added in double. The order of the additions
+ * does not depend on the SIMD width. */
 static double sum_row(const float *row, int w)
 {
     float part[SUMS] = {0};
@@ -155,8 +159,9 @@ static void window_forward(const struct job *job, const struct band *b, int firs
     window_part_down(job, b, first, 3, b->products, RING, job->stride);
 }
 
-/* map [w] = SSIM from rows p0..p3, and its slopes. A separate function so that the compiler sees
- * that nothing overlaps, and vectorises the loop. */
+/* map [w] = SSIM of the filtered rows p0..p3; d_mu, d_xx and d_xy [w] = its partial derivatives. In
+ * a function of its own the compiler can rely on the arrays not to overlap, and vectorises the
+ * loop. */
 static __attribute__((noinline)) void
 ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
          const float *SPIN_RESTRICT p2, const float *SPIN_RESTRICT p3, float *SPIN_RESTRICT map,
@@ -172,7 +177,7 @@ ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
     }
 }
 
-static void times_row(int w, const float *SPIN_RESTRICT weight, float *SPIN_RESTRICT row)
+static void weight_row(int w, const float *SPIN_RESTRICT weight, float *SPIN_RESTRICT row)
 {
     for (int x = 0; x < w; x++)
         row[x] *= weight[x];
@@ -199,14 +204,14 @@ static void forward_task(void *context, int task)
                  padded(job, &b, 2, in_part), padded(job, &b, 3, in_part), line, job->slope[0] + at,
                  job->slope[1] + at, job->slope[2] + at);
         for (int m = 0; weight && m < 3; m++)
-            times_row(job->width, weight, job->slope[m] + at);
+            weight_row(job->width, weight, job->slope[m] + at);
         if (weight)
-            times_row(job->width, weight, line);
+            weight_row(job->width, weight, line);
         ssim += sum_row(line, job->width);
         for (int i = 0; i < job->width; i++)
             line[i] = fabsf(x[i] - y[i]);
         if (weight)
-            times_row(job->width, weight, line);
+            weight_row(job->width, weight, line);
         l1 += sum_row(line, job->width);
         mass += weight ? sum_row(weight, job->width) : job->width;
     }
@@ -228,7 +233,7 @@ static void backward_row(const struct job *job, const struct band *b, int row)
     for (int i = 0; i < job->width; i++)
         l1[i] = job->scale_l1;
     if (job->pixel_weight)
-        times_row(job->width, job->pixel_weight + in_plane, l1);
+        weight_row(job->width, job->pixel_weight + in_plane, l1);
     for (int i = 0; i < job->width; i++) {
         float slope =
             window_across(p0, i) + 2 * x[i] * window_across(p1, i) + y[i] * window_across(p2, i);
@@ -273,8 +278,8 @@ static void photo_task(void *context, size_t first, size_t last)
         p->pixel_weight[i] = p->weight[p->mask[i / 8] >> i % 8 & 1];
 }
 
-/* The view's image as floats and, if `weights`, its pixel weights (NULL: all 1). Returns false if
- * out of memory. */
+/* Provides the input image of a view as floats and, if `weights` is set, the weights of its pixels;
+ * *pixel_weight is NULL if all weights are 1. Returns false if out of memory. */
 static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *view,
                        const struct spin_images *images, bool weights, const float **truth,
                        const float **pixel_weight)
@@ -302,9 +307,10 @@ static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *v
 
 /* ---- Verbs ----------------------------------------------------------------------------------- */
 
-static void lose(struct spin_device *d, int width, int height, const float *image,
-                 const float *truth, const float *pixel_weight, float lambda_dssim, float weight,
-                 double values[SPIN_LOSS_VALUES], float *d_image)
+/* Computes the values of the loss of one view and, unless d_image is NULL, its gradient. */
+static void compute_loss(struct spin_device *d, int width, int height, const float *image,
+                         const float *truth, const float *pixel_weight, float lambda_dssim,
+                         float weight, double values[SPIN_LOSS_VALUES], float *d_image)
 {
     struct job job = {.width = width,
                       .height = height,
@@ -363,9 +369,10 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
 
         if (!load_photo(d, view, images, true, &truth, &pixel_weight))
             return;
-        lose(d, view->camera.width, view->camera.height, image + (size_t)k * 3 * views->max_pixels,
-             truth, pixel_weight, lambda_dssim, view->weight,
-             values + (size_t)view->value * SPIN_LOSS_VALUES, spin_cpu_picture(views, k, d_image));
+        compute_loss(d, view->camera.width, view->camera.height,
+                     image + (size_t)k * 3 * views->max_pixels, truth, pixel_weight, lambda_dssim,
+                     view->weight, values + (size_t)view->value * SPIN_LOSS_VALUES,
+                     spin_cpu_picture(views, k, d_image));
     }
 }
 
@@ -400,8 +407,8 @@ void SPIN_CPU(measure)(struct spin_device *d, const struct spin_view_batch *view
         v[SPIN_MEASURE_SQUARES] = spin_squares(shown, truth, 3 * plane);
         for (size_t c = 0; c < 3; c++)
             v[SPIN_MEASURE_RED + c] = spin_squares(shown + c * plane, truth + c * plane, plane);
-        lose(d, view->camera.width, view->camera.height, shown, truth, NULL, 1.0f, 0.0f, loss,
-             NULL);
+        compute_loss(d, view->camera.width, view->camera.height, shown, truth, NULL, 1.0f, 0.0f,
+                     loss, NULL);
         v[SPIN_MEASURE_SSIM] = loss[SPIN_LOSS_SSIM];
         v[SPIN_MEASURE_OUTSIDE] = v[SPIN_MEASURE_SQUARES];
         v[SPIN_MEASURE_INSIDE] = 0;

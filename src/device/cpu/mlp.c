@@ -2,9 +2,9 @@
  *
  * Gaussians are processed in blocks of 96, so that the activations of a block and all weights stay
  * in the second-level cache; only the outputs go to memory. The matrix products use register tiles
- * of 6 rows (6 x 64 with AVX-512): load one row of the right factor, broadcast six values of the
- * left. Weights are copied once per call, transposed for the forward pass and padded to whole
- * vectors.
+ * of 6 rows (6 x 64 with AVX-512), to which each step adds the product of one row of the right
+ * factor with six broadcast values of the left factor. Weights are copied once per call, transposed
+ * for the forward pass and padded to whole vectors.
  *
  * Backward recomputes the activations (docs/method.md 3.4). The gradient of the weights is a sum
  * over Gaussians: the blocks are divided among at most 32 tasks, whose number depends only on the
@@ -28,11 +28,11 @@ enum { BLOCK = 96, TILE_ROWS = 6, MAX_TASKS = 32, PAD = 16 };
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
 
-/* LANES floats; vec_at at any address. */
+/* A vector of LANES floats; a vec_at may be at any address. */
 typedef float vec __attribute__((vector_size(LANES * 4)));
 typedef float vec_at __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 
-/* ---- matrix product -------------------------------------------------------------------------- */
+/* ---- Matrix product -------------------------------------------------------------------------- */
 
 /* C [m][n] = start + A B, where A(i, k) = a[i * a_row + k * a_col] and the rows of B and C are ldb
  * and ldc apart. `start` is zero, or the rows of `from`, from_ld apart (0 repeats one row, a bias).
@@ -49,9 +49,10 @@ struct product {
     size_t from_ld;
 };
 
-/* rows and vecs are constants after inlining, so the sums stay in registers. */
-ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_row, size_t a_col,
-                        const float *a, const float *b, const float *from, float *c)
+/* One tile of C. rows and vecs are constants after inlining, so the sums stay in registers. */
+ALWAYS_INLINE void multiply_tile(const struct product *x, int rows, int vecs, size_t a_row,
+                                 size_t a_col, const float *a, const float *b, const float *from,
+                                 float *c)
 {
     vec sum[TILE_ROWS][TILE_VECS];
     size_t ldb = x->ldb, ldc = x->ldc, from_ld = x->from_ld;
@@ -81,7 +82,8 @@ ALWAYS_INLINE void tile(const struct product *x, int rows, int vecs, size_t a_ro
 
 /* All rows of one column of tiles starting at n0: by sixes, then fours, then ones. Callers pass 1
  * as a constant for one of a_row and a_col. */
-ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_t a_col, int n0)
+ALWAYS_INLINE void multiply_column(const struct product *x, int vecs, size_t a_row, size_t a_col,
+                                   int n0)
 {
     static const float zeros[TILE_VECS * LANES];
     const float *a = x->a, *b = x->b + n0, *from = x->from ? x->from + n0 : zeros;
@@ -89,24 +91,25 @@ ALWAYS_INLINE void column(const struct product *x, int vecs, size_t a_row, size_
     int i = 0;
 
     for (; i + 6 <= x->m; i += 6) {
-        tile(x, 6, vecs, a_row, a_col, a, b, from, c);
+        multiply_tile(x, 6, vecs, a_row, a_col, a, b, from, c);
         a += 6 * a_row, from += 6 * x->from_ld, c += 6 * x->ldc;
     }
     for (; i + 4 <= x->m; i += 4) {
-        tile(x, 4, vecs, a_row, a_col, a, b, from, c);
+        multiply_tile(x, 4, vecs, a_row, a_col, a, b, from, c);
         a += 4 * a_row, from += 4 * x->from_ld, c += 4 * x->ldc;
     }
     for (; i < x->m; i++) {
-        tile(x, 1, vecs, a_row, a_col, a, b, from, c);
+        multiply_tile(x, 1, vecs, a_row, a_col, a, b, from, c);
         a += a_row, from += x->from_ld, c += x->ldc;
     }
 }
 
-/* A separate function for each width: merged into one, the compiler runs out of registers. */
+/* A separate function for each width: in a single function the compiler would run out of
+ * registers. */
 #define COLUMN(name, vecs, a_row, a_col)                                                           \
     static __attribute__((noinline)) void name(const struct product *x, int n0)                    \
     {                                                                                              \
-        column(x, vecs < TILE_VECS ? vecs : TILE_VECS, a_row, a_col, n0);                          \
+        multiply_column(x, vecs < TILE_VECS ? vecs : TILE_VECS, a_row, a_col, n0);                 \
     }
 COLUMN(column_1, 1, x->a_row, 1)
 COLUMN(column_2, 2, x->a_row, 1)
@@ -119,7 +122,7 @@ COLUMN(column_turned_4, 4, 1, x->a_col)
 
 typedef void column_fn(const struct product *x, int n0);
 
-static void columns(const struct product *x, column_fn *const of_width[])
+static void multiply_columns(const struct product *x, column_fn *const of_width[])
 {
     int n0 = 0, width = TILE_VECS * LANES;
 
@@ -133,19 +136,19 @@ static void multiply(const struct product *x)
 {
     static column_fn *const of_width[] = {column_1, column_2, column_3, column_4};
 
-    columns(x, of_width);
+    multiply_columns(x, of_width);
 }
 
-/* The same for A stored transposed: the sum runs over its rows. */
+/* multiply() for an A that is stored transposed, so that the sum runs over its rows in memory. */
 static void multiply_transposed(const struct product *x)
 {
     static column_fn *const of_width[] = {column_turned_1, column_turned_2, column_turned_3,
                                           column_turned_4};
 
-    columns(x, of_width);
+    multiply_columns(x, of_width);
 }
 
-/* ---- weights, padded ------------------------------------------------------------------------- */
+/* ---- Padded weights -------------------------------------------------------------------------- */
 
 /* A weight matrix or bias: [rows][cols] at `param` of the parameters, and its padded copy at `at`,
  * whose rows (columns, if transposed) are `ld` floats apart. */
@@ -192,7 +195,7 @@ static struct pieces pieces_of(const struct spin_heads *heads, bool transposed)
     return p;
 }
 
-static void pack(const struct pieces *p, const float *param, float *copy)
+static void pack_weights(const struct pieces *p, const float *param, float *copy)
 {
     memset(copy, 0, p->n_floats * sizeof *copy);
     for (int h = 0; h < SPIN_HEADS; h++) {
@@ -209,7 +212,7 @@ static void pack(const struct pieces *p, const float *param, float *copy)
     }
 }
 
-/* ---- forward --------------------------------------------------------------------------------- */
+/* ---- Forward --------------------------------------------------------------------------------- */
 
 struct job {
     const struct spin_heads *heads;
@@ -230,10 +233,11 @@ struct job {
 static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
                                           SPIN_ATTR_OPACITY};
 
-/* y [m][padded n_out, y_ld apart] = x [m][n_in, x_ld apart] W + bias, for weights w and the bias
- * that follows them. */
-static void layer(const struct job *job, int h, int w, int m, const float *x, size_t x_ld, float *y,
-                  size_t y_ld)
+/* One layer of head h: y [m][n_out] = x [m][n_in] W + bias, where W is piece w and the bias is
+ * piece w + 1. Rows of x and y are x_ld and y_ld floats apart, and rows of y are written up to the
+ * padded n_out. */
+static void layer_forward(const struct job *job, int h, int w, int m, const float *x, size_t x_ld,
+                          float *y, size_t y_ld)
 {
     const struct piece *piece = &job->turned.of[h][w];
     struct product product = {.m = m,
@@ -262,7 +266,7 @@ static void activate(bool relu, size_t n, float *restrict x)
 }
 
 /* Prefetches n floats. */
-ALWAYS_INLINE void fetch(const float *from, size_t n, int to_write)
+ALWAYS_INLINE void prefetch(const float *from, size_t n, int to_write)
 {
     for (size_t i = 0; i < n; i += 16) {
         if (to_write)
@@ -280,22 +284,23 @@ static void mlp_task(void *context, size_t first, size_t end)
     float *h1 = job->work + (size_t)spin_pool_worker() * job->work_floats;
     float *h2 = h1 + BLOCK * ld, *out = h2 + BLOCK * ld;
 
-    fetch(job->raw + first * SPIN_ATTR, (size_t)m * SPIN_ATTR, 1);
+    prefetch(job->raw + first * SPIN_ATTR, (size_t)m * SPIN_ATTR, 1);
     if (job->n - first > 2 * BLOCK)
-        fetch(job->z + (first + BLOCK) * n_in, BLOCK * n_in, 0);
+        prefetch(job->z + (first + BLOCK) * n_in, BLOCK * n_in, 0);
     for (int h = 0; h < SPIN_HEADS; h++) {
         size_t n_out = (size_t)job->heads->n_out[h], out_ld = padded(job->heads->n_out[h]);
         float *raw = job->raw + first * SPIN_ATTR + column_of[h];
 
-        layer(job, h, W1, m, job->z + first * n_in, n_in, h1, ld);
+        layer_forward(job, h, W1, m, job->z + first * n_in, n_in, h1, ld);
         activate(job->heads->relu, (size_t)m * ld, h1);
-        layer(job, h, W2, m, h1, ld, h2, ld);
+        layer_forward(job, h, W2, m, h1, ld, h2, ld);
         activate(job->heads->relu, (size_t)m * ld, h2);
-        if ((size_t)column_of[h] + out_ld <= SPIN_ATTR) { /* later heads overwrite the padding */
-            layer(job, h, W3, m, h2, ld, raw, SPIN_ATTR);
+        /* Write directly if the padding stays inside the row: later heads overwrite it. */
+        if ((size_t)column_of[h] + out_ld <= SPIN_ATTR) {
+            layer_forward(job, h, W3, m, h2, ld, raw, SPIN_ATTR);
             continue;
         }
-        layer(job, h, W3, m, h2, ld, out, out_ld);
+        layer_forward(job, h, W3, m, h2, ld, out, out_ld);
         for (size_t i = 0; i < (size_t)m; i++)
             for (size_t j = 0; j < n_out; j++)
                 raw[i * SPIN_ATTR + j] = out[i * out_ld + j];
@@ -326,18 +331,18 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
         d, SPIN_SCRATCH_MLP, (job.turned.n_floats + n_workers * job.work_floats) * sizeof *scratch);
     if (!scratch)
         return;
-    pack(&job.turned, param, scratch);
+    pack_weights(&job.turned, param, scratch);
     job.turned_w = scratch;
     job.work = scratch + job.turned.n_floats;
     spin_pool_rows(spin_cpu_pool(d), n, BLOCK, mlp_task, &job);
 }
 
-/* ---- backward -------------------------------------------------------------------------------- */
+/* ---- Backward -------------------------------------------------------------------------------- */
 
-/* Work arrays of one worker, [BLOCK][.]. */
+/* Work arrays of one worker, each with BLOCK rows of the given length. */
 struct work {
     float *z, *d_z;                   /* n_in, padded */
-    float *a1, *slope1, *a2, *slope2; /* hidden, padded: activations and their slopes */
+    float *a1, *slope1, *a2, *slope2; /* hidden, padded: activations and their derivatives */
     float *d;                         /* hidden, padded */
     float *d_out;                     /* n_out, padded */
 };
@@ -372,7 +377,7 @@ static void activate_both(bool relu, size_t n, float *restrict x, float *restric
             x[i] = spin_gelu_both(x[i], &slope[i]);
 }
 
-/* d_x [m][ld] = d_y [m][d_y_ld] W, or += if `add`. */
+/* d_x [m][ld] = d_y [m][d_y_ld] W; if `add` is set, d_x += instead. */
 static void layer_back(const struct job *job, int h, int w, int m, const float *d_y, size_t d_y_ld,
                        bool add, float *d_x)
 {
@@ -393,7 +398,8 @@ static void layer_back(const struct job *job, int h, int w, int m, const float *
     multiply(&product);
 }
 
-/* d_W += d_y^T x; d_bias is summed elsewhere. Rows of x are ld of the weights apart. */
+/* Adds d_W = d_y^T x to the partial sums. Rows of x are piece->ld floats apart. The caller adds
+ * d_bias. */
 static void weights_back(const struct job *job, int h, int w, int m, const float *d_y,
                          size_t d_y_ld, const float *x, float *partial)
 {
@@ -434,9 +440,9 @@ static void head_back(const struct job *job, int h, int m, const float *d_raw, c
            out_ld = padded(heads->n_out[h]);
     size_t n_out = (size_t)heads->n_out[h];
 
-    layer(job, h, W1, m, w->z, in_ld, w->a1, ld);
+    layer_forward(job, h, W1, m, w->z, in_ld, w->a1, ld);
     activate_both(heads->relu, (size_t)m * ld, w->a1, w->slope1);
-    layer(job, h, W2, m, w->a1, ld, w->a2, ld);
+    layer_forward(job, h, W2, m, w->a1, ld, w->a2, ld);
     activate_both(heads->relu, (size_t)m * ld, w->a2, w->slope2);
 
     for (int i = 0; i < m; i++) {
@@ -537,10 +543,10 @@ void SPIN_CPU(mlp_back)(struct spin_device *d, const struct spin_heads *heads, c
     scratch = spin_cpu_scratch_need(d, SPIN_SCRATCH_MLP, floats * sizeof *scratch);
     if (!scratch)
         return;
-    pack(&job.turned, param, scratch);
+    pack_weights(&job.turned, param, scratch);
     job.turned_w = scratch;
     scratch += job.turned.n_floats;
-    pack(&job.plain, param, scratch);
+    pack_weights(&job.plain, param, scratch);
     job.plain_w = scratch;
     job.partial = scratch + job.plain.n_floats;
     job.work = job.partial + (size_t)job.n_tasks * job.plain.n_floats;

@@ -11,7 +11,7 @@ enum { CHUNK = 256, BLOCK = 32, CLAMPED_X = 8, CLAMPED_Y = 16 };
 struct job {
     const struct spin_camera_f32 *cam;
     struct spin_projection projection;
-    size_t n, width; /* of a row of attributes */
+    size_t n, width; /* width: floats in a row of attributes */
     const float *pos_w, *attr;
     int sh_degree;
     struct spin_splat2d *splat2d;
@@ -35,7 +35,7 @@ struct block {
     /* forward */
     float u[BLOCK], v[BLOCK], conic[3][BLOCK], radius[BLOCK], depth[BLOCK], fade[BLOCK];
     int32_t x0[BLOCK], y0[BLOCK], x1[BLOCK], y1[BLOCK], flags[BLOCK], drawn[BLOCK];
-    /* backward: gradients of u, v, conic; then those they add to */
+    /* backward: gradients of the results; then the gradients to which these contribute */
     float d_u[BLOCK], d_v[BLOCK], d_conic[3][BLOCK], d_fade[BLOCK];
     float d_pos[3][BLOCK], d_scale[3][BLOCK], d_q[4][BLOCK], d_rot[9][BLOCK];
 };
@@ -62,9 +62,9 @@ struct one {
     float scale[3], q[4];
 };
 
-/* One axis of spin_to_camera(). For x and y, `first` is the product that the compiler fuses last in
- * code for a single splat, forward and backward: with this order a block gives the same bits as
- * that code, and so as the published results. */
+/* One axis of spin_to_camera(). `first`, 0 or 1, is the product that the compiler fuses last in
+ * code for a single splat, which differs between the forward and the backward pass. With the same
+ * order a block gives the same bits as that code, and so as the published results. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {
@@ -177,7 +177,7 @@ static void project_task(void *context, size_t first, size_t last)
     OF_DEGREE(project_range, job, first, last);
 }
 
-/* What forward and backward of view k have in common. */
+/* The members of a job that are the same in the forward and the backward pass of view k. */
 static struct job job_of(const struct spin_view_batch *views, int k,
                          const struct spin_frame_batch *frames, const float *attr, int sh_degree)
 {
@@ -303,6 +303,7 @@ static inline void back_block(const struct job *job, int degree, int n, struct b
         store_back_one(job, degree, b, i);
 }
 
+/* Collects the splats of the range that have a gradient in blocks. */
 static inline void project_back_range(const struct job *job, int degree, size_t first, size_t last)
 {
     struct block b;

@@ -1,18 +1,18 @@
-/* Adds per-splat values to rows of raw attributes, and propagates gradients back (layout:
+/* Adds the residuals of splats to rows of raw attributes, and propagates gradients back (layout:
  * device.h). */
 #include "device/cpu/cpu.h"
 
 enum { CHUNK = 1024 };
 
 struct job {
-    size_t n, n_rows, width, sh_width; /* width: of a row of attributes */
+    size_t n, n_rows, width, sh_width; /* width: floats in a row of attributes */
     const uint32_t *rows;              /* [n_rows], rows of the batch */
     size_t first_row;                  /* first row of the frame */
     const float *from, *sh;
     float *to, *d_sh;
 };
 
-static inline void copy(float *to, const float *from, size_t n, bool add)
+static inline void copy_values(float *to, const float *from, size_t n, bool add)
 {
     for (size_t c = 0; c < n; c++)
         to[c] = add ? to[c] + from[c] : from[c];
@@ -26,12 +26,12 @@ static inline void to_rows(const struct job *job, size_t first, size_t end, bool
     for (size_t i = first; i < end; i++) {
         float *to = job->to + i * job->width;
 
-        copy(to + SPIN_ATTR_SCALE, job->from + 3 * i, 3, add);
-        copy(to + SPIN_ATTR_ROTATION, job->from + 3 * job->n + 4 * i, 4, add);
-        copy(to + SPIN_ATTR_SH, job->from + 7 * job->n + 3 * i, 3, add);
-        copy(to + job->width - 1, job->from + 10 * job->n + i, 1, add);
+        copy_values(to + SPIN_ATTR_SCALE, job->from + 3 * i, 3, add);
+        copy_values(to + SPIN_ATTR_ROTATION, job->from + 3 * job->n + 4 * i, 4, add);
+        copy_values(to + SPIN_ATTR_SH, job->from + 7 * job->n + 3 * i, 3, add);
+        copy_values(to + job->width - 1, job->from + 10 * job->n + i, 1, add);
         if (job->sh)
-            copy(to + SPIN_ATTR_SH + 3, job->sh + i * job->sh_width, job->sh_width, add);
+            copy_values(to + SPIN_ATTR_SH + 3, job->sh + i * job->sh_width, job->sh_width, add);
     }
 }
 
@@ -83,12 +83,13 @@ static void back_rows(void *context, size_t first, size_t end)
         const float *from = job->from + i * job->width;
         size_t row = job->rows[i] - job->first_row;
 
-        copy(job->to + 3 * row, from + SPIN_ATTR_SCALE, 3, true);
-        copy(job->to + 3 * job->n + 4 * row, from + SPIN_ATTR_ROTATION, 4, true);
-        copy(job->to + 7 * job->n + 3 * row, from + SPIN_ATTR_SH, 3, true);
-        copy(job->to + 10 * job->n + row, from + job->width - 1, 1, true);
+        copy_values(job->to + 3 * row, from + SPIN_ATTR_SCALE, 3, true);
+        copy_values(job->to + 3 * job->n + 4 * row, from + SPIN_ATTR_ROTATION, 4, true);
+        copy_values(job->to + 7 * job->n + 3 * row, from + SPIN_ATTR_SH, 3, true);
+        copy_values(job->to + 10 * job->n + row, from + job->width - 1, 1, true);
         if (job->d_sh)
-            copy(job->d_sh + row * job->sh_width, from + SPIN_ATTR_SH + 3, job->sh_width, true);
+            copy_values(job->d_sh + row * job->sh_width, from + SPIN_ATTR_SH + 3, job->sh_width,
+                        true);
     }
 }
 

@@ -1,11 +1,11 @@
 /* Lists the splats of every tile, front to back: a stable radix sort of the splats by depth, then a
- * counting sort of their (splat, tile) pairs by tile. Both are divided into parts whose bounds
- * depend only on the sizes, so the result does not depend on the number of threads. What the sorts
- * need of a splat is kept in small arrays, since in depth order the splats are scattered over
- * memory.
+ * counting sort of their (splat, tile) pairs by tile. Each sort is divided into parts whose bounds
+ * depend only on the sizes, so the result does not depend on the number of threads. The values of a
+ * splat that the sorts need are kept in small arrays, since in depth order the splats are scattered
+ * over memory.
  *
- * Tiles of a splat's rectangle in which its alpha is below 1/255 everywhere get no pair (trim): the
- * pixels would skip the splat anyway. */
+ * Trimming: tiles of a splat's rectangle in which alpha is below 1/255 everywhere get no pair,
+ * since their pixels would skip the splat. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -15,9 +15,9 @@
 
 enum {
     MAX_PARTS = 16,
-    PART = 4096, /* splats per part, until there are MAX_PARTS */
-    BATCH = 64,
-    AHEAD = 16, /* prefetch distance, in splats */
+    PART = 4096, /* splats per part, unless that would give more than MAX_PARTS parts */
+    BATCH = 64,  /* splats that are trimmed at a time */
+    AHEAD = 16,  /* prefetch distance, in splats */
     PASSES = 3,
     MAX_BUCKETS = 1 << 11 /* three digits of 11 bits cover 32-bit keys */
 };
@@ -45,18 +45,19 @@ struct job {
     size_t n;
     int parts;
     struct spin_splat2d *splat2d;
-    uint32_t *lists;                          /* of the tiles */
-    uint64_t intersections[MAX_PARTS];        /* pairs of each part; later, pairs of all parts
-                                               * before it */
-    size_t drawn[MAX_PARTS];                  /* visible splats, likewise */
-    uint32_t low[MAX_PARTS], high[MAX_PARTS]; /* smallest and largest key of a part's visible
-                                               * splats */
-    uint32_t *key;                            /* [n] */
-    struct rect *rect;                        /* [n] */
+    uint32_t *lists; /* the lists of the tiles */
+    /* Numbers of pairs and of visible splats: those of each part; after sum_parts(), those of all
+     * parts before it. */
+    uint64_t intersections[MAX_PARTS];
+    size_t drawn[MAX_PARTS];
+    /* Smallest and largest key of the visible splats of each part. */
+    uint32_t low[MAX_PARTS], high[MAX_PARTS];
+    uint32_t *key;     /* [n] */
+    struct rect *rect; /* [n] */
     struct entry *from, *to;
     size_t n_sorted;
     uint32_t lowest;  /* smallest key of all parts */
-    int digit, shift; /* bits per digit, and bits below the current one */
+    int digit, shift; /* bits per digit; bits below the current digit */
     uint32_t *count;  /* [parts][buckets or tiles] */
 };
 
@@ -72,7 +73,8 @@ static size_t part_begin(const struct job *job, size_t n, int part)
     return n / parts * (size_t)part + n % parts * (size_t)part / parts;
 }
 
-/* A batch of splats to be trimmed, as arrays, so that the compiler vectorises the loops. */
+/* A batch of splats to be trimmed, as a structure of arrays, so that the compiler vectorises the
+ * loops. */
 struct trims {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH];
     int32_t x0[BATCH], y0[BATCH], x1[BATCH], y1[BATCH];
@@ -114,7 +116,7 @@ static __attribute__((noinline)) void trims_narrow(struct trims *t)
 
 static uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
-/* Sets tile_cull, first_intersection (relative to its part, for now), key and rect. */
+/* Sets tile_cull, key, rect and, for now counted from the start of the part, first_intersection. */
 static void trims_store(struct job *job, int part, const struct trims *t, size_t first, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -168,6 +170,7 @@ static void trim_task(void *context, int part)
 
 static bool is_empty(struct rect r) { return r.x0 >= r.x1 || r.y0 >= r.y1; }
 
+/* Lists the splats of a part that have pairs, with their keys, and completes first_intersection. */
 static void list_task(void *context, int part)
 {
     struct job *job = context;
@@ -186,8 +189,8 @@ static uint32_t digit_of(const struct job *job, struct entry e)
     return e.key >> job->shift & ((1u << job->digit) - 1);
 }
 
-/* Consecutive splats often have the same digit: two sets of counts avoid the dependency of one
- * increment on the previous. */
+/* Counts the digits of a part. Consecutive splats often have the same digit; two sets of counts
+ * avoid that an increment has to wait for the one before. */
 static void digit_count_task(void *context, int part)
 {
     struct job *job = context;
@@ -236,7 +239,8 @@ static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride,
     return place;
 }
 
-/* Digits are as short as the largest key allows. */
+/* Sorts the entries by key, in PASSES passes of counting and moving. The digits are as short as the
+ * largest key allows. */
 static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highest)
 {
     int bits = 1;
@@ -255,7 +259,8 @@ static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highe
     }
 }
 
-/* Converts counts per part to prefix sums; returns the total number of pairs. */
+/* Converts counts per part to prefix sums, and finds the smallest and the largest key. Returns the
+ * total number of pairs. */
 static uint64_t sum_parts(struct job *job, uint32_t *highest)
 {
     uint64_t intersections = 0;
@@ -276,7 +281,7 @@ static uint64_t sum_parts(struct job *job, uint32_t *highest)
     return intersections;
 }
 
-enum { HEADER = 64 }; /* bytes reserved for struct sorted, for alignment of the arrays behind it */
+enum { HEADER = 64 }; /* bytes reserved for struct sorted; keeps the arrays behind it aligned */
 
 static size_t sorted_bytes(size_t n)
 {
@@ -285,7 +290,8 @@ static size_t sorted_bytes(size_t n)
     return HEADER + (bytes + 63) / 64 * 64;
 }
 
-/* Counts and sorts the splats of a view, whose list begins at *first; adds its length to *first. */
+/* Counts the pairs of a view and sorts its splats. The list of the view begins at *first, to which
+ * the number of pairs is added. */
 static spin_status count_view(struct spin_device *d, const struct spin_view_of_batch *view,
                               struct spin_splat2d *splat2d, struct sorted *sorted, uint64_t *first)
 {
@@ -380,8 +386,8 @@ static size_t corners_of(const struct spin_camera_f32 *cam)
 }
 
 /* Counts the splats that cover each tile: every rectangle adds +1 or -1 at its four corners, and
- * the two-dimensional prefix sums are the counts. They overwrite the corners, packed to the width
- * of the tiles. */
+ * the two-dimensional prefix sums are the counts. The counts overwrite the corners, with one entry
+ * per tile instead of one per corner. */
 static void tile_count_task(void *context, int part)
 {
     struct job *job = context;

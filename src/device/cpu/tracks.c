@@ -7,7 +7,8 @@
 
 enum { CHUNK = 1024 };
 
-/* A group is a matrix [n][width]. The first holds positions, the others residual values. */
+/* Values are stored in groups, each a matrix [n][width]: position, log scale, rotation, colour,
+ * opacity. */
 enum { PLACE, ROTATION = 2, OPACITY = 4, N_GROUPS };
 static const size_t group_width[N_GROUPS] = {3, 3, 4, 3, 1};
 
@@ -18,8 +19,8 @@ struct job {
     const float *shared;   /* [n_tracks][width] */
     float *to;             /* [n][width], or the gradient of the tracks */
     const float *from;     /* [n][width] */
-    const float *motion;   /* of the tracks, if it affects this group; else NULL */
-    const float *turn;     /* [n_turns][4], if rotations affect this group */
+    const float *motion;   /* motion of the tracks if it affects this group; else NULL */
+    const float *turn;     /* [n_turns][4], used if rotations affect this group */
     size_t n_turns;
     float t;
     int group;
@@ -46,7 +47,7 @@ static struct job job_of(const struct spin_frame_of_batch *frame,
 
 /* Applies the motion of a splat's track: the displacement to the position, the Gaussian window to
  * the opacity. */
-static void move(const struct job *job, const float *motion, float *value)
+static void apply_motion(const struct job *job, const float *motion, float *value)
 {
     float d = job->t - motion[3], x = d * motion[4];
 
@@ -72,12 +73,13 @@ static inline void sum_rows(const struct job *job, size_t w, size_t first, size_
         for (size_t c = 0; c < w; c++)
             job->to[w * i + c] = (own ? own[c] : 0) + (shared ? shared[c] : 0);
         if (job->motion && shared)
-            move(job, job->motion + SPIN_MOTION * (size_t)job->track[i], job->to + w * i);
+            apply_motion(job, job->motion + SPIN_MOTION * (size_t)job->track[i], job->to + w * i);
     }
 }
 
 /* A constant width lets the compiler unroll the loops. With rotations the unrolled sums would be
- * rounded differently from the published results, so these use a function that is not unrolled. */
+ * rounded differently from the published results, so a frame with rotations uses the function
+ * whose loops are not unrolled. */
 #define OF_WIDTH(rows, job, first, end)                                                            \
     ((job)->n_turns > 0  ? rows##_any(job, first, end)                                             \
      : (job)->width == 3 ? rows(job, 3, first, end)                                                \

@@ -1,4 +1,4 @@
-/* Helpers shared by the verbs: scratch memory, and the range of a frame's active rows. */
+/* Functions that several verbs use: scratch memory, and the active rows of a frame. */
 #include "device/cpu/cpu.h"
 
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes)
@@ -15,6 +15,7 @@ void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which,
     return NULL;
 }
 
+/* Index of the first active row that is at least `row`, by binary search. */
 static size_t place_of(const struct spin_active *active, size_t row)
 {
     size_t low = 0, high = *active->n;

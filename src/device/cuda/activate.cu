@@ -4,8 +4,8 @@
 #include "math/activate.h"
 
 /* Each thread handles four values of a row, so that a warp reads and writes consecutive memory. The
- * rotation spans the first two threads of a row, and both compute it; the threads between them and
- * the last copy their values. */
+ * scale and the rotation span the first two threads of a row, which both compute them. The last
+ * thread computes the opacity; the threads between copy their values. */
 enum { FOURS = SPIN_ATTR / 4, LAST = FOURS - 1 };
 static_assert(SPIN_ATTR_SCALE == 0 && SPIN_ATTR_ROTATION + 4 == 7 &&
                   SPIN_ATTR_OPACITY == SPIN_ATTR - 1 && SPIN_ATTR % 4 == 0,
@@ -133,7 +133,8 @@ static __global__ void flag_kernel(size_t n, const float *d_attr, const float *d
             any_set(d_attr + i * SPIN_ATTR, SPIN_ATTR) || (d_means && any_set(d_means + 3 * i, 3));
 }
 
-/* flag and before have n + 1 entries; the last flag is 0. */
+/* Lists the rows whose flag is 1. flag and its prefix sums `before` have n + 1 entries; the last
+ * flag is 0. */
 static __global__ void list_kernel(size_t n, const uint64_t *flag, const uint64_t *before,
                                    uint32_t *row, uint32_t *count)
 {
@@ -151,7 +152,7 @@ void cuda_nonzero_grad(struct spin_device *d, const struct spin_frame_batch *fra
     size_t n = frames->n;
     uint64_t *flag = (uint64_t *)cuda_scratch(d, CUDA_SCRATCH_ROWS, 2 * (n + 1) * sizeof *flag);
 
-    if (!flag) { /* no rows, so that nothing uses undefined entries of the list */
+    if (!flag) { /* set an empty list, since its entries are undefined */
         gpu_zero(gpu_of(d), active->n, sizeof *active->n);
         return;
     }

@@ -1,5 +1,5 @@
-/* Adam, one thread per parameter; zeroes the gradient. All groups share one launch, as far as they
- * fit into its arguments; each group has its own blocks. */
+/* Adam, one thread per parameter, which also zeroes the gradient. One launch handles up to
+ * MOST_GROUPS groups, which are its arguments; each group has its own blocks. */
 #include "device/cuda/cuda.h"
 #include "math/adam.h"
 #include "math/approx.h"
@@ -11,7 +11,7 @@ struct groups {
         float *p, *g, *m, *v;
         size_t n;
         struct spin_adam_step step;
-        unsigned end; /* one past its last block */
+        unsigned end; /* one past the last block of the group */
     } group[MOST_GROUPS];
 };
 static_assert(sizeof(struct groups) <= 4000, "a launch has 4096 bytes of arguments");
@@ -33,7 +33,7 @@ static __global__ void adam_kernel(struct groups groups)
     groups.group[k].g[i] = 0;
 }
 
-static void launch(struct spin_device *d, struct groups *groups)
+static void launch_groups(struct spin_device *d, struct groups *groups)
 {
     if (groups->n > 0)
         GPU_LAUNCH(gpu_of(d), adam_kernel, groups->group[groups->n - 1].end, GPU_BLOCK, *groups);
@@ -58,9 +58,9 @@ void cuda_adam(struct spin_device *d, int n_groups, const struct spin_param_grou
                                     spin_adam_step_of(group[k].lr, group[k].step),
                                     first + gpu_blocks(group[k].n)};
         if (groups.n == MOST_GROUPS)
-            launch(d, &groups);
+            launch_groups(d, &groups);
     }
-    launch(d, &groups);
+    launch_groups(d, &groups);
 }
 
 /* ---- Nonfinite values ------------------------------------------------------------------------ */

@@ -4,10 +4,11 @@
  * is below 1/255 in all of them.
  *
  * Backward, a block starts at the last contributor of any of its pixels. A warp processes two
- * splats at a time: each pixel stores its terms for them in shared memory until there are eight
- * splats; then each lane sums a row of eight pixels, four lanes per splat. The sums of the warps
- * for a batch are added in order. Each (splat, tile) pair writes its sums to its own slot, and the
- * slots of a splat are added in order: no atomics, and the same bits every time. */
+ * splats at a time: each pixel stores its terms for these splats in shared memory. When terms of
+ * eight splats are stored, each lane sums a row of eight pixels, four lanes per splat. The sums of
+ * the warps for a batch are added in order. Each (splat, tile) pair writes its sums to its own
+ * slot, and the slots of a splat are added in order. This needs no atomics and gives the same bits
+ * in every run. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -36,8 +37,10 @@ struct picture {
     const uint32_t *lists, *start;
 };
 
-/* With the position relative to the tile's first pixel, as on the CPU. */
-static __device__ struct spin_blend_splat make_ready(const struct spin_splat2d *s, int x0, int y0)
+/* Prepares a splat, with its position relative to the tile's first pixel (x0, y0), as on the
+ * CPU. */
+static __device__ struct spin_blend_splat prepare_splat(const struct spin_splat2d *s, int x0,
+                                                        int y0)
 {
     return spin_blend_prepare(s->u_px - (float)x0, s->v_px - (float)y0, s->conic, s->opacity,
                               s->colour);
@@ -53,13 +56,13 @@ static __device__ struct front make_front(const struct spin_splat2d *s, int x0, 
 {
     struct front f;
 
-    f.splat = make_ready(s, x0, y0);
+    f.splat = prepare_splat(s, x0, y0);
     spin_blend_reach(f.splat.a, f.splat.b, f.splat.c, f.splat.log2_opacity, &f.reach_x, &f.reach_y);
     return f;
 }
 
-/* Whether the splat can reach the pixels of a warp, the first of which is (x, y). */
-static __device__ bool comes_near(const struct front *f, int x, int y)
+/* Whether the splat can reach a pixel of the warp whose first pixel is (x, y). */
+static __device__ bool reaches_warp(const struct front *f, int x, int y)
 {
     float dx = f->splat.u_px - (float)x, dy = f->splat.v_px - (float)y;
 
@@ -95,7 +98,7 @@ static __global__ void blend_kernel(struct picture p, float *image, float *final
 
             if (__all_sync(all_lanes, pixel.stopped))
                 break;
-            near = __ballot_sync(all_lanes, i < count && comes_near(&batch[i], warp_x, warp_y));
+            near = __ballot_sync(all_lanes, i < count && reaches_warp(&batch[i], warp_x, warp_y));
             for (; near; near &= near - 1) {
                 struct spin_blend_splat s;
 
@@ -157,7 +160,7 @@ static __global__ void depth_kernel(struct picture p, float *depth)
     if (x0 + in_x >= p.cam.width || y0 + in_y >= p.cam.height)
         return;
     for (uint32_t k = p.start[tile]; k < p.start[tile + 1] && !pixel.stopped; k++) {
-        struct spin_blend_splat s = make_ready(p.splat2d + p.lists[k], x0, y0);
+        struct spin_blend_splat s = prepare_splat(p.splat2d + p.lists[k], x0, y0);
 
         s.colour[0] = p.splat2d[p.lists[k]].depth;
         s.colour[1] = 1;
@@ -202,8 +205,8 @@ static __device__ void add_sums(struct spin_blend_sums *to, const struct spin_bl
     to->eyy += more.eyy;
 }
 
-/* Terms of up to HELD splats for the pixels of a warp, by lane. Rows are padded so that lanes
- * reading different rows use different banks. */
+/* Terms of up to HELD splats for the pixels of a warp, by lane. Rows are padded so that lanes that
+ * read different rows use different banks. */
 struct held {
     float4 weight[HELD][WARP / 4 + 1], de[HELD][WARP / 4 + 1];
 };
@@ -237,7 +240,7 @@ static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const
     return sums;
 }
 
-/* Adds the sums of a splat's rows, which are in neighbouring lanes. */
+/* Adds up the sums of a splat's rows, which are in WARP_Y neighbouring lanes. */
 static __device__ void add_rows(struct spin_blend_sums *sums)
 {
     for (int by = 1; by < WARP_Y; by *= 2) {
@@ -255,8 +258,8 @@ static __device__ void add_rows(struct spin_blend_sums *sums)
     }
 }
 
-/* part [BACK]: the sums over a warp's pixels of the n held splats; this lane computes splat `mine`
- * of the batch. */
+/* part [BACK] = the sums over a warp's pixels, for the n splats in `held`. `mine` is the index in
+ * the batch of the splat that this lane works on. */
 static __device__ void add_held(const struct held &held, int n, uint32_t mine,
                                 const struct front *batch, const float4 (*g)[WARP / 4], int warp_x,
                                 int warp_y, struct spin_blend_sums *part)
@@ -275,13 +278,14 @@ static __device__ void add_held(const struct held &held, int n, uint32_t mine,
         part[mine] = sums;
 }
 
-/* Backward step for two splats of a batch, the second only if `two`: two independent sequences of
- * instructions hide each other's latency. `used` is the pixel's last contributor, relative to the
- * batch. Stores the terms in `held`; returns false, with nothing stored, if neither splat
- * contributes to any pixel of the warp. */
-static __device__ bool step_back(const struct front *batch, const uint32_t i[TWO], bool two,
-                                 int32_t used, int in_x, int in_y,
-                                 struct spin_blend_pixel_adj *pixel, struct held *held, int n_held)
+/* Backward step for two splats of a batch, whose independent instructions hide each other's
+ * latency; if `two` is false, for the first only. `used` is the pixel's last contributor, relative
+ * to the batch. Stores the terms in `held`. Returns false, with nothing stored, if neither splat
+ * contributes to a pixel of the warp. */
+static __device__ bool blend_two_back(const struct front *batch, const uint32_t i[TWO], bool two,
+                                      int32_t used, int in_x, int in_y,
+                                      struct spin_blend_pixel_adj *pixel, struct held *held,
+                                      int n_held)
 {
     int lane = (int)threadIdx.x % WARP;
     struct spin_blend_splat s[TWO];
@@ -357,8 +361,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     __syncthreads();
     for (int w = 0; w < WARPS; w++)
         last = last_of[w] > last ? last_of[w] : last;
-    for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) { /* behind the last contributor of
-                                                                  * all pixels */
+    /* Splats behind the last contributor of all pixels have no gradient. */
+    for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) {
         struct spin_blend_sums none = {};
 
         slots[slot_of(p.splat2d + p.lists[first + k], tile_x, tile_y)] = none;
@@ -369,7 +373,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
         int n_held = 0;
         unsigned near;
 
-        if (in + BACK == LOADED || at + BACK >= last) { /* first batch of a group to load */
+        /* Load a group of batches when its last batch is reached, which comes first. */
+        if (in + BACK == LOADED || at + BACK >= last) {
             if ((uint32_t)me < in + count) {
                 const struct spin_splat2d *s = p.splat2d + p.lists[first + at - in + (uint32_t)me];
 
@@ -379,7 +384,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
             __syncthreads();
         }
         near = __ballot_sync(all_lanes, at + (uint32_t)lane < warp_last &&
-                                            comes_near(&loaded[in + lane], warp_x, warp_y));
+                                            reaches_warp(&loaded[in + lane], warp_x, warp_y));
         while (near) {
             uint32_t i[TWO];
             bool two = (near & (near - 1)) != 0;
@@ -388,8 +393,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
             near ^= 1u << i[0];
             i[1] = two ? WARP - 1 - (uint32_t)__clz((int)near) : i[0];
             near &= ~(1u << i[1]);
-            if (!step_back(&loaded[in], i, two, (int32_t)(used - at), in_x, in_y, &pixel,
-                           &held[warp], n_held))
+            if (!blend_two_back(&loaded[in], i, two, (int32_t)(used - at), in_x, in_y, &pixel,
+                                &held[warp], n_held))
                 continue;
             seen |= 1u << i[0] | 1u << i[1];
             mine = lane / WARP_Y == n_held ? i[0] : lane / WARP_Y == n_held + 1 ? i[1] : mine;

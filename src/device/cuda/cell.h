@@ -1,4 +1,4 @@
-/* A cell of the hash grid, for kernels. Files that include it are compiled without fused
+/* A cell of the hash grid, for kernels. Files that include this header are compiled without fused
  * multiply-add. */
 #pragma once
 
@@ -8,9 +8,9 @@
 enum { CUDA_CORNERS = 16 };
 
 /* Position of a point in a level: the vertices of its cell, clamped to the level, and the weights
- * of the upper ones. */
+ * of the upper vertices. */
 struct cuda_cell {
-    uint32_t low[4], high[4]; /* their terms of the row: vertex times stride or prime */
+    uint32_t low[4], high[4]; /* terms of a corner's row: vertex times stride or prime */
     float w[4], slope[4];     /* d w / d x_u */
     size_t first_row;
     uint32_t n_rows, mask; /* mask: n_rows - 1 if n_rows is a power of two, else 0 */

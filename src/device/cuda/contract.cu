@@ -1,4 +1,4 @@
-/* Maps means to the unit cube and gradients back, and accumulates the densification statistics.
+/* Maps means to the unit cube, propagates gradients back, and accumulates densification statistics.
  * Compiled without fused multiply-add, as on the CPU: grid positions are defined with one rounding
  * per operation. */
 #include "device/cuda/cuda.h"

@@ -1,4 +1,4 @@
-/* The CUDA device: memory, errors, clocks, and the table of its verbs. */
+/* The CUDA device: memory, errors, clocks, and the table of verbs. */
 #include "device/cuda/cuda.h"
 
 #include <stdio.h>
@@ -8,7 +8,7 @@
 
 static spin_fail_fn *fail;
 
-static void use(spin_fail_fn *how) { fail = how; }
+static void set_fail(spin_fail_fn *how) { fail = how; }
 
 spin_status cuda_fail(spin_status status, const char *what, const char *why)
 {
@@ -17,8 +17,9 @@ spin_status cuda_fail(spin_status status, const char *what, const char *why)
 
 spin_status cuda_no_memory(void) { return fail(SPIN_E_MEMORY, "out of memory"); }
 
-/* Keeps the first error: later ones are consequences. */
-static void note(struct spin_device *d, spin_status status, const char *why)
+/* Records an error for the next wait(), unless `why` is NULL. Only the first error is kept, since
+ * later ones are its consequences. */
+static void note_error(struct spin_device *d, spin_status status, const char *why)
 {
     struct cuda *cuda = cuda_of(d);
 
@@ -28,9 +29,9 @@ static void note(struct spin_device *d, spin_status status, const char *why)
     snprintf(cuda->why, sizeof cuda->why, "%s: %s", cuda->gpu.name, why);
 }
 
-/* Number of the GPU to use: ranks on one machine use one GPU each, by their local rank, which Open
- * MPI, MPICH and Slurm export. */
-static int card_number(void)
+/* Number of the GPU to try first. Each rank of a machine has its own GPU, numbered by the local
+ * rank, which Open MPI, MPICH and Slurm provide in the environment. */
+static int gpu_number(void)
 {
     static const char *const name[] = {"OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID",
                                        "SLURM_LOCALID"};
@@ -44,10 +45,10 @@ static int card_number(void)
     return 0;
 }
 
-/* Whether three tf32 products are faster than one fp32 product. Not on consumer GPUs (8.6, 8.9,
- * 12), whose tf32 and fp32 rates are equal. SPIN_CUDA_MLP=fp32 or tf32 overrides, for
+/* Whether three tf32 products are faster than one fp32 product. They are not on consumer GPUs (8.6,
+ * 8.9, 12), whose tf32 and fp32 rates are equal. SPIN_CUDA_MLP=fp32 or tf32 overrides this, for
  * comparisons. */
-static bool wants_tensor(const struct gpu *gpu)
+static bool prefers_tensor(const struct gpu *gpu)
 {
     const char *wanted = getenv("SPIN_CUDA_MLP");
     bool games = (gpu->major == 8 && (gpu->minor == 6 || gpu->minor == 9)) || gpu->major == 12;
@@ -61,7 +62,7 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
 {
     struct cuda *cuda = (struct cuda *)calloc(1, sizeof *cuda);
     char why[200] = "";
-    int n, first = card_number(), at = 0;
+    int n, first = gpu_number(), at = 0;
     const char *sync = getenv("SPIN_CUDA_SYNC");
 
     (void)n_threads;
@@ -76,7 +77,7 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
         return fail(SPIN_E_DEVICE, "no CUDA device: %s", why);
     }
     cuda->sync = sync && strcmp(sync, "1") == 0;
-    cuda->tensor = wants_tensor(&cuda->gpu);
+    cuda->tensor = prefers_tensor(&cuda->gpu);
     d->state = cuda;
     d->path = "cuda";
     d->frames_at_once = SPIN_MAX_FRAMES;
@@ -116,7 +117,7 @@ static spin_status wait(struct spin_device *d)
     struct cuda *cuda = cuda_of(d);
     spin_status status;
 
-    note(d, SPIN_E_DEVICE, gpu_wait(&cuda->gpu));
+    note_error(d, SPIN_E_DEVICE, gpu_wait(&cuda->gpu));
     status = cuda->failed;
     cuda->failed = SPIN_OK;
     return status == SPIN_OK ? SPIN_OK : fail(status, "the CUDA device failed: %s", cuda->why);
@@ -128,7 +129,7 @@ static spin_status reserve(struct spin_device *d, size_t bytes, void SPIN_DEV **
     void *block = gpu_alloc(gpu_of(d), bytes, &why);
 
     *out = block;
-    note(d, SPIN_E_DEVICE, why);
+    note_error(d, SPIN_E_DEVICE, why);
     if (why)
         return wait(d);
     if (!block)
@@ -166,7 +167,7 @@ static spin_status download(struct spin_device *d, void *host, const void SPIN_D
     return wait(d);
 }
 
-/* Falls back to ordinary memory if page-locked memory is not available. */
+/* Reserves page-locked memory, or ordinary memory if page-locked memory is not available. */
 static spin_status host_reserve(struct spin_device *d, size_t bytes, struct spin_host_memory *out)
 {
     size_t room = (bytes + 63) / 64 * 64 + 64;
@@ -189,7 +190,7 @@ static void host_release(struct spin_device *d, struct spin_host_memory *memory)
 
 static void *host_view(struct spin_device *, void SPIN_DEV *) { return NULL; }
 
-/* A sixteenth is reserved for the verbs' scratch memory. */
+/* Excludes a sixteenth of the free memory, which is reserved for the verbs' scratch memory. */
 static size_t memory_available(struct spin_device *d)
 {
     size_t left = gpu_memory_free(gpu_of(d));
@@ -214,25 +215,27 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
         s->bytes = bytes;
         s->block = gpu_alloc(&cuda->gpu, s->bytes, &failed);
     }
-    note(d, SPIN_E_DEVICE, failed);
+    note_error(d, SPIN_E_DEVICE, failed);
     if (!s->block) {
         snprintf(why, sizeof why, "out of memory: an operation needs %zu bytes of scratch memory",
                  s->bytes);
-        note(d, SPIN_E_MEMORY, why);
+        note_error(d, SPIN_E_MEMORY, why);
     }
     return s->block;
 }
 
-/* ---- Clocks: pairs of events, evaluated on request or when all are used ---------------------- */
+/* ---- Clocks ---------------------------------------------------------------------------------- */
 
-static void make_up(struct cuda_clock *clock)
+/* Adds the times between the pairs of events to the clock. This happens on request or when all
+ * pairs are in use, since it waits for the events. */
+static void add_marks(struct cuda_clock *clock)
 {
     for (int i = 0; i < clock->n; i++)
         clock->seconds += gpu_seconds(clock->mark[i][0], clock->mark[i][1]);
     clock->n = 0;
 }
 
-static void mark(struct spin_device *d, int op, int end)
+static void record_mark(struct spin_device *d, int op, int end)
 {
     struct cuda_clock *clock = &cuda_of(d)->clock[op];
     void **at = &clock->mark[clock->n][end];
@@ -245,8 +248,8 @@ static void mark(struct spin_device *d, int op, int end)
 cuda_clocked::cuda_clocked(struct spin_device *device, int number) : d(device), op(number)
 {
     if (cuda_of(d)->clock[op].n == CUDA_MARKS)
-        make_up(&cuda_of(d)->clock[op]);
-    mark(d, op, 0);
+        add_marks(&cuda_of(d)->clock[op]);
+    record_mark(d, op, 0);
 }
 
 cuda_clocked::~cuda_clocked()
@@ -255,14 +258,14 @@ cuda_clocked::~cuda_clocked()
     const char *failed;
     char why[160];
 
-    mark(d, op, 1);
+    record_mark(d, op, 1);
     cuda_of(d)->clock[op].n++;
     failed = cuda_of(d)->sync ? gpu_wait(gpu_of(d)) : gpu_error(gpu_of(d));
     if (failed && cuda_of(d)->sync) {
         snprintf(why, sizeof why, "%s (in %s)", failed, name[op]);
         failed = why;
     }
-    note(d, SPIN_E_DEVICE, failed);
+    note_error(d, SPIN_E_DEVICE, failed);
 }
 
 static double clock_of(struct spin_device *d, int op)
@@ -270,7 +273,7 @@ static double clock_of(struct spin_device *d, int op)
     struct cuda_clock *clock = &cuda_of(d)->clock[op];
     double seconds;
 
-    make_up(clock);
+    add_marks(clock);
     seconds = clock->seconds;
     clock->seconds = 0;
     return seconds;
@@ -345,5 +348,5 @@ static const struct spin_device_ops ops = {
 
 extern "C" {
 extern SPIN_VISIBLE const struct spin_cuda_shim spin_cuda_shim_table;
-const struct spin_cuda_shim spin_cuda_shim_table = {SPIN_CUDA_SHIM_ABI, &ops, use};
+const struct spin_cuda_shim spin_cuda_shim_table = {SPIN_CUDA_SHIM_ABI, &ops, set_fail};
 }

@@ -25,7 +25,7 @@ enum cuda_scratch_of {
 enum { CUDA_MARKS = 64 };
 struct cuda_clock {
     void *mark[CUDA_MARKS][2];
-    int n; /* pairs of marks not yet added to seconds */
+    int n; /* pairs of marks whose time is not yet added to `seconds` */
     double seconds;
 };
 
@@ -36,8 +36,8 @@ struct cuda {
         size_t bytes;
     } scratch[CUDA_SCRATCHES];
     bool sync;   /* SPIN_CUDA_SYNC=1: wait after every verb, so that an error names its verb */
-    bool tensor; /* heads on tensor cores */
-    spin_status failed; /* error that the next wait() returns */
+    bool tensor; /* compute heads on tensor cores */
+    spin_status failed; /* error that the next wait() returns and clears */
     char why[256];
     struct cuda_clock clock[SPIN_N_OPS];
     uint64_t view_pairs[SPIN_MAX_VIEWS]; /* pairs of each view, from tile_count to tile_fill */
@@ -47,29 +47,31 @@ struct cuda {
 static inline struct cuda *cuda_of(struct spin_device *d) { return (struct cuda *)d->state; }
 static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gpu; }
 
-/* cuda.cu: scratch, contents undefined. NULL if out of memory: the verb then leaves its results
- * unchanged, and the next wait() returns the error. */
+/* cuda.cu: returns a scratch buffer with undefined contents; NULL if out of memory: the calling
+ * verb then leaves its results unchanged, and the next wait() returns the error. */
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
-/* cuda.cu: report that the host is out of memory; report any other failure immediately. */
+/* cuda.cu: set the error message and return the status, as spin_fail() does: for the host being out
+ * of memory, and for any other failure. */
 spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
-/* nccl.cu: close the link, if there is one. */
+/* nccl.cu: closes the link, if there is one. */
 void cuda_unlink(struct spin_device *d);
-/* Scope of a verb: times it, and at the end of the block checks for launch errors. */
+/* An object of this type measures the time of a verb, and checks for launch errors when its scope
+ * ends. */
 struct cuda_clocked {
     struct spin_device *d;
     int op;
     cuda_clocked(struct spin_device *device, int number);
     ~cuda_clocked();
 };
-/* Scan and sort of gpu.h with their own scratch. Return false if out of memory, like
- * cuda_scratch(). */
+/* Scan and sort of gpu.h with a scratch buffer of their own. They return false if out of memory;
+ * the next wait() then returns the error. */
 bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
 bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
                uint32_t *value_out, size_t n, int bits);
 
-/* cuda.cu: checks that a view's pairs are within the limits, given the pairs of the views before
- * it. */
+/* cuda.cu: checks that the pairs of a view are within the limits; before: pairs of the views before
+ * this one. */
 spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before);
 
 static inline size_t cuda_round_up(size_t bytes) { return (bytes + 255) / 256 * 256; }
@@ -78,8 +80,9 @@ static inline size_t cuda_picture(const struct spin_view_batch *views, int k)
     return (size_t)k * 3 * views->max_pixels;
 }
 
-/* Active rows. A kernel has one thread for each row of the list's capacity; one launch handles the
- * rows of one frame, [first, first + n). */
+/* The active rows of one frame, whose rows in the batch are [first, first + n). The number of
+ * active rows is only available on the device, so a kernel has one thread per entry of the list's
+ * capacity. */
 struct cuda_rows {
     const uint32_t *row, *count;
     size_t first, n;
@@ -89,7 +92,7 @@ static inline struct cuda_rows cuda_rows_of(const struct spin_active *active, si
 {
     return cuda_rows{active->row, active->n, first, n};
 }
-/* Returns false if there is no active row i, or it belongs to another frame. */
+/* Returns false if there is no active row i, or if row i belongs to another frame. */
 static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, size_t *row_of_frame)
 {
     if (i >= *rows.count)

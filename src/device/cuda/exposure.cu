@@ -1,5 +1,5 @@
-/* Applies a camera's gain and offset and its lens's falloff to an image, and the gradient back.
- * Sums are in double and add the blocks in order. */
+/* Applies the gain and offset of a camera and the falloff of its lens to an image, and propagates
+ * gradients back. Sums are in double and add the blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/exposure.h"
 
@@ -54,7 +54,7 @@ void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
     }
 }
 
-/* blockIdx.y is the channel; sums [3][blocks][SUMS]. */
+/* Computes d_image, and sums [3][blocks][SUMS]; blockIdx.y is the channel. */
 static __global__ void back_kernel(struct look l, const float *image, float *d_image, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -119,7 +119,7 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
     }
 }
 
-/* One thread per column. */
+/* Subtracts the mean of each column; one thread per column. */
 static __global__ void centre_kernel(size_t n, float *exposure)
 {
     size_t k = threadIdx.x;

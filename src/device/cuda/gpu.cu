@@ -1,5 +1,5 @@
-/* Implements gpu.h with the CUDA runtime and CUB. The only file of this folder that the emulation
- * replaces. */
+/* Implements gpu.h with the CUDA runtime and CUB. The emulation replaces only this file of the
+ * folder. */
 #include "device/cuda/gpu.h"
 
 #include <cstdio>
@@ -12,8 +12,8 @@ static const char *text_of(cudaError_t error)
     return error == cudaSuccess ? NULL : cudaGetErrorString(error);
 }
 
-/* CUDA's current device is per thread, so it is set before every use of the stream. Kernel launches
- * rely on a previous call, at least the gpu_mark() of their verb. */
+/* Returns the stream, after making its GPU the current one, which CUDA stores per thread. Kernel
+ * launches rely on an earlier call, at least that of gpu_mark() at the start of their verb. */
 static cudaStream_t stream_of(struct gpu *gpu)
 {
     cudaSetDevice(gpu->number);
@@ -30,14 +30,14 @@ int gpu_count(char *why, size_t n_why)
     snprintf(why, n_why, "%s",
              cudaGetErrorString(error == cudaSuccess ? cudaErrorNoDevice : error));
     cudaGetLastError();
-    /* Without any driver the error is the same, but the version is 0. */
+    /* The error is the same without any driver, but the version is 0 then. */
     return error == cudaErrorInsufficientDriver && cudaDriverGetVersion(&driver) == cudaSuccess &&
                    driver > 0
                ? -1
                : 0;
 }
 
-/* The GPU's default memory pool, configured to keep freed memory; NULL if it has none. */
+/* The default memory pool of a GPU, configured to keep freed memory; NULL if there is none. */
 static void *pool_of(int number)
 {
     int has = 0;
@@ -52,8 +52,8 @@ static void *pool_of(int number)
     return NULL;
 }
 
-/* Probes whether this build has code for the GPU: all files of this folder are compiled for the
- * same architectures. */
+/* Serves to test whether this build has code for the GPU. One kernel is enough, since all files of
+ * this folder are compiled for the same architectures. */
 static __global__ void probe_kernel() {}
 
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
@@ -97,8 +97,8 @@ void gpu_close(struct gpu *gpu)
     gpu->stream = NULL;
 }
 
-/* Stream-ordered, and freed memory stays in the pool, so that allocating it again is cheap. A GPU
- * that shares its memory with another system has no pools. */
+/* Allocates in stream order. Freed memory stays in the pool, so that allocating it again is cheap.
+ * A GPU that shares its memory with another system has no pool. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     void *block = NULL;
@@ -114,7 +114,7 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
     }
     *why = error == cudaErrorMemoryAllocation ? NULL : text_of(error);
     if (error == cudaErrorMemoryAllocation)
-        cudaGetLastError(); /* the NULL reports it */
+        cudaGetLastError(); /* clear the error, which the result NULL reports */
     return error == cudaSuccess ? block : NULL;
 }
 
@@ -155,7 +155,9 @@ void *gpu_host_alloc(struct gpu *gpu, size_t bytes)
     stream_of(gpu);
     if (cudaHostAlloc(&block, bytes, cudaHostAllocDefault) == cudaSuccess)
         return block;
-    cudaGetLastError(); /* the NULL reports it; a lost GPU fails again in later calls */
+    /* Clear the error, which the result NULL reports; if the GPU is lost, later calls fail again.
+     */
+    cudaGetLastError();
     return NULL;
 }
 
@@ -170,8 +172,8 @@ void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
     cudaMemsetAsync(at, 0, bytes, stream_of(gpu));
 }
 
-/* From pageable memory this returns after the bytes were copied, from page-locked memory
- * immediately. */
+/* Returns after the bytes were copied if they are in pageable memory, immediately if they are in
+ * page-locked memory. */
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes)
 {
     cudaMemcpyAsync(to, host, bytes, cudaMemcpyHostToDevice, stream_of(gpu));

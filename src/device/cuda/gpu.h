@@ -1,6 +1,6 @@
-/* The CUDA functions that the device uses, wrapped. gpu.cu implements them with the CUDA runtime
- * and CUB. In the host emulation (SPIN_EMU) tests/emu implements them, and the compiler includes
- * tests/emu/emu.h first, which defines the CUDA C++ of the kernels: __global__, threadIdx,
+/* Wraps the CUDA functions that the device uses. gpu.cu implements them with the CUDA runtime and
+ * CUB. In the emulation on the host (SPIN_EMU), tests/emu implements them, and the compiler first
+ * includes tests/emu/emu.h, which defines the CUDA C++ of the kernels: __global__, threadIdx,
  * __syncthreads() and so on. */
 #pragma once
 
@@ -19,8 +19,8 @@ bool emu_launches(struct gpu *gpu); /* false: a test simulates the loss of the G
 #else
 #define GPU_LAUNCH(gpu, kernel, grid, block, ...)                                                  \
     kernel<<<grid, block, 0, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__)
-/* Launch with `bytes` of dynamic shared memory, up to gpu->shared; the kernel accesses it by
- * GPU_SHARED, aligned to 16. */
+/* Launches a kernel with `bytes` of dynamic shared memory, at most gpu->shared. In the kernel
+ * GPU_SHARED declares this memory, aligned to 16 bytes. */
 #define GPU_LAUNCH_SHARED(gpu, kernel, grid, block, bytes, ...)                                    \
     (cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, bytes),             \
      kernel<<<grid, block, bytes, (cudaStream_t)(gpu)->stream>>>(__VA_ARGS__))
@@ -39,28 +39,28 @@ static inline unsigned gpu_blocks(size_t n) { return (unsigned)((n + GPU_BLOCK -
 /* Index of this thread among all threads of the launch, along x. */
 #define GPU_INDEX() ((size_t)blockIdx.x * blockDim.x + threadIdx.x)
 
-/* A GPU and its stream. Functions that return nothing are queued; their errors, like those of
- * kernels, are returned by gpu_error() and gpu_wait(). */
+/* A GPU and its stream. Functions that return nothing are queued; gpu_error() and gpu_wait() return
+ * their errors and those of kernels. */
 struct gpu {
     void *stream;
-    void *pool;    /* keeps freed memory, or NULL */
-    char name[48]; /* of the GPU */
-    char id[40];   /* unique id of the GPU */
-    int number;    /* index among the GPUs of this machine */
-    int major, minor;
-    int processors; /* number of multiprocessors */
-    int shared;     /* largest dynamic shared memory of a block, in bytes */
+    void *pool;       /* memory pool, which keeps freed memory; or NULL */
+    char name[48];    /* name of the GPU */
+    char id[40];      /* unique id of the GPU */
+    int number;       /* index among the GPUs of this machine */
+    int major, minor; /* compute capability */
+    int processors;   /* number of multiprocessors */
+    int shared;       /* largest dynamic shared memory of a block, in bytes */
 };
 
-/* Number of GPUs. 0 with why: none; -1 with why: a driver is present, but too old for this build's
+/* Number of GPUs. Sets `why` if it is 0, or -1: a driver is present, but too old for this build's
  * CUDA runtime. */
 int gpu_count(char *why, size_t n_why);
-/* Opens GPU `number`, below gpu_count(). Returns false, with why, if it does not work or this build
- * has no code for it. */
+/* Opens GPU `number`, below gpu_count(). Returns false and sets `why` if the GPU does not work or
+ * this build has no code for it. */
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why);
 void gpu_close(struct gpu *gpu);
 
-/* NULL: out of memory; or, with *why set, an error that happened before. */
+/* Returns NULL if out of memory, with *why NULL; or after any other error, with *why set. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why);
 void gpu_free(struct gpu *gpu, void *block);
 size_t gpu_memory_free(struct gpu *gpu);
@@ -70,16 +70,17 @@ void *gpu_host_alloc(struct gpu *gpu, size_t bytes);
 void gpu_host_free(struct gpu *gpu, void *block);
 
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes);
-/* host may be reused on return; page-locked memory only after gpu_wait() */
+/* `host` may be overwritten after the call; if it is page-locked, only after gpu_wait(). */
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes);
 void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes); /* waits */
-/* The first error so far, without waiting or after waiting for the stream; NULL: none. */
+/* Return the first error so far; NULL: none. gpu_wait() waits for the stream first. */
 const char *gpu_error(struct gpu *gpu);
 const char *gpu_wait(struct gpu *gpu);
 bool gpu_done(struct gpu *gpu); /* whether all queued work is done, or has failed */
 
-/* Events in the stream, and the seconds between two of them; gpu_seconds() waits for the second.
- * gpu_mark_new() returns NULL if none can be created; the others accept NULL. */
+/* Events in the stream. gpu_seconds() returns the time between two events, and waits for the
+ * second. gpu_mark_new() returns NULL if no event can be created; the other functions accept
+ * NULL. */
 void *gpu_mark_new(struct gpu *gpu);
 void gpu_mark_free(void *mark);
 void gpu_mark(struct gpu *gpu, void *mark);

@@ -1,8 +1,10 @@
 /* The 4-D hash grid, forward and backward: one thread per point and level. The blocks of a level
  * are consecutive, so that the level stays in cache. Compiled without fused multiply-add, as on the
- * CPU. Gradients are added to the rows of the table by atomics: in float, equal up to rounding from
- * run to run; or, if the device is deterministic, in integers, whose sum does not depend on the
- * order. */
+ * CPU.
+ *
+ * Atomics add the gradients to the rows of the table. They add floats, so that the results of two
+ * runs differ by rounding; on a deterministic device they add integers, whose sum does not depend
+ * on the order. */
 #include "device/cuda/cell.h"
 #include "device/cuda/cuda.h"
 
@@ -15,8 +17,8 @@ static __device__ float corner_weight(const struct cuda_cell &cell, int k)
     return (w[0] * w[1]) * (w[2] * w[3]);
 }
 
-/* Loads and stores WIDTH consecutive values, up to 16 bytes at a time; rows are aligned to their
- * size. */
+/* load_row() and store_row() move WIDTH consecutive values, up to 16 bytes at a time. Rows are
+ * aligned to their size. */
 template <int WIDTH> static __device__ void load_row(const float *from, float *to)
 {
     if (WIDTH % 4 == 0) {
@@ -125,7 +127,7 @@ struct fixed {
     double *factor;          /* [levels] */
 };
 
-/* Adds WIDTH consecutive values; 16 bytes at a time on GPUs with such atomics. */
+/* Adds WIDTH consecutive values, 16 bytes at a time on GPUs that have atomics of this size. */
 template <int WIDTH> static __device__ void add_floats(float *to, const float *value)
 {
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900)
@@ -161,9 +163,9 @@ static __device__ void add_to_row(const struct fixed &fixed, int level, float *d
 enum { MOST_STEPS = 5 };
 struct peers {
     unsigned mask;        /* lanes with a point */
-    bool leads;           /* the first lane of its cell */
-    int steps;            /* steps until the first lane has the sum of the fullest cell */
-    int from[MOST_STEPS]; /* the lane whose value is added in each step; the own lane: none */
+    bool leads;           /* this lane is the first of its cell */
+    int steps;            /* number of steps that the cell with the most points needs */
+    int from[MOST_STEPS]; /* lane whose value is added in each step; this lane itself: none */
 };
 
 static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell &cell)
@@ -178,8 +180,9 @@ static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell 
     above = same & ~(((1u << lane) - 1) | 1u << lane);
     peers.leads = rank == 0;
     peers.steps = 0;
-    for (int s = 0; s < MOST_STEPS; s++) { /* add ranks 2^s apart: `above` keeps the lanes that
-                                            * still hold a sum */
+    /* Step s adds lanes of the cell that are 2^s ranks apart; `above` are the lanes above this one
+     * whose sums have not been added to another lane yet. */
+    for (int s = 0; s < MOST_STEPS; s++) {
         peers.from[s] = above ? __ffs((int)above) - 1 : (int)lane;
         peers.steps += __any_sync(mask, above != 0) != 0;
         above &= __ballot_sync(mask, (rank & 1) == 0);
@@ -188,7 +191,7 @@ static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell 
     return peers;
 }
 
-/* The first lane of each cell receives the sum of its cell. */
+/* Computes the sum of each cell, in its first lane. */
 template <int WIDTH> static __device__ void sum_of_cell(const struct peers &peers, float *value)
 {
     int lane = (int)(threadIdx.x % 32);
@@ -202,7 +205,7 @@ template <int WIDTH> static __device__ void sum_of_cell(const struct peers &peer
             }
 }
 
-/* d_x [levels][most][3], or NULL. */
+/* d_x [levels][most][3] = position gradients per level; or NULL. */
 template <int WIDTH>
 static __global__ void
 grid_back_kernel(struct spin_grid grid, const float *table, struct cuda_rows rows, size_t most,
@@ -231,8 +234,8 @@ grid_back_kernel(struct spin_grid grid, const float *table, struct cuda_rows row
                 add_to_row<WIDTH>(fixed, level, d_table, cuda_corner_row(cell, k) * WIDTH, value);
         }
         if (d_x) {
-            float v[CUDA_CORNERS], row[WIDTH]; /* features of a corner; v: dotted with the
-                                                * gradient */
+            /* row: features of a corner; v: their dot products with the gradient */
+            float v[CUDA_CORNERS], row[WIDTH];
 
             for (int k = 0; k < CUDA_CORNERS; k++) {
                 load_row<WIDTH>(table + cuda_corner_row(cell, k) * WIDTH, row);
@@ -266,7 +269,7 @@ static __global__ void sum_levels_kernel(int n_levels, struct cuda_rows rows, si
     d_x_u[4 * i + 3] = 0; /* the gradient with respect to time is not used */
 }
 
-/* partial [levels][blocks] = sums of the finite |d_z| of a block's rows. */
+/* partial [levels][blocks] = sums of |d_z| over the rows of a block, without nonfinite values. */
 static __global__ void size_kernel(int n_levels, int width, struct cuda_rows rows, const float *d_z,
                                    double *partial)
 {
@@ -284,7 +287,7 @@ static __global__ void size_kernel(int n_levels, int width, struct cuda_rows row
         partial[(size_t)blockIdx.y * gridDim.x + blockIdx.x] = own;
 }
 
-/* One block per level. */
+/* Computes the factor of each level; one block per level. */
 static __global__ void factor_kernel(unsigned n_blocks, const double *partial, double *factor)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -300,7 +303,7 @@ static __global__ void factor_kernel(unsigned n_blocks, const double *partial, d
     factor[blockIdx.x] = own > 0 ? ldexp(1.0, 61 - exponent) : 1;
 }
 
-/* Converts the sums and adds them to d_table. The blocks of a level are consecutive. */
+/* Converts the fixed-point sums and adds them to d_table. The blocks of a level are consecutive. */
 static __global__ void add_fixed_kernel(struct spin_grid grid, struct fixed fixed, float *d_table)
 {
     size_t width = (size_t)grid.n_features, i = GPU_INDEX();
@@ -311,7 +314,8 @@ static __global__ void add_fixed_kernel(struct spin_grid grid, struct fixed fixe
         d_table[at] += (float)((double)(long long)fixed.sum[at] / fixed.factor[level]);
 }
 
-/* Zeroes the sums and computes the factors. Returns false if out of memory. */
+/* Reserves and zeroes the fixed-point sums, and computes the factors. Returns false if out of
+ * memory. */
 static bool begin_fixed(struct spin_device *d, const struct spin_grid *grid,
                         const struct cuda_rows &rows, size_t most, const float *d_z,
                         struct fixed *fixed)

@@ -1,23 +1,25 @@
 /* Heads at most 64 wide, forward and backward, in fp32: one block computes all layers of 32 splats,
  * with activations in shared memory and gradients of the weights in registers. heads_tensor.cu does
- * the same on tensor cores; wider heads are in mlp.cu.
+ * the same on tensor cores; mlp.cu computes wider heads.
  *
- * Forward, a block handles one head and 32 splats. Backward, each launch handles one head with as
- * many blocks as fill a large GPU; a block iterates over groups of 32 splats, with the number of
- * blocks as stride, and stores its partial gradient of the weights; then the partial gradients are
- * added in order. */
+ * Forward, a block handles one head and 32 splats. Backward, each launch handles one head, with
+ * enough blocks to fill a large GPU. A block iterates over groups of 32 splats, with the number of
+ * blocks as stride, and stores a partial gradient of the weights. Another kernel adds the partial
+ * gradients in order. */
 #include "device/cuda/heads.h"
 
 #include "math/mlp.h"
 
 enum { ROWS = 32, WIDE = CUDA_HEADS_WIDE, STEP = 16, THREADS = 256, MOST_BLOCKS = 264 };
-/* elements per thread */
+/* Elements of a thread: of activations, and of a weight matrix. */
 enum { OWN = ROWS * WIDE / THREADS, OWN_WEIGHTS = WIDE * WIDE / THREADS };
 
 /* Matrix products. Activations are [ROWS][WIDE] in shared memory, indexed by cell(row, column);
- * `stage` holds STEP rows of a weight matrix, WIDE columns each. times: sum += columns [k0, k0 +
- * STEP) of x times stage; place() maps a thread's elements to rows and columns. outer: sum
- * [n][WIDE] += d^T x; outer_place() maps its elements. */
+ * `stage` contains STEP rows of a weight matrix, WIDE columns each.
+ *     times(): sum += columns [k0, k0 + STEP) of x times stage
+ *     place(): row and column of element e of a thread's sum of times()
+ *     outer(): sum [n][WIDE] += d^T x
+ *     outer_place(): the same as place(), for the sum of outer() */
 enum { ROOM = ROWS * WIDE, STAGE_ROW = WIDE, STAGE = (int)STEP * STAGE_ROW };
 static __device__ int cell(int row, int column) { return row * WIDE + column; }
 
@@ -59,8 +61,8 @@ static __device__ void outer(int n, const float *d, const float *x, float *sum)
     }
 }
 
-/* sum = x W^T, W [n_out][n_in]; or, if `back`, x W. All threads must call it; on return x and stage
- * may be overwritten. */
+/* sum = x W^T with W [n_out][n_in]; if `back` is set, sum = x W. All threads must call it; after it
+ * x and stage may be overwritten. */
 static __device__ void multiply(const float *x, const float *w, int n_in, int n_out, bool back,
                                 float *stage, float *sum)
 {
@@ -81,7 +83,8 @@ static __device__ void multiply(const float *x, const float *w, int n_in, int n_
     }
 }
 
-/* to = activation(sum + bias), 0 beyond `hidden`; slope = its derivative, unless NULL. */
+/* to = activation(sum + bias), and 0 in the columns beyond `hidden`; slope = the derivative of the
+ * activation, unless NULL. */
 static __device__ void activate(const float *sum, const float *bias, int hidden, bool relu,
                                 float *to, float *slope)
 {
@@ -108,8 +111,8 @@ static __device__ void activate(const float *sum, const float *bias, int hidden,
 
 /* to [ROWS][WIDE] = the first n columns of m rows of `from`, selected by `number` (NULL:
  * consecutive rows); zero elsewhere. */
-static __device__ void load(float *to, const float *from, size_t ld, const uint32_t *number, int m,
-                            int n)
+static __device__ void load_rows(float *to, const float *from, size_t ld, const uint32_t *number,
+                                 int m, int n)
 {
     for (int at = (int)threadIdx.x; at < ROWS * WIDE; at += THREADS) {
         int row = at / WIDE, column = at % WIDE;
@@ -133,7 +136,7 @@ static __device__ void forward(const struct spin_heads &heads, const float *para
     const float *p = param + heads.offset[head];
     float sum[OWN];
 
-    load(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
+    load_rows(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
     multiply(x, p + at.w1, n_in, hidden, false, stage, sum);
     activate(sum, p + at.b1, hidden, heads.relu, y, NULL);
     multiply(y, p + at.w2, hidden, hidden, false, stage, sum);
@@ -182,7 +185,7 @@ struct back {
     float *d_z, *partial; /* partial [blocks][size of the head] */
 };
 
-/* Sum of a quarter of the rows in column threadIdx.x % WIDE. */
+/* Sum of column threadIdx.x % WIDE over a quarter of the rows. */
 static __device__ float sum_of_rows(const float *d)
 {
     int column = (int)threadIdx.x % WIDE, first = (int)threadIdx.x / WIDE * (ROWS / 4);
@@ -193,10 +196,10 @@ static __device__ float sum_of_rows(const float *d)
     return sum;
 }
 
-/* Stores a block's gradients: to [n][n_in] of weights and bias [n] of a bias, whose four partial
- * sums are combined in stage. */
-static __device__ void leave(const float *sum, float sum_of_bias, int n, int n_in, float *stage,
-                             float *to, float *bias)
+/* Stores the partial gradients of a block: to [n][n_in] for weights, bias [n] for a bias, whose
+ * four partial sums are exchanged by way of `stage`. */
+static __device__ void store_gradients(const float *sum, float sum_of_bias, int n, int n_in,
+                                       float *stage, float *to, float *bias)
 {
     int me = (int)threadIdx.x;
 
@@ -214,8 +217,8 @@ static __device__ void leave(const float *sum, float sum_of_bias, int n, int n_i
         bias[me] = (stage[me] + stage[me + WIDE]) + (stage[me + 2 * WIDE] + stage[me + 3 * WIDE]);
 }
 
-/* to = sum times the slopes of the activation below. */
-static __device__ void through(const float *sum, const float *slope, float *to)
+/* to = sum times `slope`, the derivatives of the activation below. */
+static __device__ void through_activation(const float *sum, const float *slope, float *to)
 {
     for (int e = 0; e < OWN; e++) {
         int row, column;
@@ -226,7 +229,7 @@ static __device__ void through(const float *sum, const float *slope, float *to)
     __syncthreads();
 }
 
-/* z, a1, a2 and g [ROWS][WIDE] are shared memory; g holds the gradient of one layer after the
+/* z, a1, a2 and g [ROWS][WIDE] are in shared memory; g contains the gradient of one layer after the
  * other. */
 static __device__ void backward(const struct back &b, float *z, float *a1, float *a2, float *g,
                                 float *stage)
@@ -242,8 +245,9 @@ static __device__ void backward(const struct back &b, float *z, float *a1, float
          first += (size_t)gridDim.x * ROWS) {
         int m = count - first < ROWS ? (int)(count - first) : (int)ROWS;
 
-        load(z, b.z, (size_t)n_in, b.rows.row + first, m, n_in);
-        load(g, b.d_raw + first * SPIN_ATTR + cuda_heads_column(b.head), SPIN_ATTR, NULL, m, n_out);
+        load_rows(z, b.z, (size_t)n_in, b.rows.row + first, m, n_in);
+        load_rows(g, b.d_raw + first * SPIN_ATTR + cuda_heads_column(b.head), SPIN_ATTR, NULL, m,
+                  n_out);
         multiply(z, p + at.w1, n_in, hidden, false, stage, sum);
         activate(sum, p + at.b1, hidden, b.heads.relu, a1, slope1);
         multiply(a1, p + at.w2, hidden, hidden, false, stage, sum);
@@ -252,11 +256,11 @@ static __device__ void backward(const struct back &b, float *z, float *a1, float
         outer(n_out, g, a2, w3);
         b3 += sum_of_rows(g);
         multiply(g, p + at.w3, hidden, n_out, true, stage, sum);
-        through(sum, slope2, g);
+        through_activation(sum, slope2, g);
         outer(hidden, g, a1, w2);
         b2 += sum_of_rows(g);
         multiply(g, p + at.w2, hidden, hidden, true, stage, sum);
-        through(sum, slope1, g);
+        through_activation(sum, slope1, g);
         outer(hidden, g, z, w1);
         b1 += sum_of_rows(g);
         multiply(g, p + at.w1, n_in, hidden, true, stage, sum);
@@ -271,9 +275,9 @@ static __device__ void backward(const struct back &b, float *z, float *a1, float
         }
     }
     to = b.partial + blockIdx.x * at.size;
-    leave(w1, b1, hidden, n_in, stage, to + at.w1, to + at.b1);
-    leave(w2, b2, hidden, hidden, stage, to + at.w2, to + at.b2);
-    leave(w3, b3, n_out, hidden, stage, to + at.w3, to + at.b3);
+    store_gradients(w1, b1, hidden, n_in, stage, to + at.w1, to + at.b1);
+    store_gradients(w2, b2, hidden, hidden, stage, to + at.w2, to + at.b2);
+    store_gradients(w3, b3, n_out, hidden, stage, to + at.w3, to + at.b3);
 }
 
 static __global__ void __launch_bounds__(THREADS, 2) heads_back_kernel(struct back b)
@@ -283,7 +287,8 @@ static __global__ void __launch_bounds__(THREADS, 2) heads_back_kernel(struct ba
     backward(b, z, a1, a2, g, stage);
 }
 
-/* d_param += the sums of all blocks; those of a head start at n_blocks times its offset. */
+/* d_param += the sums over all blocks of `partial`, in which the partial sums of a head start at
+ * n_blocks times the offset of the head. */
 static __global__ void add_blocks_kernel(struct spin_heads heads, unsigned n_blocks,
                                          const float *partial, float *d_param)
 {

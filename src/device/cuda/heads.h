@@ -1,5 +1,5 @@
-/* Heads computed in one kernel, for mlp.cu: encoding and hidden layers at most CUDA_HEADS_WIDE
- * wide. */
+/* Heads that a single kernel computes, for mlp.cu: those whose encoding and hidden layers are at
+ * most CUDA_HEADS_WIDE wide. */
 #pragma once
 
 #include "device/cuda/cuda.h"
@@ -11,9 +11,9 @@ void cuda_heads_back(struct spin_device *d, const struct spin_heads *heads, cons
                      const struct spin_active *active, const float *z, const float *d_raw,
                      float *d_param, float *d_z);
 
-/* heads_tensor.cu: the same on tensor cores. Backward stores partial sums of the parameters'
- * gradients for each of `blocks` blocks; those of a head, [blocks][size of the head], start at
- * blocks times its offset. */
+/* heads_tensor.cu: the same on tensor cores. The backward pass stores partial sums of the
+ * parameters' gradients for each of `blocks` blocks. The partial sums of a head, [blocks][size of
+ * the head], start at `blocks` times the offset of the head. */
 bool cuda_heads_fit_tensor(struct spin_device *d);
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n_splats);
 void cuda_heads_tensor(struct spin_device *d, const struct spin_heads *heads, const float *param,

@@ -1,12 +1,12 @@
-/* Heads at most 64 wide, on tensor cores. A block keeps one head's weights in shared memory, each
- * split into two tf32 numbers, and processes all its splats with them before the next head. A warp
- * has its own rows, whose activations are in its part of shared memory, so that it advances from
- * layer to layer without block synchronisation. Backward, the activations and gradients of 128
- * splats are in shared memory for the gradients of the weights, of which each warp keeps a part in
- * registers.
+/* Heads at most 64 wide, on tensor cores. A block keeps the weights of one head in shared memory,
+ * each split into two tf32 numbers, and processes all of its splats before the next head. Each warp
+ * has its own rows (splats), whose activations are in a part of shared memory of its own, so it
+ * advances from layer to layer without synchronising the block. Backward, the activations and
+ * gradients of 128 splats are in shared memory to compute the gradients of the weights; each warp
+ * keeps a part of these gradients in registers.
  *
- * The order of a sum's terms is free. Therefore columns t and t + 4 of A in mma.h (and these rows
- * of B) are stored here as columns 2 t and 2 t + 1: a lane reads pairs. */
+ * Since the terms of a sum may be added in any order, columns t and t + 4 of A in mma.h, and these
+ * rows of B, are stored here as columns 2 t and 2 t + 1, so that a lane reads pairs. */
 #include "device/cuda/heads.h"
 
 #include "device/cuda/mma.h"
@@ -14,20 +14,20 @@
 
 enum {
     WIDE = CUDA_HEADS_WIDE,
-    MOST_OUT = 48, /* outputs of a head */
-    DEEP = 8,      /* depth of a product of mma.h, and its columns */
+    MOST_OUT = 48, /* most outputs of a head */
+    DEEP = 8,      /* depth of a product of mma.h, and number of its columns */
     TILES = WIDE / DEEP,
     LONG = WIDE + 8, /* row stride of activations; avoids bank conflicts */
     WARP = 32,
-    WARPS = 12, /* at most, in a block forward, with ROWS rows each */
-    ROWS = 32,
+    WARPS = 12, /* forward: most warps of a block */
+    ROWS = 32,  /* forward: rows of a warp at a time */
     BACK_WARPS = 8,
     BACK_ROWS = 16,
     BACK_TILE = BACK_WARPS * BACK_ROWS
 };
 
-/* Weights of one head in shared memory, padded with zeros. Each of w1 to w3 holds the high parts,
- * then the low parts, see place(). */
+/* Weights of one head in shared memory, padded with zeros. Each of w1 to w3 contains the high parts
+ * of the weights, then the low parts, in the order of place(). */
 struct weights {
     float w1[2 * WIDE * WIDE], w2[2 * WIDE * WIDE], w3[2 * MOST_OUT * WIDE], b1[WIDE], b2[WIDE],
         b3[MOST_OUT];
@@ -41,7 +41,7 @@ struct back_room {
     float x[BACK_TILE * LONG], g[BACK_TILE * LONG];
 };
 
-/* As many warps as shared memory allows: 8 on sm_80. */
+/* Number of warps in a block, limited by shared memory: 8 on sm_80. */
 static int warps_of(const struct gpu *gpu)
 {
     long warps = ((long)gpu->shared - (long)sizeof(struct weights)) /
@@ -67,7 +67,8 @@ static __device__ int tiles(int n) { return (n + DEEP - 1) / DEEP; }
 /* Index of W(o, i): lanes that read (g, 2 t) and (g, 2 t + 1), or (2 t, g), use different banks. */
 static __device__ int place(int o, int i) { return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4)); }
 
-template <int ROOM> static __device__ void stage(const float *w, int n_in, int n_out, float *to)
+template <int ROOM>
+static __device__ void stage_weights(const float *w, int n_in, int n_out, float *to)
 {
     for (int at = (int)threadIdx.x; at < ROOM * WIDE; at += (int)blockDim.x) {
         int o = at / WIDE, i = at % WIDE;
@@ -85,7 +86,8 @@ static __device__ void stage_bias(const float *bias, int n_out, int room, float 
         to[i] = i < n_out ? bias[i] : 0;
 }
 
-/* All threads must call it; on return the weights are visible to all. */
+/* Copies the weights of a head to shared memory. All threads must call it; on return all of them
+ * can read the weights. */
 static __device__ void stage_head(const struct spin_heads &heads, const float *param, int head,
                                   struct weights *w)
 {
@@ -94,9 +96,9 @@ static __device__ void stage_head(const struct spin_heads &heads, const float *p
     const float *p = param + heads.offset[head];
 
     __syncthreads();
-    stage<WIDE>(p + at.w1, n_in, hidden, w->w1);
-    stage<WIDE>(p + at.w2, hidden, hidden, w->w2);
-    stage<MOST_OUT>(p + at.w3, hidden, n_out, w->w3);
+    stage_weights<WIDE>(p + at.w1, n_in, hidden, w->w1);
+    stage_weights<WIDE>(p + at.w2, hidden, hidden, w->w2);
+    stage_weights<MOST_OUT>(p + at.w3, hidden, n_out, w->w3);
     stage_bias(p + at.b1, hidden, WIDE, w->b1);
     stage_bias(p + at.b2, hidden, WIDE, w->b2);
     stage_bias(p + at.b3, n_out, MOST_OUT, w->b3);
@@ -104,7 +106,7 @@ static __device__ void stage_head(const struct spin_heads &heads, const float *p
 }
 
 /* Loads A(16 rows, columns [8 step, 8 step + 8)) of a warp's rows from shared memory. */
-static __device__ void take_rows(const float *x, int step, cuda_split<4> *to)
+static __device__ void load_rows(const float *x, int step, cuda_split<4> *to)
 {
     CUDA_UNROLL
     for (int r = 0; r < 2; r++) {
@@ -119,7 +121,7 @@ static __device__ void take_rows(const float *x, int step, cuda_split<4> *to)
  * with ROOM rows. place() is written out here, so that only the parts that depend on the step are
  * recomputed. */
 template <int N, bool BACK, int ROOM>
-static __device__ void take_weights(const float *w, int step, cuda_split<2 * N> *to)
+static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> *to)
 {
     CUDA_UNROLL
     for (int n = 0; n < N; n++) {
@@ -156,20 +158,20 @@ static __device__ void product(const float *x, int steps, const float *w, float 
     for (int step = 0; step < steps; step++) {
         cuda_split<2 * N> right;
 
-        take_weights<N, BACK, ROOM>(w, step, &right);
+        load_weights<N, BACK, ROOM>(w, step, &right);
         CUDA_UNROLL
         for (int m = 0; m < M; m++) {
             cuda_split<4> left;
 
-            take_rows(x + 16 * m * LONG, step, &left);
+            load_rows(x + 16 * m * LONG, step, &left);
             cuda_mma<N>(sum[m], left, right);
         }
     }
 }
 
-/* Stores the lanes' sums in the warp's rows of shared memory, in the layout that take_rows()
+/* Stores the sums of the lanes in the warp's rows of shared memory, in the layout that load_rows()
  * reads. */
-template <int N> static __device__ void put(const float *sum, float *x)
+template <int N> static __device__ void store_sums(const float *sum, float *x)
 {
     CUDA_UNROLL
     for (int n = 0; n < N; n++) {
@@ -182,11 +184,11 @@ template <int N> static __device__ void put(const float *sum, float *x)
     }
 }
 
-/* R rows of the warp = the first n columns of m rows of `from`, selected by `number` (NULL:
- * consecutive rows); zero elsewhere in COLUMNS columns. */
+/* Sets R rows x COLUMNS columns of the warp's part of shared memory: the first n columns of m rows
+ * of `from`, selected by `number` (NULL: consecutive rows), and zero elsewhere. */
 template <int R, int COLUMNS>
-static __device__ void load(float *x, const float *from, size_t ld, const uint32_t *number, int m,
-                            int n)
+static __device__ void load_input(float *x, const float *from, size_t ld, const uint32_t *number,
+                                  int m, int n)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % COLUMNS;
 
@@ -215,7 +217,7 @@ static __device__ void load(float *x, const float *from, size_t ld, const uint32
 /* ---- Forward --------------------------------------------------------------------------------- */
 
 #if CUDA_HAS_MMA
-/* sum = activation(sum + bias); slope = its derivative, unless NULL. */
+/* sum = activation(sum + bias); slope = the derivative of the activation, unless NULL. */
 static __device__ void activate(const float *bias, bool relu, float *sum, float *slope)
 {
     CUDA_UNROLL
@@ -232,11 +234,11 @@ static __device__ void activate(const float *bias, bool relu, float *sum, float 
     }
 }
 
-/* Computes the last layer for the warp's first m rows, and writes it to `to`, whose rows are
- * SPIN_ATTR long. */
+/* Computes the last layer for the first m rows of the warp, and writes the outputs to `to`, whose
+ * rows are SPIN_ATTR long. */
 template <int N>
-static __device__ void finish(const float *x, int steps, const struct weights *w, int m, int n_out,
-                              float *to)
+static __device__ void finish_rows(const float *x, int steps, const struct weights *w, int m,
+                                   int n_out, float *to)
 {
     float sum[ROWS / 16][4 * N];
 
@@ -272,7 +274,7 @@ static __global__ void __launch_bounds__(WARP *WARPS, 1)
              first += (size_t)gridDim.x * (blockDim.x / WARP) * ROWS) {
             int m = n - first < ROWS ? (int)(n - first) : (int)ROWS;
 
-            load<ROWS, WIDE>(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
+            load_input<ROWS, WIDE>(x, z + first * (size_t)n_in, (size_t)n_in, NULL, m, n_in);
             __syncwarp(0xffffffffu);
             for (int layer = 0; layer < 2; layer++) {
                 float sum[ROWS / 16][4 * TILES];
@@ -282,13 +284,13 @@ static __global__ void __launch_bounds__(WARP *WARPS, 1)
                 CUDA_UNROLL
                 for (int i = 0; i < ROWS / 16; i++) {
                     activate(layer ? w->b2 : w->b1, heads.relu, sum[i], NULL);
-                    put<TILES>(sum[i], x + 16 * i * LONG);
+                    store_sums<TILES>(sum[i], x + 16 * i * LONG);
                 }
             }
             if (n_out > DEEP)
-                finish<MOST_OUT / DEEP>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
+                finish_rows<MOST_OUT / DEEP>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
             else
-                finish<1>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
+                finish_rows<1>(x, steps, w, m, n_out, to + first * SPIN_ATTR);
             __syncwarp(0xffffffffu);
         }
     }
@@ -320,11 +322,11 @@ struct back {
 };
 
 #if CUDA_HAS_MMA
-/* sum [16 M][8 N] += d^T x over the rows of the block, columns from i0 and j0; bias += this lane's
- * share of the column sums of d. */
+/* sum [16 M][8 N] += d^T x, summed over the rows of the block, for the columns of d from i0 on and
+ * those of x from j0 on; bias += this lane's share of the column sums of d. */
 template <int M, int N>
-static __device__ void outer(const float *d, const float *x, int i0, int j0, float *sum,
-                             float *bias)
+static __device__ void add_outer_product(const float *d, const float *x, int i0, int j0, float *sum,
+                                         float *bias)
 {
     CUDA_UNROLL_TWICE
     for (int row = 0; row < BACK_TILE; row += DEEP) {
@@ -349,10 +351,10 @@ static __device__ void outer(const float *d, const float *x, int i0, int j0, flo
     }
 }
 
-/* Stores a block's gradients: to [n][n_in] of weights, to_bias [n] of a bias. */
+/* Stores the partial gradients of a block: to [n][n_in] for weights, to_bias [n] for a bias. */
 template <int M, int N>
-static __device__ void leave(const float *sum, const float *bias, int i0, int j0, int n, int n_in,
-                             float *to, float *to_bias)
+static __device__ void store_gradients(const float *sum, const float *bias, int i0, int j0, int n,
+                                       int n_in, float *to, float *to_bias)
 {
     CUDA_UNROLL
     for (int e = 0; e < 4 * M * N; e++) {
@@ -374,8 +376,8 @@ static __device__ void leave(const float *sum, const float *bias, int i0, int j0
     }
 }
 
-/* to = m of the warp's rows, n columns each; or += if `add`. */
-static __device__ void store(const float *x, int m, int n, bool add, float *to)
+/* to = m rows of the warp, n columns each; if `add` is set, to += instead. */
+static __device__ void store_rows(const float *x, int m, int n, bool add, float *to)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % WIDE;
 
@@ -401,11 +403,12 @@ static __device__ void store(const float *x, int m, int n, bool add, float *to)
     }
 }
 
-/* One head for 128 splats. `mine` and x are the warp's rows of g and x; the gradients of the
- * weights are added to s. */
+/* The gradients of weights and biases that a lane keeps in registers. */
 struct back_sums {
     float w1[16], w2[16], w3[12], b1[2], b2[2], b3[6];
 };
+/* Backward pass of one head for 128 splats. `mine` and x are the warp's rows of g and x; the
+ * gradients of weights and biases are added to s. */
 static __device__ void back_tile(const struct back &b, int head, size_t first, size_t count,
                                  struct back_room *room, struct back_sums *s)
 {
@@ -423,46 +426,46 @@ static __device__ void back_tile(const struct back &b, int head, size_t first, s
     number = b.rows.row + first;
     d_out = b.d_raw + first * SPIN_ATTR + cuda_heads_column(head);
     __syncwarp(0xffffffffu);
-    load<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
+    load_input<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
     if (n_out > 16)
-        load<BACK_ROWS, MOST_OUT>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
+        load_input<BACK_ROWS, MOST_OUT>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
     else
-        load<BACK_ROWS, 16>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
+        load_input<BACK_ROWS, 16>(mine, d_out, SPIN_ATTR, NULL, m, n_out);
     __syncwarp(0xffffffffu);
     product<1, TILES, false, WIDE>(x, tiles(n_in), w->w1, a1);
     activate(w->b1, b.heads.relu, a1[0], slope1);
-    put<TILES>(a1[0], x);
+    store_sums<TILES>(a1[0], x);
     product<1, TILES, false, WIDE>(x, steps, w->w2, sum);
     activate(w->b2, b.heads.relu, sum[0], slope2);
-    put<TILES>(sum[0], x);
+    store_sums<TILES>(sum[0], x);
     __syncthreads();
     if (n_out > 16)
-        outer<3, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
+        add_outer_product<3, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
     else
-        outer<1, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
+        add_outer_product<1, 1>(room->g, room->x, 0, DEEP * warp(), s->w3, s->b3);
     product<1, TILES, true, MOST_OUT>(mine, tiles(n_out), w->w3, sum);
     CUDA_UNROLL
     for (int e = 0; e < 4 * TILES; e++)
         sum[0][e] *= slope2[e];
     __syncthreads();
-    put<TILES>(a1[0], x);
-    put<TILES>(sum[0], mine);
+    store_sums<TILES>(a1[0], x);
+    store_sums<TILES>(sum[0], mine);
     __syncthreads();
-    outer<1, 4>(room->g, room->x, i0, j0, s->w2, s->b2);
+    add_outer_product<1, 4>(room->g, room->x, i0, j0, s->w2, s->b2);
     product<1, TILES, true, WIDE>(mine, steps, w->w2, sum);
     CUDA_UNROLL
     for (int e = 0; e < 4 * TILES; e++)
         sum[0][e] *= slope1[e];
     __syncthreads();
-    load<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
-    put<TILES>(sum[0], mine);
+    load_input<BACK_ROWS, WIDE>(x, b.z, (size_t)n_in, number, m, n_in);
+    store_sums<TILES>(sum[0], mine);
     __syncthreads();
-    outer<1, 4>(room->g, room->x, i0, j0, s->w1, s->b1);
+    add_outer_product<1, 4>(room->g, room->x, i0, j0, s->w1, s->b1);
     product<1, TILES, true, WIDE>(mine, steps, w->w1, sum);
     __syncthreads();
-    put<TILES>(sum[0], mine);
+    store_sums<TILES>(sum[0], mine);
     __syncwarp(0xffffffffu);
-    store(mine, m, n_in, head > 0, b.d_z + first * (size_t)n_in);
+    store_rows(mine, m, n_in, head > 0, b.d_z + first * (size_t)n_in);
 }
 #endif
 
@@ -484,17 +487,19 @@ static __global__ void __launch_bounds__(WARP *BACK_WARPS, 1)
         for (size_t first = (size_t)blockIdx.x * BACK_TILE; first < count;
              first += (size_t)b.blocks * BACK_TILE)
             back_tile(b, head, first, count, back_room, &s);
-        leave<1, 4>(s.w1, s.b1, i0, j0, hidden, n_in, to + at.w1, to + at.b1);
-        leave<1, 4>(s.w2, s.b2, i0, j0, hidden, hidden, to + at.w2, to + at.b2);
+        store_gradients<1, 4>(s.w1, s.b1, i0, j0, hidden, n_in, to + at.w1, to + at.b1);
+        store_gradients<1, 4>(s.w2, s.b2, i0, j0, hidden, hidden, to + at.w2, to + at.b2);
         if (n_out > 16)
-            leave<3, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3, to + at.b3);
+            store_gradients<3, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3,
+                                  to + at.b3);
         else
-            leave<1, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3, to + at.b3);
+            store_gradients<1, 1>(s.w3, s.b3, 0, DEEP * warp(), n_out, hidden, to + at.w3,
+                                  to + at.b3);
     }
 #endif
 }
 
-/* One block per multiprocessor. */
+/* At most one block per multiprocessor. */
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n)
 {
     size_t tiles = (n + BACK_TILE - 1) / BACK_TILE, most = (size_t)gpu_of(d)->processors;

@@ -1,5 +1,5 @@
-/* Lazy Adam (struct spin_lazy_adam in device.h), as on the CPU: the host computes the sums for
- * skipped steps, and the device has a copy. */
+/* Lazy Adam, see struct spin_lazy_adam in device.h. As on the CPU, the host computes the sums for
+ * skipped steps; here it uploads them. */
 #include "device/cuda/cuda.h"
 
 #include <math.h>
@@ -8,7 +8,7 @@
 #include "device/cuda/cell.h"
 #include "math/adam.h"
 
-/* A step's influence decays by (.9 / sqrt(.999))^400 = 6e-19 within 400 steps, which is
+/* Within 400 steps the influence of a gradient decays to (.9 / sqrt(.999))^400 = 6e-19, which is
  * negligible. */
 enum { REACH = 400 };
 
@@ -22,8 +22,8 @@ struct cuda_lazy_adam {
     /* [steps + 1][2] host: skipped_step and skipped_eps, indexed by the step of a line's last
      * update */
     float *skipped;
-    /* [2][steps + 1][2] device: the same, then .9^t and .999^t, indexed by the number of missed
-     * steps */
+    /* Two arrays [steps + 1][2] on the device: a copy of `skipped`; then .9^t and .999^t, indexed
+     * by the number of missed steps. */
     float *card;
 };
 
@@ -80,8 +80,7 @@ spin_status cuda_lazy_adam_enable(struct spin_device *d, const struct spin_grid 
     }
     own->open.last = (float *)last;
     own->card = (float *)card;
-    d->op->upload(d, own->card, own->skipped, 4 * n * sizeof(float)); /* with decay, which
-                                                                       * follows */
+    d->op->upload(d, own->card, own->skipped, 4 * n * sizeof(float)); /* skipped and decay */
     *out = &own->open;
     return SPIN_OK;
 }
@@ -97,9 +96,10 @@ void cuda_lazy_adam_close(struct spin_device *d, struct spin_lazy_adam *lazy)
     free(own);
 }
 
-/* ---- Forward: bring lines up to the current step --------------------------------------------- */
+/* ---- Forward --------------------------------------------------------------------------------- */
 
-static __device__ void bring(const struct lines &lines, size_t line, int64_t from)
+/* Applies the Adam steps that a line has missed since step `from`. */
+static __device__ void catch_up_line(const struct lines &lines, size_t line, int64_t from)
 {
     const float *skipped = lines.skipped + 2 * from, *decay = lines.decay + 2 * (lines.done - from);
 
@@ -108,7 +108,8 @@ static __device__ void bring(const struct lines &lines, size_t line, int64_t fro
                        &lines.v[i]);
 }
 
-/* One thread per point and hashed level. The thread that first marks a line updates it. */
+/* Updates and marks the lines that the points need: one thread per point and hashed level. The
+ * thread that is the first to mark a line updates the line. */
 static __global__ void need_kernel(struct spin_grid grid, int first_level, struct lines lines,
                                    size_t n, const float *x_u)
 {
@@ -128,7 +129,7 @@ static __global__ void need_kernel(struct spin_grid grid, int first_level, struc
         before = line;
         last = atomicExch(&lines.last[line], mark);
         if (last != mark && last != (float)lines.done)
-            bring(lines, line, (int64_t)last);
+            catch_up_line(lines, line, (int64_t)last);
     }
 }
 
@@ -146,7 +147,7 @@ void cuda_lazy_adam_grid(struct spin_device *d, struct spin_lazy_adam *lazy, siz
     cuda_grid(d, &own->grid, own->table.p, n, x_u, z);
 }
 
-/* ---- The step -------------------------------------------------------------------------------- */
+/* ---- Adam step ------------------------------------------------------------------------------- */
 
 static __global__ void step_kernel(struct lines lines, struct spin_adam_step step)
 {
@@ -192,8 +193,9 @@ void cuda_lazy_adam_advance(struct spin_device *d, struct spin_lazy_adam *lazy, 
                   2 * (size_t)(step - first) * sizeof(float));
 }
 
-/* ---- The table as if every line had taken every step ----------------------------------------- */
+/* ---- Flush ----------------------------------------------------------------------------------- */
 
+/* out = the table as if every line had taken every step. */
 static __global__ void flush_kernel(struct lines lines, const float *table, float *out)
 {
     size_t i = GPU_INDEX(), at = i - lines.before;

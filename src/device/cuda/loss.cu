@@ -1,6 +1,6 @@
-/* L1 + SSIM with gradient, and the errors of an image against the input image (docs/method.md 5).
- * The SSIM window is applied to columns first, with eight vertically adjacent values per thread,
- * then to rows, as on the CPU. Sums are in double and add the blocks in order. */
+/* L1 + SSIM with gradient, and the differences of an image from the input image (docs/method.md 5).
+ * As on the CPU, the SSIM window is applied to columns first, then to rows; a thread filters eight
+ * vertically adjacent values of a column. Sums are in double and add the blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/loss.h"
 
@@ -52,7 +52,7 @@ static __device__ float weight_of(const struct photo &p, size_t i)
     return !p.mask ? 1.0f : bit_of(p, i) ? p.weight[1] : p.weight[0];
 }
 
-/* STRIP values of a column of one plane [h][w], from row y on; the first is at index `at`. */
+/* STRIP values of a column of one plane [h][w], from row y on; `at` is the index of the first. */
 struct strip {
     size_t plane, at, width;
     int y, height;
@@ -63,7 +63,7 @@ static unsigned strips(const struct photo &p, unsigned planes)
     return planes * (unsigned)p.width * (unsigned)((p.height + STRIP - 1) / STRIP);
 }
 
-/* The strip of this thread, if its index is below strips(). */
+/* The strip of this thread, whose index must be below strips(). */
 static __device__ struct strip strip_of(const struct photo &p)
 {
     unsigned me = (unsigned)GPU_INDEX(), width = (unsigned)p.width;
@@ -88,8 +88,8 @@ template <class V> static __device__ void load_strip(const struct strip &s, floa
     }
 }
 
-/* Writes v [TALL], filtered by the vertical window, to the strip in map. */
-static __device__ void put_strip(const struct strip &s, const float *v, float *map)
+/* Filters v [TALL] with the vertical window and writes the result to the strip of map. */
+static __device__ void store_strip(const struct strip &s, const float *v, float *map)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
 
@@ -115,16 +115,16 @@ static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
         return;
     load_strip(s, x, [&](int64_t k) { return p.image[(int64_t)s.at + k]; });
     load_strip(s, y, [&](int64_t k) { return truth_of(p, s.plane, (size_t)((int64_t)i + k)); });
-    put_strip(s, x, maps);
-    put_strip(s, y, maps + 3 * p.plane);
+    store_strip(s, x, maps);
+    store_strip(s, y, maps + 3 * p.plane);
     for (int k = 0; k < TALL; k++) {
         float squares = x[k] * x[k] + y[k] * y[k];
 
         y[k] = x[k] * y[k];
         x[k] = squares;
     }
-    put_strip(s, x, maps + 6 * p.plane);
-    put_strip(s, y, maps + 9 * p.plane);
+    store_strip(s, x, maps + 6 * p.plane);
+    store_strip(s, y, maps + 9 * p.plane);
 }
 
 /* One value of an image: pixel i of channel c, in column x. A block's values are all of one
@@ -136,7 +136,7 @@ struct value {
 
 static unsigned blocks_of(size_t plane) { return 3 * gpu_blocks(plane); }
 
-/* Returns false if this thread has no value. */
+/* Finds the value that this thread computes. Returns false if there is none. */
 static __device__ bool value_of(const struct photo &p, struct value *v)
 {
     unsigned blocks = gridDim.x / 3, i = blockIdx.x % blocks * GPU_BLOCK + threadIdx.x;
@@ -149,7 +149,7 @@ static __device__ bool value_of(const struct photo &p, struct value *v)
 }
 
 /* The horizontal window applied to map at v. */
-static __device__ float along(const float *map, const struct value &v, int width)
+static __device__ float window_along(const float *map, const struct value &v, int width)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
     float sum = window[0] * map[v.at];
@@ -163,7 +163,8 @@ static __device__ float along(const float *map, const struct value &v, int width
     return sum;
 }
 
-/* slopes [SLOPES][3][h][w], and the sums of L1, SSIM and weights of every block. */
+/* slopes [SLOPES][3][h][w] = partial derivatives of the SSIM map (by mu, xx, xy); sums [blocks] =
+ * the sums of L1, SSIM and weights of each block. */
 static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps, float *slopes,
                                    double *sums)
 {
@@ -177,7 +178,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
         struct spin_ssim_slope slope;
 
         for (size_t m = 0; m < MAPS; m++)
-            mean[m] = along(maps + m * all, v, p.width);
+            mean[m] = window_along(maps + m * all, v, p.width);
         weight = weigh ? weight_of(p, v.i) : 1.0f;
         ssim = weight * spin_ssim(mean[0], mean[1], mean[2], mean[3], &slope);
         l1 = weight * fabsf(p.image[v.at] - truth_of(p, v.c, v.i));
@@ -201,7 +202,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
     }
 }
 
-/* to [n] = sums over the blocks of from [blocks][n]; one block per sum. */
+/* to [n] = the sums of from [blocks][n] over its blocks. This kernel has one block per sum. */
 static __global__ void add_blocks_kernel(unsigned blocks, const double *from, double *to)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -215,7 +216,7 @@ static __global__ void add_blocks_kernel(unsigned blocks, const double *from, do
         to[s] = own;
 }
 
-/* values [SPIN_LOSS_VALUES] from the sums. */
+/* Computes values [SPIN_LOSS_VALUES] from the sums. */
 static __global__ void values_kernel(const double *sums, float lambda_dssim, double *values)
 {
     double lambda = (double)lambda_dssim;
@@ -234,7 +235,7 @@ static __global__ void slopes_down_kernel(struct photo p, unsigned n, const floa
     if (GPU_INDEX() >= n)
         return;
     load_strip(s, v, [&](int64_t k) { return slopes[(int64_t)s.at + k]; });
-    put_strip(s, v, down);
+    store_strip(s, v, down);
 }
 
 static __global__ void d_image_kernel(struct photo p, float lambda_dssim, float view_weight,
@@ -249,8 +250,8 @@ static __global__ void d_image_kernel(struct photo p, float lambda_dssim, float 
     x = p.image[v.at];
     y = truth_of(p, v.c, v.i);
     l1 = (1 - lambda_dssim) * view_weight / mass * weight_of(p, v.i);
-    slope = along(down, v, p.width) + 2 * x * along(down + all, v, p.width) +
-            y * along(down + 2 * all, v, p.width);
+    slope = window_along(down, v, p.width) + 2 * x * window_along(down + all, v, p.width) +
+            y * window_along(down + 2 * all, v, p.width);
     d_image[v.at] = l1 * spin_sign(x - y) + -lambda_dssim * view_weight / mass * slope;
 }
 
@@ -273,8 +274,8 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
     return at != NULL;
 }
 
-/* sums [SUMS] = sums of L1, SSIM and weights. */
-static void lose(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
+/* w.sums [SUMS] = the sums of L1, SSIM and weights over the image. */
+static void sum_loss(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
 {
     unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
 
@@ -296,7 +297,7 @@ void cuda_loss(struct spin_device *d, const struct spin_view_batch *views,
 
         if (!work_of(d, p.plane, &w))
             break;
-        lose(d, p, true, w);
+        sum_loss(d, p, true, w);
         GPU_LAUNCH(gpu_of(d), values_kernel, 1, 1, w.sums, lambda_dssim,
                    values + (size_t)view->value * SPIN_LOSS_VALUES);
         if (!d_image)
@@ -317,8 +318,7 @@ static __global__ void clamp_kernel(size_t n, float *image)
         image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
 }
 
-/* Squared differences of a block's pixels, per channel: first where the mask is 0, then where it is
- * 1. */
+/* sums [blocks][2][3] = sums of squared differences by mask bit and channel. */
 static __global__ void squares_kernel(struct photo p, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -373,7 +373,7 @@ void cuda_measure(struct spin_device *d, const struct spin_view_batch *views,
         GPU_LAUNCH(gpu_of(d), add_blocks_kernel, 6, GPU_BLOCK, gpu_blocks(p.plane), w.blocks,
                    w.sums);
         GPU_LAUNCH(gpu_of(d), measure_kernel, 1, 1, w.sums, (const double *)NULL, v);
-        lose(d, p, false, w);
+        sum_loss(d, p, false, w);
         GPU_LAUNCH(gpu_of(d), measure_kernel, 1, 1, w.sums, w.sums, v);
     }
 }

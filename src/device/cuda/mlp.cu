@@ -1,8 +1,8 @@
-/* The four heads, forward and backward, as matrix products, on tensor cores where they are faster
- * (mma.h). Heads up to 64 wide use heads.cu. Wider ones use one launch per product here: splats are
- * processed in chunks, whose activations are in scratch memory; backward recomputes them. The
- * gradient of the weights is a sum over splats, divided into slices that depend only on the sizes;
- * their partial sums are added in order. */
+/* The four heads, forward and backward, as matrix products, on tensor cores where these are faster
+ * (mma.h). heads.cu computes heads up to 64 wide. For wider heads this file uses one launch per
+ * product. Splats are processed in chunks, whose activations are in scratch memory; the backward
+ * pass recomputes them. The gradient of the weights is a sum over splats. It is divided into slices
+ * that depend only on the sizes, and the partial sums of the slices are added in order. */
 #include "device/cuda/cuda.h"
 
 #include "device/cuda/heads.h"
@@ -12,10 +12,10 @@
 enum { CHUNK = 1 << 15, SLICE = 1 << 10, TILE = 64, STEP = 16, EACH = 4, SIDE = TILE / EACH };
 
 /* C [m][n] = epilogue(A B), where A(i, k) = a[i * a_row + k * a_col] and B(k, j) = b[k * b_row + j
- * * b_col]. The dimension that counts splats, m or k, ends at *count - first. */
+ * * b_col]. One dimension, m or k, is that of the splats, and ends at *count - first. */
 enum epilogue {
-    GELU,  /* gelu(sum + bias); its derivative is stored in `slope` unless NULL */
-    RELU,  /* relu(sum + bias), likewise */
+    GELU,  /* gelu(sum + bias); `slope`, unless NULL, receives the derivative */
+    RELU,  /* relu(sum + bias); `slope`, unless NULL, receives the derivative */
     BIAS,  /* sum + bias */
     TIMES, /* sum times `slope` */
     ADD,   /* C + sum */
@@ -27,11 +27,12 @@ struct product {
     size_t a_row, a_col, b_row, b_col, c_row;
     float *c;
     const float *bias;     /* [n] */
-    float *slope;          /* row stride c_row */
+    float *slope;          /* same layout as c, see enum epilogue */
     const uint32_t *count; /* number of splats, or NULL */
     size_t first;          /* first splat of the chunk */
-    bool k_counts;         /* k counts splats instead of m; it is divided into slices, and C is
-                            * [slices][m][c_row] */
+    /* The splats are dimension k instead of m. They are divided into slices, and C is
+     * [slices][m][c_row]. */
+    bool k_counts;
     enum epilogue epilogue;
 };
 
@@ -67,10 +68,12 @@ static __device__ void finish(const struct product &x, float sum, size_t i, size
 }
 
 /* A block computes a tile of C [TILE][TILE] and keeps STEP columns of A and STEP rows of B in
- * shared memory. at(): index of element k of row or column i. add(): adds STEP products to a
- * thread's EACH * EACH elements. place(): position of an element. Row strides of shared memory
- * avoid bank conflicts. */
-struct plain { /* a thread has rows side_i + SIDE u, columns side_j + SIDE v */
+ * shared memory, with row strides that avoid bank conflicts.
+ *     at(): index in shared memory of element k of a row of A or of a column of B, i
+ *     add(): adds STEP products to the EACH * EACH elements of a thread
+ *     place(): row and column of element e of a thread */
+/* fp32: a thread has the rows side_i + SIDE u and the columns side_j + SIDE v. */
+struct plain {
     enum { ROOM = STEP * (TILE + 1) };
     static __device__ int at(int k, int i) { return k * (TILE + 1) + i; }
 
@@ -99,7 +102,8 @@ struct plain { /* a thread has rows side_i + SIDE u, columns side_j + SIDE v */
 };
 
 #if CUDA_HAS_MMA
-struct tensor { /* a warp has 16 rows and 32 columns: EACH products of mma.h side by side */
+/* Tensor cores: a warp has 16 rows and 32 columns, EACH products of mma.h side by side. */
+struct tensor {
     enum { LONG = STEP + 4, ROOM = TILE * LONG, DEEP = 8 };
     static __device__ int at(int k, int i) { return i * LONG + k; }
     static __device__ int first_i() { return (int)threadIdx.x / 32 % 4 * 16; }
@@ -313,7 +317,7 @@ void cuda_mlp(struct spin_device *d, const struct spin_heads *heads, const float
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
-/* partial [slices][n] = sums of d_y over the splats of a slice; rows of d_y are ld apart. */
+/* partial [slices][n] = sums of d_y over the splats of a slice. Rows of d_y are ld floats apart. */
 static __global__ void bias_kernel(int n, const uint32_t *count, size_t first, int n_splats,
                                    const float *d_y, size_t ld, float *partial)
 {
@@ -369,7 +373,7 @@ static void weights_back(struct spin_device *d, const struct chunk *chunk, int n
     GPU_EACH(gpu_of(d), (size_t)n_out, add_slices_kernel, slices, (size_t)n_out, partial, d_b);
 }
 
-/* d_x = d_y W, with `epilogue` (for TIMES, `slope` is the derivative of the activation below). */
+/* d_x = epilogue(d_y W). For TIMES, `slope` is the derivative of the activation below. */
 static void layer_back(struct spin_device *d, const struct chunk *chunk, const float *w, int n_in,
                        int n_out, const float *d_y, size_t d_y_ld, enum epilogue epilogue,
                        float *slope, float *d_x)
@@ -403,7 +407,7 @@ static __global__ void gather_kernel(size_t n, size_t width, const uint32_t *cou
         to[i] = from[row[at] * width + i % width];
 }
 
-/* d_hidden and d_below [CHUNK][hidden] are scratch. */
+/* Backward pass of head h for a chunk. d_hidden and d_below [CHUNK][hidden] are scratch memory. */
 static void head_back(struct spin_device *d, const struct chunk *chunk, int h, const float *d_raw,
                       float *d_hidden, float *d_below, float *partial, float *d_param, float *d_z)
 {

@@ -1,6 +1,6 @@
 /* Products of small matrices on a warp's tensor cores, from sm_80 on: tf32 factors, fp32 sums. Each
- * float is split into two tf32 numbers; three products of the parts have about the accuracy of
- * fp32.
+ * float is split into two tf32 numbers; the sum of three products of these has about the accuracy
+ * of fp32.
  *
  * All 32 lanes of a warp take part. With g = lane / 4 and t = lane % 4 a lane holds
  *     a[0..3] = A(g, t), A(g + 8, t), A(g, t + 4), A(g + 8, t + 4)         of A [16][8]
@@ -30,8 +30,8 @@ static inline __device__ float cuda_tf32(float v)
 #ifdef SPIN_EMU
     return spin_float_of_bits(emu_tf32(v));
 #else
-    return fmaf(v, -8192.0f, __fmul_rn(v, 8193.0f)); /* Veltkamp splitting: keeps the top 11 bits of
-                                                      * v */
+    /* Veltkamp splitting, which keeps the upper 11 bits of v. */
+    return fmaf(v, -8192.0f, __fmul_rn(v, 8193.0f));
 #endif
 }
 
@@ -61,7 +61,7 @@ struct cuda_mma_queue {
     __device__ void run() {}
 };
 #else
-typedef struct emu_mma_queue cuda_mma_queue;         /* same order, all in run() */
+typedef struct emu_mma_queue cuda_mma_queue; /* computes all products in run(), in this order */
 #endif
 
 /* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, with consecutive registers. */

@@ -1,9 +1,9 @@
 /* All-reduce between the GPUs of ranks with NCCL, compiled if nccl.h is found (NCCL= in the
- * Makefile). libnccl is opened on first use: the machine that runs the program may lack it.
+ * Makefile). libnccl is loaded on first use, since the machine that runs the program may lack it.
  *
- * NCCL's rules: https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, group calls and
- * collective communication. Calls of one group run together; the ranks must make matching calls in
- * the same order. */
+ * The rules of NCCL are in https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html,
+ * group calls and collective communication. Calls of one group run together; the ranks must make
+ * matching calls in the same order. */
 #include <dlfcn.h>
 #include <nccl.h>
 #include <stdio.h>
@@ -35,7 +35,7 @@ static struct {
 
 static ncclComm_t comm_of(struct spin_device *d) { return (ncclComm_t)cuda_of(d)->link; }
 
-static spin_status failed(const char *call, ncclResult_t result)
+static spin_status nccl_error(const char *call, ncclResult_t result)
 {
     char what[64];
 
@@ -43,16 +43,16 @@ static spin_status failed(const char *call, ncclResult_t result)
     return cuda_fail(SPIN_E_DEVICE, what, nccl.ncclGetErrorString(result));
 }
 
-/* Calls a function of NCCL; on failure, returns from the calling function. */
+/* Calls a function of NCCL; if it fails, returns its error from the calling function. */
 #define NCCL(name, ...)                                                                            \
     do {                                                                                           \
         ncclResult_t result = nccl.name(__VA_ARGS__);                                              \
                                                                                                    \
         if (result != ncclSuccess)                                                                 \
-            return failed(#name, result);                                                          \
+            return nccl_error(#name, result);                                                      \
     } while (0)
 
-static spin_status load(void)
+static spin_status load_nccl(void)
 {
     const char *wanted = getenv("SPIN_NCCL"), *file = wanted && *wanted ? wanted : "libnccl.so.2";
 
@@ -78,7 +78,7 @@ spin_status cuda_link_ready(struct spin_device *, char about[32])
 {
     int version = 0;
 
-    SPIN_TRY(load());
+    SPIN_TRY(load_nccl());
     NCCL(ncclGetVersion, &version);
     snprintf(about, 32, "NCCL %d.%d.%d", version / 10000, version / 100 % 100, version % 100);
     return SPIN_OK;
@@ -113,7 +113,7 @@ void cuda_unlink(struct spin_device *d)
     cuda_of(d)->link = NULL;
 }
 
-static spin_status post(struct spin_device *d, const struct spin_device_sum *sum, size_t n)
+static spin_status queue_sums(struct spin_device *d, const struct spin_device_sum *sum, size_t n)
 {
     cudaStream_t stream = (cudaStream_t)gpu_of(d)->stream;
     ncclResult_t result = ncclSuccess, end;
@@ -125,31 +125,32 @@ static spin_status post(struct spin_device *d, const struct spin_device_sum *sum
                                     stream);
     end = nccl.ncclGroupEnd();
     if (result != ncclSuccess)
-        return failed("ncclAllReduce", result);
-    return end == ncclSuccess ? SPIN_OK : failed("ncclGroupEnd", end);
+        return nccl_error("ncclAllReduce", result);
+    return end == ncclSuccess ? SPIN_OK : nccl_error("ncclGroupEnd", end);
 }
 
-static void take_a_nap(void)
+static void sleep_briefly(void)
 {
     const struct timespec nap = {0, 50000};
 
     nanosleep(&nap, NULL);
 }
 
-/* When a rank fails, its link breaks first and its error message arrives a little later: wait for
- * the message. */
-static spin_status hear_why(ncclResult_t result, spin_status (*listen)(void))
+/* Waits for the error message of another rank: when a rank fails, its link breaks first, and its
+ * message arrives a little later. */
+static spin_status wait_for_error(ncclResult_t result, spin_status (*listen)(void))
 {
     enum { NAPS = 40000 }; /* at least two seconds */
 
     for (int i = 0; i < NAPS; i++) {
         SPIN_TRY(listen());
-        take_a_nap();
+        sleep_briefly();
     }
-    return failed("an all-reduce", result);
+    return nccl_error("an all-reduce", result);
 }
 
-/* Polls instead of waiting in CUDA: if another rank has failed, its part never arrives. */
+/* Waits until the all-reduce is done. Polls instead of waiting in CUDA, since the values of a rank
+ * that has failed never arrive. */
 static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(void))
 {
     enum { EAGER = 2000 };
@@ -158,11 +159,11 @@ static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(
     for (int turn = 0; !gpu_done(gpu_of(d)); turn += turn < EAGER) {
         NCCL(ncclCommGetAsyncError, comm_of(d), &state);
         if (state != ncclSuccess)
-            return hear_why(state, listen);
+            return wait_for_error(state, listen);
         if (turn % 100 == 99 || turn == EAGER)
             SPIN_TRY(listen());
         if (turn == EAGER)
-            take_a_nap();
+            sleep_briefly();
     }
     return d->op->wait(d);
 }
@@ -173,7 +174,7 @@ spin_status cuda_sum(struct spin_device *d, const struct spin_device_sum *sum, s
     spin_status status;
 
     SPIN_TRY(d->op->wait(d)); /* report an earlier error of this GPU first */
-    status = post(d, sum, n);
+    status = queue_sums(d, sum, n);
     if (status == SPIN_OK)
         status = wait_for_others(d, listen);
     if (status != SPIN_OK)

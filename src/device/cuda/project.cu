@@ -1,14 +1,15 @@
 /* Projects Gaussians to screen ellipses, and gradients back, one thread per splat of a view. The
  * formulas are in math/project.h, math/sh.h and math/tile.h. A warp copies the attribute rows of
- * its splats through shared memory, so that its lanes access consecutive floats. It skips rows that
- * are not needed and SH coefficients above the degree. */
+ * its splats through shared memory, so that its lanes access consecutive floats. Rows of splats
+ * that are not visible and SH coefficients above the degree are not copied. */
 #include "device/cuda/cuda.h"
 #include "math/project.h"
 #include "math/sh.h"
 #include "math/tile.h"
 
 enum { CLAMPED_X = 8, CLAMPED_Y = 16 };
-enum { WARP = 32, BLOCK = 128, ALL = WARP * (int)SPIN_ATTR /* values of a warp */, AT_ONCE = 8 };
+/* ALL: values of a warp's rows. AT_ONCE: values that a lane loads before it stores them. */
+enum { WARP = 32, BLOCK = 128, ALL = WARP * (int)SPIN_ATTR, AT_ONCE = 8 };
 static const unsigned all_lanes = 0xffffffffu;
 
 /* One attribute row per lane, padded by one float to avoid bank conflicts. */
@@ -16,8 +17,8 @@ struct rows {
     float of[WARP][SPIN_ATTR + 1];
 };
 
-/* The row of value k of 32 consecutive rows; -1 if its bit of the mask is 0 or the degree does not
- * use it. */
+/* The row of value k of 32 consecutive rows; -1 if the mask bit of this row is 0 or the degree does
+ * not use the value. */
 static __device__ int row_with(int k, unsigned mask, int degree)
 {
     int row = k / SPIN_ATTR, column = k % SPIN_ATTR;
@@ -26,7 +27,7 @@ static __device__ int row_with(int k, unsigned mask, int degree)
     return used && mask >> row & 1 ? row : -1;
 }
 
-/* rows = from [32][SPIN_ATTR], where the mask has a bit. All lanes must call it. */
+/* rows = from [32][SPIN_ATTR], for rows whose mask bit is 1. All lanes must call it. */
 static __device__ void load_rows(struct rows *rows, const float *from, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
@@ -48,7 +49,7 @@ static __device__ void load_rows(struct rows *rows, const float *from, unsigned 
     __syncwarp(all_lanes);
 }
 
-/* to [32][SPIN_ATTR] += rows, where the mask has a bit. */
+/* to [32][SPIN_ATTR] += rows, for rows whose mask bit is 1. All lanes must call it. */
 static __device__ void add_rows(float *to, const struct rows *rows, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
@@ -71,7 +72,7 @@ static __device__ void add_rows(float *to, const struct rows *rows, unsigned mas
     }
 }
 
-/* Constant degrees, so that the arrays stay in registers. */
+/* spin_sh_colour() with constant degrees, so that the arrays stay in registers. */
 static __device__ unsigned colour_of(int degree, spin_vec3 view, const float *sh, float *colour)
 {
     switch (degree) {
@@ -123,8 +124,8 @@ static __device__ struct spin_projection lens_of(const struct spin_camera_f32 &c
     return projection;
 }
 
-/* Projects a splat at pos_w, p in camera coordinates. Leaves radius_px 0 if it is not visible or
- * not finite. */
+/* Projects a splat at pos_w, which is p in camera coordinates. Leaves radius_px 0 if the splat is
+ * not visible or not finite. */
 static __device__ void project_one(const struct spin_camera_f32 &cam, int degree,
                                    const float *pos_w, spin_vec3 p, const float *attr,
                                    struct spin_splat2d *s)
@@ -217,7 +218,7 @@ static __device__ bool all_zero(const struct spin_splat2d_grad &g)
            g.opacity == 0 && g.colour[0] == 0 && g.colour[1] == 0 && g.colour[2] == 0;
 }
 
-/* Replaces attr by its gradient. */
+/* Replaces attr by its gradient, and adds the gradient of the position to d_pos_w. */
 static __device__ void project_one_back(const struct spin_camera_f32 &cam, int degree,
                                         const float *pos_w, uint32_t flags,
                                         const struct spin_splat2d_grad &g, float *attr,
@@ -286,8 +287,8 @@ void cuda_project_back(struct spin_device *d, const struct spin_view_batch *view
                        const struct spin_splat2d_grad *d_splat2d, float *d_attr)
 {
     cuda_clocked clocked(d, SPIN_OP_PROJECT_BACK);
-    for (int k = 0; k < views->n_views; k++) { /* one launch per view: views of the same frame add
-                                                * to the same rows */
+    /* One launch per view, since views of the same frame add to the same rows. */
+    for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         const auto *frame = &frames->frame[view->frame];
 

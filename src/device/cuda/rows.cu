@@ -1,6 +1,6 @@
-/* Adds per-splat values and the values of tracks to rows of raw attributes, and propagates
- * gradients back (layouts: device.h). A track belongs to at most one splat of a frame, so the rows
- * of a frame are independent; frames are processed one after the other. */
+/* Adds residuals to rows of raw attributes and the values of tracks to those of splats, and
+ * propagates gradients back (layouts: device.h). A track belongs to at most one splat of a frame,
+ * so the rows of a frame are independent; frames are processed one after the other. */
 #include "device/cuda/cuda.h"
 #include "math/motion.h"
 #include "math/turn.h"
@@ -14,7 +14,7 @@ static const int n_groups = 4;
 static const struct group groups[n_groups] = {
     {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
 
-/* SH beyond the first coefficient, in an array of its own. */
+/* The SH coefficients beyond the first, which are in a separate array. */
 static struct group group_of_sh(size_t width) { return {width, SPIN_ATTR_SH + 3}; }
 
 /* One thread per value. */
@@ -86,7 +86,7 @@ void cuda_residual_back(struct spin_device *d, const struct spin_frame_batch *fr
 
 /* ---- Tracks ---------------------------------------------------------------------------------- */
 
-/* Positions, then the residual values. */
+/* The groups of a track: position, then the groups of residual values. */
 static const int track_place = 0, track_rotation = 2, track_opacity = 4, n_track_groups = 5;
 static const size_t track_width[n_track_groups] = {3, 3, 4, 3, 1};
 
@@ -95,8 +95,8 @@ struct track_job {
     const uint32_t *track; /* [n] */
     const float *own;      /* [n_own][width] */
     const float *shared;   /* [n_tracks][width] */
-    const float *motion;   /* of the tracks, if it affects this group; else NULL */
-    const float *turn;     /* [n_turns][4], if rotations affect this group */
+    const float *motion;   /* motion of the tracks if it affects this group; else NULL */
+    const float *turn;     /* [n_turns][4], used if rotations affect this group */
     size_t n_turns;
     float t;
 };
@@ -109,7 +109,7 @@ static __device__ float seen_of(const struct track_job *job, const float *motion
     return -0.5f * x * x;
 }
 
-/* turned[c] without indexing, which would move the array to local memory. */
+/* turned[c]. Indexing would move the array to local memory. */
 static __device__ float pick(const float turned[4], size_t c)
 {
     return c == 0 ? turned[0] : c == 1 ? turned[1] : c == 2 ? turned[2] : turned[3];

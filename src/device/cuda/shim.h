@@ -5,8 +5,8 @@
 
 struct spin_device_ops;
 
-/* Changes with the size of the shared structs, so that a build with other structs is rejected.
- * Users include device/device.h. */
+/* Depends on the sizes of the shared structs, so that a spin-cuda.so with other structs is
+ * rejected. Requires device/device.h. */
 #define SPIN_CUDA_SHIM_ABI                                                                         \
     (int)(1 + 16 * (sizeof(struct spin_device_ops) + sizeof(struct spin_frame_batch) +             \
                     sizeof(struct spin_view_batch) + sizeof(struct spin_images) +                  \
