@@ -1,8 +1,8 @@
 /* 4DGaussians (Wu et al., CVPR 2024): a cloud of canonical Gaussians and a network that adds to
  * their raw attributes at any time.
  *
- * Which heads of the network are in use is recorded only in cfg_args beside the checkpoint, which
- * is therefore read, or replaced by options. */
+ * Only cfg_args, beside the checkpoint, records which heads of the network are in use; options
+ * override it. */
 #include "importers/lib/deform.h"
 #include "importers/lib/hexplane.h"
 
@@ -12,7 +12,7 @@
 
 enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
 
-/* `off` is the option of the method that switches a head off, `by_default` its default there. */
+/* `off` is the method's option that disables a head; `by_default` is the default of that option. */
 static const struct {
     const char *word, *tensor, *off;
     bool by_default;
@@ -28,7 +28,7 @@ static const struct {
 struct model {
     struct spin_model base;
     struct hexplane hex;
-    struct mlp_net head[N_HEADS]; /* those in use */
+    struct mlp_net head[N_HEADS]; /* loaded if used */
     bool used[N_HEADS];
     double grid_pe; /* option of the run; 0: unknown */
     bool product;   /* apply_rotation: quaternions are multiplied, not added */
@@ -46,11 +46,12 @@ static int probe(const struct spin_peek *peek)
         return strcmp(spin_path_name(peek->path), "deformation.pth") == 0 ? 85 : 0;
     if (spin_peek_has(peek, "deformation.pth"))
         return 90;
-    /* kplanes_config is an option of this network, which MoDec-GS shares; LGD_method is its own. */
+    /* kplanes_config is an option of this network. MoDec-GS has the same network, but only MoDec-GS
+     * has the option LGD_method. */
     modec = spin_peek_says(peek, "LGD_method=");
     if (cloud && spin_peek_says(peek, "kplanes_config=") && !modec)
         return 90;
-    /* Written by plain 3DGS and by the Deformable-3D-Gaussians family. */
+    /* These files are written by plain 3DGS and by the Deformable-3D-Gaussians family. */
     if (spin_peek_has(peek, "deform") || spin_peek_has(peek, "cameras.json") ||
         spin_peek_has(peek, "input.ply"))
         return 0;
@@ -99,7 +100,8 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
     return SPIN_OK;
 }
 
-/* A guess: all values of an untrained Linear layer are still within its initialisation bounds. */
+/* Guesses whether a layer was trained: an untrained Linear layer is within the bounds of its
+ * initialisation. */
 static bool looks_trained(const struct mlp_layer *l)
 {
     double weight = sqrt(6.0 / (l->n_in + l->n_out)), bias = 1 / sqrt((double)l->n_in);
@@ -115,12 +117,12 @@ static bool looks_trained(const struct mlp_layer *l)
     return false;
 }
 
-/* Without cfg_args: notes the assumption, and which heads look trained. */
+/* Notes which heads are assumed to be in use without cfg_args, and which heads look trained. */
 static spin_status note_guess(struct model *model)
 {
     struct spin_model *m = &model->base;
     char trained[128] = "";
-    int used = 0; /* length of `trained`, which fits the words of all heads */
+    int used = 0; /* length of `trained`, whose size fits the words of all heads */
 
     spin_note(m->sequence, "no cfg_args: assumed that position, scale and rotation are deformed, "
                            "opacity and SH not; --deform sets it");
@@ -138,7 +140,7 @@ static spin_status note_guess(struct model *model)
     return SPIN_OK;
 }
 
-/* Applies cfg_args and options; options win. */
+/* Applies cfg_args and options; options override cfg_args. */
 static spin_status settle(struct model *model)
 {
     const struct spin_model *m = &model->base;
@@ -189,8 +191,8 @@ static spin_status load_network(struct spin_model *m)
     return SPIN_OK;
 }
 
-/* deformation_table.pth does not affect the result, but a wrong length reveals files of two saves.
- */
+/* Warns if deformation_table.pth, which does not affect the result, has a wrong length: the files
+ * are then of two checkpoints. */
 static void check_table(struct spin_model *m, const char *save)
 {
     size_t n = m->canonical.n;
@@ -241,7 +243,7 @@ static spin_status open_model(void *self, const char *path)
                                 cloud, m->canonical.sh_degree);
     check_table(m, save);
     spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));
-    m->sequence->half_open = true; /* the method's reader of Panoptic uses t / T */
+    m->sequence->half_open = true; /* the method's reader of Panoptic uses times t / T, below 1 */
     snprintf(m->sequence->variant, sizeof m->sequence->variant,
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", m->canonical.n,
              model->hex.n_scales, model->hex.width);
@@ -253,8 +255,8 @@ static spin_status open_model(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Adds the residual to a rotation, or multiplies them. Unlike the other attributes, rotations are
- * not masked. */
+/* Adds the residual r to the rotation q, or multiplies the two. Unlike the other attributes,
+ * rotations are not multiplied by the mask. */
 static void turn(const struct model *model, const float q[4], const float r[4], float to[4])
 {
     if (model->product) {

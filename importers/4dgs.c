@@ -9,8 +9,8 @@ static int fourdgs_probe(const struct spin_peek *peek)
     return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
 }
 
-/* Playback covers [0, duration), and windows end at float times: the last time is the float before
- * `duration` rounded down. */
+/* The last time at which splats are visible. Playback covers [0, duration), and time windows end at
+ * floats, at the latest at `duration` rounded down: this is the float before that. */
 static float before(double duration)
 {
     float last = (float)duration;

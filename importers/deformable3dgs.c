@@ -2,10 +2,12 @@
  * network of position and time that adds to their activated attributes. MotionGS (Zhu et al.,
  * NeurIPS 2024) trains this model with other losses and saves it in the same files.
  *
- * Two traps. Residuals are added after the activation, and the sum of quaternions reaches the
- * rasteriser unnormalised, which draws another ellipsoid than that of the unit quaternion: the
- * covariance is therefore computed as the rasteriser does and decomposed again. And the cloud and
- * the network of a save are in separate folders: both must be of the same iteration. */
+ * Two traps:
+ * - Residuals are added after the activation, and the rasteriser does not normalise the resulting
+ * quaternions, so it draws another ellipsoid than for unit quaternions. The importer computes the
+ * covariance in the same way and decomposes it again.
+ * - The cloud and the network of a checkpoint are in separate folders; both must be of the same
+ * iteration. */
 #include "importers/lib/deform.h"
 
 enum {
@@ -18,14 +20,14 @@ enum {
 
 struct model {
     struct spin_model base;
-    struct mlp_net linear; /* one layer takes the network's input again */
+    struct mlp_net linear; /* one layer has a skip connection from the input */
     int n_in, width;
-    struct mlp_net time; /* time network, or none */
-    int n_time;          /* inputs of the first layer that depend on time */
-    float *inputs;       /* [n_time] of the frame's time, followed by scratch */
-    int frequencies;     /* of time */
-    bool screw;          /* is_6dof: a screw motion (screw_w, screw_v) instead of warp */
-    bool motiongs;       /* its cfg_args has options of MotionGS */
+    struct mlp_net time; /* time network; n is 0 without one */
+    int n_time;          /* number of inputs of the first layer that depend on time */
+    float *inputs;       /* [n_time] for the time of the frame, followed by scratch memory */
+    int frequencies;     /* in the encoding of time */
+    bool screw;          /* is_6dof: positions move by screw_w and screw_v, not by warp */
+    bool motiongs;       /* cfg_args contains options of MotionGS */
     struct mlp_net warp, screw_w, screw_v, rotation, scaling;
 };
 
@@ -47,7 +49,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* Weights are [W, I] in linear.0, then [W, W] except in one layer of [W, I + W]. */
+/* Loads linear.0, with weights [W, I], and the layers after it, with weights [W, W] except for one
+ * layer with a skip connection from the input, [W, I + W]. */
 static spin_status load_layers(struct model *m)
 {
     const struct spin_value *root = m->base.tensors;
@@ -83,7 +86,8 @@ static spin_status load_layers(struct model *m)
     return SPIN_OK;
 }
 
-/* Time enters through a small network, or by its frequencies alone. */
+/* Loads the time network, if there is one. Without it, the first layer's input is the encoding of
+ * the time itself. */
 static spin_status load_time(struct model *m)
 {
     int inputs = m->n_time = m->n_in - POSITION_INPUTS;
@@ -180,7 +184,8 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     return SPIN_OK;
 }
 
-/* The tensors determine the kind of network; a cfg_args that contradicts them is of another run. */
+/* Opens cfg_args and warns if it contradicts the tensors, which determine the kind of network: it
+ * is then probably of another run. */
 static spin_status check_cfg(const struct deform_save *save, struct model *m)
 {
     const struct {
@@ -231,15 +236,16 @@ static spin_status open_model(void *self, const char *path)
                               (size_t)m->n_time + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK +
                                   2 * spin_mlp_widest(&m->time),
                               sizeof *m->inputs, (void **)&m->inputs));
-    /* The input followed by one layer's output, two layers, and heads of 4 + 3 outputs. */
+    /* Scratch: the input, followed by one layer's output for the skip connection; two layers; and
+     * heads with 4 + 3 outputs. */
     return spin_mlp_team_create(((size_t)m->n_in + 3 * (size_t)m->width + 7) * MLP_BLOCK,
                                 &base->team);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Writes v, then sin(2^k v) and cos(2^k v) for each frequency, of one of `width` values; a value is
- * `step` floats apart from the next. */
+/* Writes the encoding of v, which is one of `width` values with interleaved encodings: v, then
+ * sin(2^k v) and cos(2^k v) for each frequency k. Channels are `step` floats apart. */
 static void encode(float v, int frequencies, int width, size_t step, float *out)
 {
     out[0] = v;
@@ -251,8 +257,8 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
     }
 }
 
-/* Computes the inputs that depend on time. The time network runs on a block, of which only the
- * first point is used. */
+/* Computes the inputs that depend on time. The time network evaluates a block of points, but only
+ * the first point is used. */
 static void encode_time(struct model *m, float time)
 {
     float *in = m->inputs + m->n_time, *middle = in + (1 + 2 * m->frequencies) * MLP_BLOCK;
@@ -268,8 +274,9 @@ static void encode_time(struct model *m, float time)
         m->inputs[i] = last[i * MLP_BLOCK];
 }
 
-/* The screw motion of a twist: p' = R p + T, the matrix exponential. The method adds a constant to
- * every component after the division, so w is not of unit length and R not quite a rotation. */
+/* Moves p by a screw motion, p' = R p + T, the matrix exponential of the twist (w, v). The method
+ * adds 1e-5 to every component after dividing by the angle, so w is not exactly of unit length and
+ * R not exactly a rotation. */
 static void move_by_screw(const double w_raw[3], const double v_raw[3], const float p[3],
                           float out[3])
 {
@@ -329,7 +336,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     float *b = a + (size_t)m->width * MLP_BLOCK, *head = b + (size_t)m->width * MLP_BLOCK;
     float *hidden;
 
-    for (int p = 0; p < MLP_BLOCK; p++) { /* the last block repeats its last point */
+    for (int p = 0; p < MLP_BLOCK; p++) { /* pad the last block with its last point */
         const float *xyz = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
 
         for (int c = 0; c < 3; c++)

@@ -1,10 +1,10 @@
 /* E-D3DGS (Bae et al., ECCV 2024, "Per-Gaussian Embedding-Based Deformation"): a cloud of canonical
- * Gaussians, each with a learnt vector. Two networks, coarse and fine, turn that vector and one of
- * the time into residuals of the raw attributes; positions are not an input.
+ * Gaussians, each with a learnt vector. Two networks, coarse and fine, map this vector and a vector
+ * for the time to residuals of the raw attributes; positions are not an input.
  *
- * Training resizes the table of time vectors and fades the residuals in, both by the iteration, so
- * the number in the name of a save is part of the model. So are some options of the run, which only
- * cfg_args records. */
+ * As training proceeds, it enlarges the table of time vectors and fades in the residuals, so the
+ * result depends on the iteration, which only the name of the checkpoint's folder records. It also
+ * depends on some options of the run, which only cfg_args records. */
 #include "importers/lib/deform.h"
 
 #include <string.h>
@@ -29,7 +29,8 @@ static const char letters[N_STAGES] = {'c', 'f'}; /* in the names of a stage's t
 struct stage {
     bool used;
     int rows; /* size of the table after resizing for this stage */
-    /* Its first layer takes the embedding only; the contribution of the time is in its bias. */
+    /* The first layer has the embedding as its only input; its bias contains the contribution of
+     * the time. */
     struct mlp_net trunk;
     struct mlp_layer both; /* the first layer as stored, of [time, embedding] */
     float *bias;           /* [width] of the first layer at one time */
@@ -45,10 +46,10 @@ struct model {
     double shift; /* added to every time */
     struct stage stage[N_STAGES];
     bool used[N_HEADS];
-    float weight[N_HEADS];   /* of residuals */
+    float weight[N_HEADS];   /* factors on the residuals */
     size_t layer;            /* floats of the widest layer of a block */
     struct settings {        /* from cfg_args */
-        long long iteration; /* of the save */
+        long long iteration; /* of the checkpoint */
         double min_rows, max_rows, resized_until, deform_from;
         bool anneal, coarse_table, whole_table;
         double n_frames; /* 0: unknown */
@@ -59,11 +60,11 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    /* The network file itself, or in the folder of a save. */
+    /* The first bytes are those of the network file, also for the folder of a checkpoint. */
     if (spin_peek_says(peek, "feature_out_c.0.weight") ||
         spin_peek_says(peek, "feature_out_f.0.weight"))
         return 95;
-    /* An option of the method. */
+    /* gaussian_embedding_dim is an option of this method. */
     return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "gaussian_embedding_dim=")
                ? 90
                : 0;
@@ -71,7 +72,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* The iteration of the save, from the folder's name or else from option `iteration`. */
+/* Reads the iteration of the checkpoint from the name of its folder, else from option `iteration`.
+ */
 static spin_status read_iteration(struct spin_model *m, const char *save, long long *out)
 {
     const char *wanted = spin_model_option(m, "iteration"), *whole;
@@ -94,7 +96,8 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
 
 static bool is_count(double x) { return x >= 1 && x <= MAX_ROWS && x == floor(x); }
 
-/* Training writes all options; each of these changes the result, so none may be missing. */
+/* Reads the options that affect the result. Training writes all options, so a missing one is an
+ * error. */
 static spin_status read_settings(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
@@ -184,7 +187,7 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
                           n, stem, depth);
 }
 
-/* Splits off the columns of the first layer that take the embedding. */
+/* Copies the first layer to s->both and reduces it to the columns whose input is the embedding. */
 static spin_status split_first(struct model *m, struct stage *s)
 {
     struct mlp_layer *first = &s->trunk.layer[0];
@@ -229,8 +232,8 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     return SPIN_OK;
 }
 
-/* The mean of the nonzero time offsets of training cameras, which the method adds to the time of
- * every view that it renders. */
+/* Loads the mean of the nonzero time offsets of training cameras; the method adds this mean to the
+ * time of every view that it renders. */
 static spin_status load_shift(struct model *m)
 {
     static const int64_t shape[2] = {-1, 1};
@@ -396,7 +399,7 @@ static double resized(const struct model *m, int i, int n, int c)
            b.share * (double)t[(size_t)b.high * (size_t)m->n_time];
 }
 
-/* The fractional row of a time among n rows, reflected at both ends. */
+/* Maps a time to a fractional row of a table of n rows; times outside 0 to 1 are reflected. */
 static double place_of(double time, int n)
 {
     double last = n - 1, place;

@@ -3,8 +3,8 @@
  * Gaussian window in time, so they are 4D splats exactly.
  *
  * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities are per length of
- * the clip. The renderer keeps every splat at an opacity of at least 1e-4, which no rasteriser
- * draws; here splats below 1/255 are not shown. */
+ * the clip. The method's renderer raises every opacity to at least 1e-4, which no rasteriser draws;
+ * the importer hides splats with an opacity below 1/255. */
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
@@ -76,7 +76,8 @@ static float *column_of(struct model *m, int column)
                                 s->paths,   s->times,      s->sigmas}[column];
 }
 
-/* Durations are stored as logarithms of sigma and clamped to at least least_sigma. */
+/* Converts durations, which are stored as logarithms of sigma, clamps them to at least least_sigma,
+ * and describes the sequence. */
 static spin_status finish(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
@@ -117,10 +118,10 @@ static spin_status finish(struct model *m)
 
 /* ---- Checkpoint ------------------------------------------------------------------------------ */
 
-/* Settings that some writers store, at the top or in 'model_spec', and the only value that is
- * supported. */
+/* Settings that some writers store, at the top level or in 'model_spec'. Other values than these
+ * are refused. */
 static const struct {
-    const char *key, *value; /* NULL: must be off */
+    const char *key, *value; /* NULL: the setting must be off */
 } said[] = {{"time_units", "normalized"},
             {"duration_activation", "exp"},
             {"use_marginal_gating", NULL},
@@ -170,7 +171,7 @@ static spin_status check_spec(const struct spin_value *spec)
     return check_said(spec);
 }
 
-/* Requires exactly the nine known names: one more means another model. */
+/* Refuses names other than the nine known ones: an additional one means another model. */
 static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
@@ -191,7 +192,7 @@ static spin_status check_names(const struct spin_value *splats)
     return SPIN_OK;
 }
 
-/* A tensor [n][width], or [n] for one of width 1. */
+/* Binds a tensor of this shape; [n][1] may also be stored as [n]. */
 static spin_status bind(struct model *m, const char *key, int n_dims, int64_t shape[3],
                         struct spin_array *out)
 {
@@ -362,7 +363,7 @@ static spin_status read_ply(struct model *m)
         for (int k = 0; k < columns[c].width && column_of(m, c); k++)
             target[n++] = (struct spin_ply_target){spin_ply_find(e, property_of[c][k]),
                                                    column_of(m, c) + k, (size_t)columns[c].width};
-    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then the other rows channel by channel */
+    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then f_rest channel by channel */
         bool dc = k < 3;
         size_t channel = dc ? k : (k - 3) / (n_sh - 1), row = dc ? 0 : 1 + (k - 3) % (n_sh - 1);
         char name[24];

@@ -4,10 +4,10 @@
  * Residuals are added after the activations, so the method's rasteriser gets quaternions that are
  * not of unit length: see spin_deform_shape().
  *
- * DASH (Chen et al., 2025): a descendant of Grid4D. A cloud of canonical Gaussians of which some
- * are dynamic; a 4-D hash grid and a network move and reshape those. As in the method's render
- * script, the heads for opacity and colour are stored but not used, and static Gaussians do not
- * change. */
+ * DASH (Chen et al., 2025): a descendant of Grid4D. A cloud of canonical Gaussians, some of which
+ * are dynamic; a 4-D hash grid and a network move and reshape the dynamic ones. As in the method's
+ * render script, the heads for opacity and colour are stored but not used, and static Gaussians do
+ * not change. */
 #include <string.h>
 
 #include "importers/lib/deform.h"
@@ -34,11 +34,11 @@ struct hash_model;
 struct hash_method {
     const char *name;              /* "Grid4D" */
     const char *extra;             /* an additional property of the cloud, or NULL */
-    const char *key;               /* a tensor of this method's grid only, */
-    const char *other_key, *other; /* and one of the other method, with the advice for it */
+    const char *key;               /* a tensor that only this method's grid has */
+    const char *other_key, *other; /* a tensor of the other method; advice for its runs */
     /* Loads the networks and sets layer and n_scratch; m is the importer's struct hash_model. */
     spin_status (*load)(struct hash_model *m);
-    /* Reads settings other than bound and scale_xyz; or NULL. */
+    /* Reads settings other than bound and scale_xyz; may be NULL. */
     spin_status (*settle)(struct hash_model *m);
 };
 
@@ -49,7 +49,7 @@ struct hash_model {
     const char *save; /* iteration_<N> */
     float *extra;     /* [n] the additional property of the cloud, or NULL */
     double bound, scale_xyz[3];
-    const struct spin_value *grid, *network; /* the saved pair, while it is read */
+    const struct spin_value *grid, *network; /* the two saved dicts; valid during load() */
     struct mlp_net trunk;                    /* may begin with a layer of the method's own */
     int width;
     struct mlp_net warp, rotation, scaling;
@@ -59,9 +59,9 @@ struct hash_model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* `key` is a tensor's name that only checkpoints of this method have in their first bytes; `option`
- * is the beginning of an option of its grid in cfg_args. The names of folders do not decide: all
- * descendants of Deformable-3D-Gaussians use the same. */
+/* `key`: a tensor name that occurs in the first bytes of this method's checkpoints only. `option`:
+ * the prefix of the grid options that this method writes to cfg_args. Folder names alone do not
+ * identify the method: all descendants of Deformable-3D-Gaussians use the same names. */
 static int hash_probe(const struct spin_peek *peek, const char *key, const char *option)
 {
     if (!peek->is_folder)
@@ -230,8 +230,8 @@ static spin_status load(struct spin_model *base)
     return m->method->load(m);
 }
 
-/* Opens the model's folder, or one of its deform.pth. bound and scale_xyz, which the tensors lack,
- * come from options or cfg_args. */
+/* Opens the model's folder, or one of its deform.pth. The tensors do not contain bound and
+ * scale_xyz: these are read from options or cfg_args. */
 static spin_status hash_open(struct hash_model *m, const char *path,
                              const struct hash_method *method)
 {
@@ -259,9 +259,9 @@ static spin_status hash_open(struct hash_model *m, const char *path,
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Samples one level at x in [0, 1]: features go to out[0], out[MLP_BLOCK], ... n_dims and
- * n_features are constants where it is inlined. Positions are rounded once, as in the method's
- * kernel. */
+/* Interpolates one level at x in [0, 1]^n_dims and writes the features to out[0], out[MLP_BLOCK],
+ * ... Callers pass constants for n_dims and n_features, so the compiler can unroll the inlined
+ * loops. As in the method's kernel, x * scale is rounded only once. */
 MLP_INLINE void hash_sample_level(const struct hash_level *level, int n_dims, int n_features,
                                   const float *x, float *out)
 {
@@ -322,8 +322,8 @@ static void hash_sample(const struct hash_grid *grid, const float *x, float *out
         hash_sample_levels(grid, 4, grid->n_features, x, out);
 }
 
-/* Computes the encoders' inputs: maps [-bound, bound] to [0, 1], and time to 0.05 .. 0.95.
- * Operations are in float and in the method's order. */
+/* Computes the inputs of the grids: maps positions from [-bound, bound] to [0, 1], and the time
+ * from [0, 1] to [0.05, 0.95]. Operations are in float and in the method's order. */
 static void hash_coordinates(const struct hash_model *m, const float p[3], float time, float out[4])
 {
     float bound = (float)m->bound;
@@ -337,7 +337,7 @@ static void hash_coordinates(const struct hash_model *m, const float p[3], float
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
 
-/* In the order of their features. */
+/* The grids, in the order in which the network receives their features. */
 static const struct {
     const char *name;
     int axis[3];
@@ -418,8 +418,8 @@ static spin_status grid4d_open_save(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Computes the features of a block: those of space go to `space`, those of the three grids with
- * time, one after the other, to `moving`. */
+/* Computes the features of a block: those of the spatial grid go to `space`, those of the three
+ * grids with a time axis, one after the other, to `moving`. */
 static void sample(const struct deform_job *job, size_t first, int n, float *space, float *moving)
 {
     const struct grid4d_model *model = job->model;
@@ -503,7 +503,7 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
     return spin_deform_frame(self, time, columns, DEFORM_MOVED, grid4d_evaluate, out);
 }
 
-/* Options of Grid4D; DASH has all but the first. */
+/* Options of Grid4D; DASH has all except the first. */
 static const struct spin_plugin_option options[] = {
     {"directional", "BOOL", "the option of that name of the run, instead of the value in cfg_args",
      NULL},
@@ -523,7 +523,7 @@ SPIN_MODEL_IMPORTER(grid4d, struct grid4d_model, grid4d_open_save, spin_model_cl
 /* ---- DASH ------------------------------------------------------------------------------------ */
 
 struct dash_model {
-    struct hash_model base; /* extra: not 0 for dynamic Gaussians; the trunk begins with d4_mlp */
+    struct hash_model base; /* extra: nonzero for dynamic Gaussians; the trunk begins with d4_mlp */
     struct hash_grid grid;
 };
 

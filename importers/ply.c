@@ -25,8 +25,8 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Confidence, by the names in a folder, that it is a sequence of clouds: numbered files, a folder
- * per frame with the INRIA tree inside, or one model's tree. */
+/* The confidence that a folder is a sequence of clouds, by the names in it: numbered files, one
+ * folder per frame with the layout of INRIA's 3DGS, or a single model in this layout. */
 static int probe_folder(const struct spin_peek *peek)
 {
     int n_folders = 0;
@@ -72,8 +72,8 @@ static spin_status find_model(struct spin_model *m, const char *folder, const ch
     return spin_model_find(m, out, folder, "point_cloud.ply");
 }
 
-/* Finds at least one frame, in any order. In a folder: its files, else its model or save, else the
- * models in its numbered folders. */
+/* Finds the frames, in any order; none is an error. In a folder, the frames are its PLY files; else
+ * its model or newest checkpoint, as one frame; else the models in its numbered folders. */
 static spin_status find_files(struct spin_model *m, const char *path,
                               struct spin_file_sequence *seq)
 {
@@ -116,7 +116,7 @@ static spin_status find_files(struct spin_model *m, const char *path,
 /* Refuses 4D models, which are not the cloud of one frame. */
 static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_ply_element *e)
 {
-    /* A property's name, or with a * its beginning; the first match decides. */
+    /* Names of properties, or prefixes that end with *; the first match names the method. */
     static const struct {
         const char *name, *method, *use;
     } signs[] = {
@@ -142,7 +142,7 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
         if (signs[i].name[stem] ? spin_ply_has_prefix(e, prefix) : spin_ply_has(e, prefix))
             break;
     }
-    if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* plain points may have a t */
+    if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* plain points may have a property t */
         return SPIN_OK;
     return spin_unsupported("'%s': property '%s' belongs to a 4D model, probably of %s, not to the "
                             "cloud of one frame%s",

@@ -6,11 +6,11 @@
  * otherwise a note names the assumption.
  *
  * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS that turns long-lived Gaussians into
- * static ones during training. A checkpoint has both: those of Realtime-4DGS, and 3-D ones that are
- * permanent.
+ * static ones during training. A checkpoint contains two halves: the Gaussians of Realtime-4DGS,
+ * and permanent 3-D ones.
  *
- * The PLY that a run also writes looks like a cloud of 3DGS but is not one: it has only the dynamic
- * half, every Gaussian at its own time. */
+ * A run of Hybrid 3D-4DGS also writes a PLY that looks like a cloud of 3DGS, but contains only the
+ * dynamic half, with every Gaussian at its own time. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
@@ -19,7 +19,7 @@
 
 /* The method's renderer skips Gaussians whose weight in time is not above this. */
 #define LEAST_WEIGHT 0.05
-/* Mapped pages are released after so many rows. */
+/* Number of rows after which mapped pages of the file are released. */
 #define PAGE_ROWS 4096
 /* Initial times are drawn from the clip extended by 10% at both ends. */
 #define SPREAD 1.2
@@ -47,7 +47,7 @@ struct rows {
     const char *who;                           /* prefix of their names in messages, or NULL */
     const struct spin_value *part[R4_N_PARTS]; /* NULL: missing */
     bool swapped;                              /* SH are [N][3][K] */
-    bool masked;                               /* followed by a fork's mask */
+    bool masked;                               /* a mask that a fork appends follows the parts */
     bool moving;                               /* gaussian_dim 4: has t and scaling_t */
     double iteration;                          /* -1: unknown */
     /* The data. */
@@ -61,7 +61,7 @@ struct rows {
     float *column[R4_N_PARTS];
 };
 
-/* How rows become Gaussians. */
+/* Variants of the conversion of rows to Gaussians. */
 struct reading {
     bool older;      /* 4-D rotations follow the convention before 2024-09 */
     bool transposed; /* 3-D rotations are inverted */
@@ -70,9 +70,9 @@ struct reading {
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
-/* Location of each part: its item in the tuples of a 4-D and of a 3-D model (-1: none), its key in
- * a fork's dict, which is the attribute of the class, and its key in loaded_pth. width: floats per
- * row; 0: not read as a column. */
+/* Where each part is stored. item, item3: index in the tuple of a 4-D and of a 3-D model (-1:
+ * none). attribute: key in the dict of a fork, which is the name of the class's attribute. loaded:
+ * key in loaded_pth. width: floats per row; 0: not read as a column. */
 static const struct {
     const char *name;
     int item, item3;
@@ -108,7 +108,7 @@ static bool r4_lacks(const struct rows *r, enum part part)
     return !v || v->kind == SPIN_VALUE_NONE || spin_chkpnt_is_empty(v);
 }
 
-/* Takes the parts from the first 19 items of a 4-D model's tuple. */
+/* Sets the parts from the first 19 items of a 4-D model's tuple. */
 static void r4_items(const struct spin_value *model, struct rows *r)
 {
     r->moving = true;
@@ -132,7 +132,7 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
     return SPIN_OK;
 }
 
-/* Takes the parts from a fork's dict. */
+/* Sets the parts from a fork's dict. */
 static void take_attributes(const struct spin_value *m, struct rows *r)
 {
     double dim = 4;
@@ -143,8 +143,8 @@ static void take_attributes(const struct spin_value *m, struct rows *r)
         r->part[p] = all[p].attribute ? spin_value_get(m, all[p].attribute) : NULL;
 }
 
-/* Takes the parts from the dict that training reads as loaded_pth, whose keys begin with `prefix`:
- * features have their last two axes swapped, and there are no degrees. */
+/* Sets the parts from the dict that training reads as loaded_pth, whose keys begin with `prefix`.
+ * The last two axes of its features are swapped, and it does not contain SH degrees. */
 static void r4_loaded(const struct spin_value *dict, const char *prefix, struct rows *r)
 {
     r->swapped = true;
@@ -238,16 +238,18 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
 
 /* ---- Degrees --------------------------------------------------------------------------------- */
 
-/* The spatial degree for a number of SH, and whether SH of the cosines follow; false for a number
- * that no setting yields. */
+/* Derives the spatial degree from the number of SH, and whether they include SH of the cosines of
+ * time. Returns false for a number that no setting of the method yields. */
 static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
         int n = (d + 1) * (d + 1);
-        /* Allocated when neither option is set; SH beyond the spatial ones are never used. */
+        /* Numbers of SH that training allocates with its default options; those beyond the spatial
+         * SH are never used. */
         static const int unused[] = {1, 6, 16, 33};
 
-        if (n_sh == 16 && told != 2 && d == 2) /* 16 is degree 3, unless cfg_args says otherwise */
+        if (n_sh == 16 && told != 2 &&
+            d == 2) /* 16 SH are of degree 3, or of 2 if cfg_args has sh_degree=2 */
             continue;
         if (n_sh == n || n_sh == 3 * n || n_sh == unused[d]) {
             *degree = d;
@@ -296,8 +298,8 @@ static spin_status find_degrees(struct rows *r, double told)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads all tensors; SH if `with_sh`, with the SH degree of cfg_args as a hint. Having no rows is
- * not an error. */
+/* Reads all tensors, and the SH if `with_sh`. The sh_degree of cfg_args decides where a number of
+ * SH fits two degrees. A checkpoint without rows is not an error. */
 static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 {
     static const int64_t places[2] = {-1, 3};
@@ -333,7 +335,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 
 /* ---- Gaussians ------------------------------------------------------------------------------- */
 
-/* The slice of a row with rot_4d, the same at any time. */
+/* Computes the slice of a row with rot_4d, whose shape is the same at all times. */
 static void r4_slice(const struct rows *r, size_t i, bool older, spin_slice *out)
 {
     double left[4], right[4], scale[4], a[16];
@@ -365,15 +367,15 @@ static float *add_row(struct spin_model *m, const struct rows *r, size_t i, size
         log_scale[k] = r->column[R4_SCALING][3 * i + (size_t)k];
         quat[k + 1] = reading->transposed ? -quat[k + 1] : quat[k + 1];
     }
-    /* Without rot_4d the exponential is the variance itself. */
+    /* Without rot_4d, exp(scaling_t) is the variance, not the standard deviation. */
     return spin_gaussian4d_add(
         m, gaussians, row, r->column[R4_XYZ] + 3 * i, r->moving ? r->column[R4_T][i] : 0, logit,
         still, r->moving ? exp(r->column[R4_SCALING_T][i]) + reading->extra : HUGE_VAL, log_scale,
         quat);
 }
 
-/* Adds all rows, numbered from `row` on. Nonfinite ones are counted as dropped; static ones are
- * permanent. Returns how many are nearly transparent. */
+/* Adds all rows, numbered from `row` on; static ones are permanent. Rows with nonfinite values are
+ * dropped and counted. Returns the number of rows with an opacity below SPIN_FAINT. */
 static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
                      const struct reading *reading, struct gaussian4d *gaussians)
 {
@@ -396,7 +398,7 @@ static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
         if (!to || r->n_sh == 0)
             continue;
         memcpy(to, sh, width * sizeof *sh);
-        if (r->degree_t > 0) /* [16] rows per cosine */
+        if (r->degree_t > 0) /* 16 SH per cosine */
             memcpy(s->sh_cos + 2 * (to - s->sh), sh + width,
                    (size_t)r->degree_t * width * sizeof *sh);
     }
@@ -466,7 +468,7 @@ static int realtime_probe(const struct spin_peek *peek)
 
         for (size_t i = 0; peek->names && peek->names[i]; i++)
             found = found || spin_chkpnt_iteration(peek->names[i]) >= 0;
-        /* Plain 3DGS and its descendants save such checkpoints too, beside their clouds. */
+        /* Plain 3DGS and its descendants also save checkpoints, beside their clouds. */
         return found ? (spin_peek_has(peek, "point_cloud") ? 20 : 70) : 0;
     }
     if (begins_like_ours(peek))
@@ -476,7 +478,7 @@ static int realtime_probe(const struct spin_peek *peek)
 
 /* ---- Shapes ---------------------------------------------------------------------------------- */
 
-/* Median of the largest standard deviation in space over at most a few thousand Gaussians. */
+/* The median, over at most MOST Gaussians, of the largest standard deviation in space. */
 static double median_extent(const struct rows *rows, bool older)
 {
     enum { MOST = 4096 };
@@ -499,8 +501,8 @@ static double median_extent(const struct rows *rows, bool older)
     return sqrt(extent[n_used / 2]);
 }
 
-/* Under the wrong convention the long time axis of static Gaussians points into space, so the right
- * one has the smaller ellipsoids. */
+/* Under the wrong convention, the long time axis of static Gaussians points into space, so the
+ * right convention yields smaller ellipsoids. */
 static spin_status choose_convention(struct realtime_model *m)
 {
     enum { AUTO, TODAY, OLDER };
@@ -528,8 +530,8 @@ static spin_status choose_convention(struct realtime_model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Whether this is a checkpoint of OMG4 with networks: these then give colours and opacities, and
- * the SH and opacities stored here are obsolete. */
+/* Whether this is a checkpoint of OMG4 with networks. The networks then compute colours and
+ * opacities, and the stored SH and opacities are obsolete. */
 static bool is_stale(const struct rows *r)
 {
     const struct spin_value *groups = spin_value_get(r->part[R4_OPTIMIZER], "param_groups");
@@ -556,7 +558,7 @@ static void realtime_describe(const struct realtime_model *m)
     r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the mask of a fork (its last item) is ignored");
-    /* Caused by lost gradients in training (issue 50 upstream). */
+    /* Upstream issue 50: training can lose the gradients of these SH. */
     if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
         spin_note(sequence, "all temporal SH are 0: colours do not change");
     sequence->continuous = r->moving;
@@ -613,7 +615,7 @@ static spin_status realtime_open_run(void *self, const char *path)
     if (!base->path)
         return spin_not_found("'%s' holds no chkpnt<N>.pth", path);
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
-    SPIN_TRY(spin_model_config(base)); /* its errors are not those of the checkpoint */
+    SPIN_TRY(spin_model_config(base)); /* errors name other files than the checkpoint */
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
     m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
@@ -654,7 +656,7 @@ enum { MOVING, STILL, N_HALVES };
 struct hybrid_model {
     struct spin_model base;
     struct rows half[N_HALVES];
-    struct gaussian4d gaussians; /* of both halves, rows numbered consecutively */
+    struct gaussian4d gaussians; /* of both halves, with consecutive row numbers */
     size_t n_moving;             /* dynamic ones among them */
     double ratio;                /* the data set's times over the file's */
     struct clip_times times;
@@ -664,8 +666,8 @@ struct hybrid_model {
 
 static int hybrid_probe(const struct spin_peek *peek)
 {
-    /* Groups of a checkpoint's optimiser, or two options of cfg_args, of which one is the method's
-     * own. */
+    /* Recognises parameter groups in the optimiser of a checkpoint, or two options in cfg_args that
+     * only this method combines. */
     if (spin_peek_says(peek, "static_xyz") && spin_peek_says(peek, "scaling_t"))
         return 95;
     return peek->is_folder && spin_peek_says(peek, "from3dgs=") &&

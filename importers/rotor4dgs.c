@@ -1,9 +1,9 @@
 /* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors.
  *
  * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales the shape.
- * Colours do not change in time. The method's renderer culls next to nothing, so every slow
- * Gaussian is in every frame with an opacity of nearly 0; here those that are invisible in 8-bit
- * images are left out. */
+ * Colours do not change in time. The method's renderer culls hardly any Gaussians, so slow ones are
+ * in every frame, even with an opacity of nearly 0. The importer omits Gaussians that are invisible
+ * in 8-bit images. */
 #include <ctype.h>
 
 #include "importers/lib/chkpnt.h"
@@ -12,9 +12,10 @@
 
 /* 3DGS renderers skip fainter Gaussians. */
 #define LEAST_OPACITY (1.0 / 255)
-/* The rule of the method's renderer: 0.5 dt^2 / variance below 16. */
+/* The threshold of the method's renderer, which draws Gaussians with 0.5 dt^2 / variance below 16.
+ */
 #define FAR_WEIGHT 1.1253517471925912e-7 /* exp(-16) */
-/* The rule of Realtime-4DGS. */
+/* The threshold of Realtime-4DGS. */
 #define BELL_WEIGHT 0.05
 
 struct model {
@@ -58,7 +59,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-/* Keys have one of several prefixes; that of quats1 is used for all. */
+/* Keys begin with one of several prefixes; the prefix of quats1 is used for all keys. */
 static spin_status find_prefix(struct spin_model *m)
 {
     const struct spin_value *d = m->tensors;
@@ -78,7 +79,7 @@ static spin_status find_prefix(struct spin_model *m)
                                 : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
-/* Binds the tensor prefix + key of that shape, of floating-point numbers. */
+/* Binds the tensor prefix + key, which must have this shape and contain floating-point numbers. */
 static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
                         struct spin_array *out)
 {

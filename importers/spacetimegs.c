@@ -1,12 +1,12 @@
 /* SpacetimeGaussians (Li et al., CVPR 2024), lite and full: Gaussians on cubic paths, with
- * quaternions that change linearly and a Gaussian window in time, all of them present at every
- * time: 4D splats.
+ * quaternions that change linearly and a Gaussian window in time, which 4D splats represent
+ * exactly.
  *
  * The window is exp(-x^2), without the factor 1/2, and its width is stored as a logarithm. Colours
  * of the lite model are RGB, not SH. Gaussians of the full model have no colours: its rasteriser
  * blends nine features, and a network computes the colour of a pixel from these and from the ray.
- * Imported is the colour of a pixel that only one Gaussian covers, as SH of degree 1 fitted to the
- * colours for given cameras. */
+ * For each Gaussian, the importer computes the colour of a pixel that only this Gaussian covers,
+ * for each of several cameras, and fits SH of degree 1 to these colours. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
@@ -39,11 +39,11 @@ static const struct group {
     {"trbf_scale", {0, 0}, WIDTH}, {"motion_", {9, 9}, MOTION},
     {"opacity", {0, 0}, LOGIT},    {"scale_", {3, 3}, SCALE},
     {"rot_", {4, 4}, TURN},        {"omega_", {4, 4}, CHANGE},
-    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: none */
+    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: lite has none */
 };
 enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 35 };
 
-/* The network of the full model makes the colour of a pixel:
+/* The network of the full model computes the colour of a pixel:
  *
  *     ending(base + W2 relu(W1 [view, time, origin of the ray, direction of the ray]))
  *
@@ -70,7 +70,8 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    /* A cloud, or the folder of one save. The confidence must exceed the 90 of the PLY importer. */
+    /* A cloud, or the folder of one checkpoint. The confidence must exceed the 90 of the PLY
+     * importer. */
     if (spin_peek_says(peek, "property float trbf_center") &&
         spin_peek_says(peek, "property float motion_8") &&
         spin_peek_says(peek, "property float omega_3"))
@@ -78,7 +79,7 @@ static int probe(const struct spin_peek *peek)
     if (!peek->is_folder && spin_peek_says(peek, "mlp1.weight") &&
         spin_peek_says(peek, "mlp2.weight") && spin_text_ends(peek->path, ".pt"))
         return 80;
-    /* An option of the method. */
+    /* trbfslinit is an option of this method. */
     return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "trbfslinit=") ? 90 : 0;
 }
 
@@ -166,7 +167,7 @@ static spin_status read_cloud(struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* K of a source_path that ends in colmap_<K>, the first frame of the run; else -1. */
+/* The number K of the run's first frame, from a source_path that ends in colmap_<K>; else -1. */
 static long first_frame(struct cfg_span path)
 {
     const char *at = path.end;
@@ -332,11 +333,11 @@ static void fill_row(struct model *m, size_t i)
     memcpy(s->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
     if (spin_quat_norm(turn) > 0)
         memcpy(s->spins + 4 * i, change, 4 * sizeof *row);
-    else /* of length 0: the rotation is constant, as the method draws it */
+    else /* length 0: as in the method's renderer, the rotation is constant */
         turn = spin_quat_norm(change) > 0 ? change : unturned;
     memcpy(s->quats + 4 * i, turn, 4 * sizeof *row);
     s->logit_opacities[i] = row[LOGIT];
-    /* Clamped, as the narrowest and the widest windows exceed the range of float. */
+    /* Clamped, since the narrowest and the widest windows are outside the range of float. */
     s->sigmas[i] =
         (float)fmin(fmax(exp((double)row[WIDTH]) / sqrt(2), 1e-37), (double)SPIN_FOREVER);
     for (size_t c = 0; c < 3; c++)
@@ -366,8 +367,8 @@ static spin_status fill_splats(struct model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Finds the cloud and the network beside it. `path` is a folder with saves, a save, or one of the
- * two files. */
+/* Finds the cloud and the network beside it. `path` is a folder with checkpoints, a checkpoint, or
+ * one of the two files. */
 static spin_status find_files(const char *path, struct model *m, const char **save)
 {
     const char *wanted = spin_model_option(&m->base, "iteration");
@@ -485,10 +486,10 @@ static void solve3(double a[3][3], double b[3][3])
     }
 }
 
-/* Fits SH of degree 1 by least squares: colour = mean colour + slope (d - mean d), with two
- * regularisers. The term (slope mean d)^2 has the weight of all cameras and keeps degree 0 near the
- * mean colour, because some viewers show degree 0 only. The other keeps slopes small where rays
- * differ by less than about `least` (radians), as they would be noise there. */
+/* Fits SH of degree 1 by least squares: colour = mean colour + slope . (d - mean d), with two
+ * regularisers. (slope . mean d)^2, weighted like all cameras together, keeps degree 0 near the
+ * mean colour, because some viewers draw degree 0 only. least^2 slope^2 keeps the slope small if
+ * the rays differ by less than about `least` radians, where the slope would be noise. */
 static void fit(const struct means *m, float sh[12])
 {
     const double least = 1e-2;
@@ -496,7 +497,8 @@ static void fit(const struct means *m, float sh[12])
 
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            a[i][j] = m->dd[i][j]; /* d d^T is not subtracted, as the first regulariser adds it */
+            a[i][j] = m->dd[i][j]; /* mean d mean d^T is not subtracted: the first regulariser would
+                                      add it again */
             slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
         }
         a[i][i] += least * least;
@@ -596,7 +598,8 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     return spin_model_check(m->base.path, time, SPIN_COL_SH, out);
 }
 
-/* Colours of the network hold at one time only, so there are no 4D splats with it. */
+/* Colours computed by the network are valid at one time only, so models that use it have no 4D
+ * splats. */
 static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     const struct model *m = self;

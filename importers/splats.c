@@ -2,11 +2,11 @@
  * functions here open and read a file of each format; the decoders are in src/formats.
  *
  * SPZ: most files do not record their axes. splat-transform and our exporter write those of the
- * training; Niantic's library writes right, up, back if told the axes of its input. --axes decides
- * for files that do not record them.
+ * training; Niantic's library writes right, up, back if told the axes of its input. --axes applies
+ * to files that do not record them.
  *
  * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x
- * right, y down, z forward: --axes gltf undoes the half turn about z that exporters make. */
+ * right, y down, z forward: --axes gltf undoes the half turn about z that exporters apply. */
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
@@ -17,21 +17,22 @@
 
 /* Contents of a file. */
 struct opened {
-    size_t n_frames;                /* 1 unless it is a clip */
-    size_t n;                       /* splats per frame */
-    int sh_degree;                  /* the largest that read() returns */
-    bool antialias;                 /* trained for antialiased drawing */
-    bool has_axes;                  /* the file records its axes: */
-    double axes[4];                 /* rotation w x y z from them to the run's */
-    const char *note[4];            /* guesses and losses, each noted once; NULL: none */
-    const char *folder;             /* of loose files (SOG); or NULL */
+    size_t n_frames;     /* 1 unless it is a clip */
+    size_t n;            /* splats per frame */
+    int sh_degree;       /* the largest that read() returns */
+    bool antialias;      /* trained for antialiased drawing */
+    bool has_axes;       /* the file records its axes */
+    double axes[4];      /* if has_axes: rotation w x y z from the file's axes to the run's */
+    const char *note[4]; /* guesses and losses, each noted once; NULL: none */
+    const char *folder;  /* folder of the loose files (SOG), or NULL */
     struct spin_gs_glb_scene scene; /* of a GLB */
 };
 
 struct clip {
     struct spin_model base; /* canonical: a frame in the axes of its file */
     const struct format *format;
-    const double *turn; /* to the run's axes, for files that do not record theirs; NULL: none */
+    const double
+        *turn; /* rotation to the run's axes, for files that do not record their axes; NULL: none */
     struct spin_file_sequence files;
     int n_frames, sh_degree;
     int *numbers;   /* [n_frames] */
@@ -39,7 +40,7 @@ struct clip {
     size_t *counts; /* [n_frames] */
 
     /* The open file. */
-    size_t file, within; /* SIZE_MAX: none; the frame of it to read */
+    size_t file, within; /* index of the file (SIZE_MAX: none); its frame to read */
     struct spin_map map;
     struct opened opened;
 };
@@ -55,7 +56,8 @@ struct format {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Confidence by file names; low in the folder of a run, which has clouds of its own. */
+/* Confidence by file names; low in the folder of a run, whose point clouds are more likely the
+ * input. */
 static int probe_names(const struct spin_peek *peek, const char *suffix)
 {
     int named = spin_file_named(peek, suffix);
@@ -113,7 +115,8 @@ static spin_status reserve_frames(struct clip *clip, size_t n)
     return spin_model_alloc(&clip->base, n, sizeof *clip->counts, (void **)&clip->counts);
 }
 
-/* Numbers and times of the frames of a single file; its own numbers only if they increase. */
+/* Sets numbers and times of the frames of a single file. Frame numbers in the file are used only if
+ * they increase. */
 static void describe_clip(const struct clip *clip, struct spin_sequence_info *sequence)
 {
     bool numbered = true;
@@ -394,8 +397,8 @@ static spin_status read_sog(struct clip *clip, unsigned columns, struct spin_spl
     return spin_sog_read(clip->map.data, clip->map.size, clip->opened.folder, columns, out);
 }
 
-/* A zip with images and a meta.json, the folder of both, or a meta.json with the bounds of
- * positions. */
+/* Recognises a zip with images and a meta.json, a folder with both, or a meta.json with the bounds
+ * of positions. */
 static int sog_probe(const struct spin_peek *peek)
 {
     bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");

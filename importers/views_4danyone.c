@@ -1,13 +1,13 @@
-/* 4DAnyone: synchronous videos that a network generated from one.
+/* 4DAnyone: synchronous videos that a network generated from a single video.
  *
  *     cameras.json                    camera_model, cameras[]: camera_id, K, image_width,
  *                                     image_height, camera_to_world (OpenCV's axes), video
  *     metadata.json                   output.fps (may be missing)
  *     videos/dense/00.mp4 ...         the videos, as named by `video`
- *     images/00/000000.png ...        their frames, read instead of them where they exist
+ *     images/00/000000.png ...        frames of a video, read instead of the video if they exist
  *
- * World: y up, unchanged. videos/sparse and skeletons are not views. The files do not hold out any
- * camera. */
+ * World: y up, unchanged. videos/sparse and skeletons are not views. The data set itself holds out
+ * no camera. */
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 
