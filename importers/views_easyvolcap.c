@@ -10,7 +10,7 @@
  *                                     instead of the first two: moving cameras, an entry per frame
  *
  * A pose is w2c = [R | T] in OpenCV's axes. Distortion is refused: EasyVolcap undistorts images and
- * then uses another K, which the files lack. The files do not hold out any camera.
+ * then uses another K, which the files do not contain. The data set itself holds out no camera.
  *
  * Times are k/(n-1), as in FreeTimeGS on these sets. EasyVolcap itself uses k/n. */
 #include "importers/lib/views_rig.h"
@@ -54,7 +54,7 @@ static spin_status set_value(spin_json *object, const char *key, spin_json *valu
                                                   : spin_malformed("'%.40s' cannot be stored", key);
 }
 
-/* Strips quotes; "" if they do not match. */
+/* Strips quotes; returns "" if they do not match. */
 static const char *plain_text(char *text)
 {
     size_t n = strlen(text);
@@ -343,7 +343,7 @@ static spin_status read_names(const struct pair *p, const spin_json **names, siz
     return SPIN_OK;
 }
 
-/* Reads static cameras, which are all in two files. */
+/* Reads static cameras; one pair of files contains all of them. */
 static spin_status read_still(struct set *set, const struct pair *p)
 {
     const spin_json *names;

@@ -51,7 +51,8 @@ void spin_deform_shape(const struct deform_job *job, size_t first, int n, const 
 
 /* ---- Saves ----------------------------------------------------------------------------------- */
 
-/* The last cloud and the last network must be of the same save, or the user must choose one. */
+/* Refuses a model whose last cloud and last network are of different checkpoints: the user must
+ * choose one. */
 static spin_status check_newest(struct spin_model *m, const char *path, const char *clouds,
                                 const char *deforms, const char *found)
 {

@@ -8,7 +8,7 @@ spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, 
     return spin_model_alloc(m, n, sizeof *g->row, (void **)&g->row);
 }
 
-/* Far below the largest float: positions move, and later code squares them. */
+/* Whether values are far below the largest float: positions move, and later code squares them. */
 static bool all_sane(const double *values, int n)
 {
     for (int i = 0; i < n; i++) {

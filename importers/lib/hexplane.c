@@ -3,7 +3,7 @@
 
 #include "math/plane.h"
 
-/* The axes of the columns and the rows of a plane; 3 is time. */
+/* The axes of the columns and the rows of each plane; axis 3 is time. */
 static const int hex_axes[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 /* ---- Loading --------------------------------------------------------------------------------- */
@@ -93,7 +93,8 @@ static spin_status check_box(const struct spin_model *m, const char *key, const 
     return SPIN_OK;
 }
 
-/* The input has F = channels x scales features, or 3 F when they are encoded: grid_pe > 1. */
+/* Loads feature_out. Its input has F = channels x scales features, or 3 F if they are encoded,
+ * which grid_pe > 1 indicates. */
 static spin_status load_feature(struct spin_model *m, double grid_pe, struct hexplane *hex)
 {
     int n_features = hex->channels * hex->n_scales;

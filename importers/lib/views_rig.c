@@ -36,7 +36,7 @@ spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, c
     return spin_file_sequence_sort(&c->frames, &unused);
 }
 
-/* Frames are named "00.mp4#<frame>", images that are decoded on demand. */
+/* Lists the frames as paths "00.mp4#<frame>", images that are decoded on demand. */
 spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const char *file,
                           const char *instead)
 {
@@ -67,8 +67,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Number of frames that all cameras have. A camera that lacks one in the middle is refused, since
- * its later images would be of other times. */
+/* Number of frames that all cameras have. A camera that lacks a frame before its end is refused,
+ * since its later images would get wrong times. */
 static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t *n_rows)
 {
     size_t fewest = 0, most = 0;
