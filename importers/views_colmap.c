@@ -3,7 +3,8 @@
  *     sparse/0/{cameras,images,points3D}.{bin,txt}, images/
  *         one model; each image is one frame
  *     the same, images/<camera>/<number>.png ...
- *         FreeTimeGS: each image of the model is a camera; its frames are in the folder of that name
+ *         FreeTimeGS: each image of the model is a camera, with its frames in the folder of that
+ *         name
  *     frame000001/{sparse/0, images}, frame000002/...
  *         3DGStream: one folder per frame; the model of the first folder is used for all frames
  *
