@@ -239,7 +239,7 @@ static spin_status find_files(struct clip *clip)
         SPIN_TRY(find_raw(clip, folder));
     }
     if (clip->n_steps == 0)
-        return spin_not_found("'%s' holds neither frame folders nor 'NTCs'", folder);
+        return spin_not_found("'%s' contains neither frame folders nor 'NTCs'", folder);
     SPIN_TRY(find_init(clip));
     qsort(clip->step, clip->n_steps, sizeof *clip->step, by_number);
     for (size_t i = 1; i < clip->n_steps; i++) {
@@ -283,8 +283,9 @@ static spin_status prepare_networks(struct clip *clip)
     if (status != SPIN_OK && clip->config)
         return spin_fail_context(status, "with the configuration '%s'", clip->config);
     if (status != SPIN_OK)
-        return spin_fail_context(status, "there is no config.json (give it with --config), so the "
-                                         "default configuration was tried");
+        return spin_fail_context(
+            status,
+            "with the default configuration, since there is no config.json: give it with --config");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;
@@ -319,7 +320,7 @@ static spin_status choose_way(struct clip *clip)
         return spin_not_found("'%s': frame %d has no network", clip->base.path, no_network);
     if (clip->step[0].number != 0)
         return spin_not_found("'%s': the networks start from the cloud of frame 0, which is "
-                              "missing: give it with --init",
+                              "missing: give the cloud with --init",
                               clip->base.path);
     return clip->n_steps > 1 ? prepare_networks(clip) : SPIN_OK;
 }
@@ -359,8 +360,8 @@ static spin_status inspect_added(struct clip *clip, struct step *step)
     SPIN_TRY(spin_model_cloud(&clip->base, step->added, &cloud));
     step->n_added = (size_t)cloud.vertex->count;
     if (step->n_added > 0 && cloud.sh_degree != clip->sh_degree)
-        return spin_malformed("'%s' has SH degree %d, but the cloud it adds to has %d", step->added,
-                              cloud.sh_degree, clip->sh_degree);
+        return spin_malformed("'%s' has SH degree %d, but the cloud to which it is added has %d",
+                              step->added, cloud.sh_degree, clip->sh_degree);
     return SPIN_OK;
 }
 
@@ -406,21 +407,20 @@ static spin_status describe(struct clip *clip)
              clip->evaluate ? "networks evaluated" : "moved clouds");
     if (n_added > 0)
         spin_note(sequence,
-                  "rows from %zu on are Gaussians added for one frame (%.1f a frame): they "
-                  "have no tracks",
+                  "rows from %zu on are Gaussians added for a single frame (on average %.1f per "
+                  "frame): they have no tracks",
                   clip->n, (double)n_added / (double)clip->n_steps);
     if (clip->step[0].number != 0)
         spin_note(sequence,
-                  "the cloud of frame 0 was not found: the clip begins with frame %d (give it with "
-                  "--init)",
+                  "the cloud of frame 0 was not found, so the clip begins with frame %d: give the "
+                  "cloud with --init",
                   clip->step[0].number);
     if (clip->evaluate)
         spin_note(sequence, "positions and rotations come from half-precision networks, whose "
-                            "errors add up from frame to frame");
+                            "errors accumulate from frame to frame");
     if (clip->evaluate && !clip->config)
-        spin_note(
-            sequence,
-            "there is no config.json: the networks fit the default configuration, which is used");
+        spin_note(sequence, "there is no config.json: the default configuration is used, and the "
+                            "networks match it");
     return SPIN_OK;
 }
 
@@ -526,9 +526,9 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
 }
 
 static const struct spin_plugin_option options[] = {
-    {"init", "PATH", "the model of frame 0 (beside the frames)", NULL},
+    {"init", "PATH", "the model of frame 0 (default: beside the frames)", NULL},
     {"way", "auto|clouds|networks", "read the moved clouds or evaluate the networks", "auto"},
-    {"config", "FILE", "configuration of the networks (NTCs/config.json)", NULL},
+    {"config", "FILE", "configuration of the networks (default: NTCs/config.json)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -67,7 +67,8 @@ static spin_status fail_no_save(const char *path, const char *wanted)
                               path, wanted);
     if (spin_model_search(path, "deformation_GAD.pth", &coarse))
         return spin_unsupported(
-            "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from modecgs", path);
+            "'%s' contains 'deformation_GAD.pth', so it is a run of MoDec-GS: use --from modecgs",
+            path);
     if (coarse)
         return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: continue "
                                 "training, or import its point_cloud.ply with --from ply",
@@ -92,9 +93,9 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
                 used[h] = found = true;
         }
         if (!found && !(n == 4 && strncmp(list, "none", 4) == 0))
-            return spin_misuse(
-                "--deform '%.*s': expected some of position,scale,rotation,opacity,sh or none",
-                (int)n, list);
+            return spin_misuse("--deform: '%.*s' is not an attribute, expected position, scale, "
+                               "rotation, opacity, sh or none",
+                               (int)n, list);
         list += n + (list[n] == ',');
     }
     return SPIN_OK;
@@ -124,9 +125,10 @@ static spin_status note_guess(struct model *model)
     char trained[128] = "";
     int used = 0; /* length of `trained`, whose size fits the words of all heads */
 
-    spin_note(m->sequence, "no cfg_args: assumed that position, scale and rotation are deformed, "
-                           "opacity and SH not; --deform sets it");
-    spin_warn("'%s': no cfg_args beside it, the method's defaults are assumed", m->path);
+    spin_note(m->sequence, "there is no cfg_args: assumed that the network deforms position, scale "
+                           "and rotation, but not opacity and SH; --deform overrides this");
+    spin_warn("'%s': there is no cfg_args beside this file: the method's defaults are assumed",
+              m->path);
     for (int h = 0; h < N_HEADS; h++) {
         struct mlp_net head = {0};
 
@@ -136,7 +138,7 @@ static spin_status note_guess(struct model *model)
         if (looks_trained(&head.layer[0]) || looks_trained(&head.layer[1]))
             used += snprintf(trained + used, sizeof trained - (size_t)used, " %s", heads[h].word);
     }
-    spin_note(m->sequence, "weights that look trained:%s", trained);
+    spin_note(m->sequence, "heads that look trained:%s", trained);
     return SPIN_OK;
 }
 
@@ -205,8 +207,8 @@ static void check_table(struct spin_model *m, const char *save)
         spin_torch_tensor(&torch, torch.root, "deformation_table", &table) == SPIN_OK &&
         table.count != n) {
         spin_note(m->sequence,
-                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has %zu: are "
-                  "they from the same save?",
+                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has %zu: the "
+                  "files may be of different checkpoints",
                   (unsigned long long)table.count, n);
         spin_warn("'%s' is for %llu Gaussians, but the cloud has %zu", path,
                   (unsigned long long)table.count, n);
@@ -306,13 +308,14 @@ static spin_status gaussian_frame(void *self, int frame, double time, unsigned c
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
     {"deform", "LIST",
-     "what the network deforms, of position,scale,rotation,opacity,sh, instead of the value in "
-     "cfg_args",
+     "attributes that the network deforms: position,scale,rotation,opacity,sh or none (default: as "
+     "in cfg_args)",
      NULL},
-    {"apply-rotation", "BOOL", "rotations are multiplied, instead of the value in cfg_args", NULL},
-    {"grid-pe", "X", "the option grid_pe of the run, instead of the value in cfg_args", NULL},
+    {"apply-rotation", "BOOL",
+     "whether rotations are multiplied, not added (default: as in cfg_args)", NULL},
+    {"grid-pe", "X", "the option grid_pe of the run (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -81,7 +81,7 @@ static spin_status bind(struct run *run, const char *key, struct spin_array *out
     m = spin_zip_find(&run->npz.zip, member);
     SPIN_TRY(spin_npz_array(&run->npz, key, m && m->size < CRC_LIMIT, out));
     if (out->kind != 'f')
-        return spin_unsupported("array '%s' does not hold floating-point numbers", key);
+        return spin_unsupported("array '%s' does not contain floating-point numbers", key);
     return SPIN_OK;
 }
 

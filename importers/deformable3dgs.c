@@ -61,7 +61,7 @@ static spin_status load_layers(struct model *m)
         char name[32];
 
         if (i == MAX_LAYERS)
-            return spin_unsupported("more than %d layers 'linear'", MAX_LAYERS);
+            return spin_unsupported("the network has more than %d layers 'linear.*'", MAX_LAYERS);
         snprintf(name, sizeof name, "linear.%d", i);
         SPIN_TRY(spin_model_layer(&m->base, name, -1, i ? m->width : -1, MLP_RELU, net));
         if (i == 0) {
@@ -72,17 +72,20 @@ static spin_status load_layers(struct model *m)
         } else if (l->n_in != m->width) {
             return spin_malformed("tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s",
                                   name, l->n_out, l->n_in, m->width, m->width,
-                                  net->again ? ", as an earlier layer takes the input again" : "");
+                                  net->again ? ", since an earlier layer has the skip connection"
+                                             : "");
         }
     }
     for (size_t i = 0; i < root->n; i++) {
         const char *key = spin_value_text(root->item[2 * i]);
 
         if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= net->n)
-            return spin_malformed("tensor '%.80s' but no 'linear.%d.weight'", key, net->n);
+            return spin_malformed("there is a tensor '%.80s', but no 'linear.%d.weight'", key,
+                                  net->n);
     }
     if (net->again == 0)
-        return spin_malformed("no layer 'linear' takes the input again: layers are missing");
+        return spin_malformed(
+            "no layer 'linear.*' has a skip connection from the input: layers are missing");
     return SPIN_OK;
 }
 
@@ -93,9 +96,9 @@ static spin_status load_time(struct model *m)
     int inputs = m->n_time = m->n_in - POSITION_INPUTS;
 
     if (m->n_time < 1)
-        return spin_malformed(
-            "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a position",
-            m->n_in, POSITION_INPUTS);
+        return spin_malformed("tensor 'linear.0.weight' has %d inputs, expected more than %d, the "
+                              "inputs for the position",
+                              m->n_in, POSITION_INPUTS);
     if (spin_model_get(&m->base, "timenet.0.weight") ||
         spin_model_get(&m->base, "timenet.2.weight")) {
         SPIN_TRY(spin_model_layer(&m->base, "timenet.0", -1, -1, MLP_RELU, &m->time));
@@ -105,9 +108,9 @@ static spin_status load_time(struct model *m)
     }
     m->frequencies = (inputs - 1) / 2;
     if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
-        return spin_malformed(
-            "time has %d inputs, expected 1 and two for each of at most %d frequencies", inputs,
-            MAX_TIME_FREQUENCIES);
+        return spin_malformed("the encoding of the time has %d values, expected 1 and two for each "
+                              "frequency, for at most %d frequencies",
+                              inputs, MAX_TIME_FREQUENCIES);
     return SPIN_OK;
 }
 
@@ -132,8 +135,8 @@ static spin_status load_network(struct spin_model *base)
 
     if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
         root->item[1]->kind == SPIN_VALUE_DICT)
-        return spin_unsupported(
-            "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from dash");
+        return spin_unsupported("the file contains a pair of dicts, as Grid4D and DASH save them: "
+                                "use --from grid4d or --from dash");
     SPIN_TRY(spin_model_dict(base));
     SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(load_layers(m));
@@ -141,8 +144,8 @@ static spin_status load_network(struct spin_model *base)
     warp = spin_model_get(base, "gaussian_warp.weight") != NULL;
     m->screw = spin_model_get(base, "branch_w.weight") || spin_model_get(base, "branch_v.weight");
     if (m->screw == warp)
-        return spin_malformed("%s 'gaussian_warp' and 'branch_w'; expected one",
-                              warp ? "both tensors" : "neither tensor");
+        return spin_malformed("the network has %s of 'gaussian_warp' and 'branch_w', expected one",
+                              warp ? "both tensors" : "neither");
     for (int i = 0; i < 5; i++) {
         if (i > 2 || (i > 0) == m->screw)
             SPIN_TRY(spin_model_layer(base, heads[i].key, m->width, heads[i].n_out, MLP_PLAIN,
@@ -166,7 +169,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     SPIN_TRY(spin_cfg_read_bool(cfg, "optimize_pose", &moved));
     if (moved)
         spin_note(sequence, "optimize_pose=True: training moved the cameras and did not save them, "
-                            "so images of the data set's cameras are shifted");
+                            "so images rendered with the cameras of the data set are shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
         sequence->half_open = true; /* 300 frames at i/30 */
@@ -201,11 +204,10 @@ static spin_status check_cfg(const struct deform_save *save, struct model *m)
         SPIN_TRY(spin_cfg_read_bool(cfg, said[i].key, &value));
         if (value == said[i].is)
             continue;
-        spin_warn(
-            "'%s' says %s=%s, but the network in '%s' is of the other kind: the network decides",
-            cfg->path, said[i].key, value ? "True" : "False", m->base.path);
+        spin_warn("'%s' has %s=%s, which does not match the network in '%s': the value is ignored",
+                  cfg->path, said[i].key, value ? "True" : "False", m->base.path);
         spin_note(m->base.sequence,
-                  "cfg_args says %s=%s, but the network is of the other kind: the network decides",
+                  "cfg_args has %s=%s, which does not match the network: the value is ignored",
                   said[i].key, value ? "True" : "False");
     }
     return read_motiongs(cfg, m);
@@ -230,8 +232,7 @@ static spin_status open_model(void *self, const char *path)
              m->linear.n, m->width, m->time.n ? ", time network" : "", m->screw ? ", 6dof" : "");
     iteration = spin_model_iteration(save.name);
     if (iteration >= 0 && iteration < WARM_UP)
-        spin_note(base->sequence, "before iteration %d training does not use the network yet",
-                  WARM_UP);
+        spin_note(base->sequence, "training does not use the network before iteration %d", WARM_UP);
     SPIN_TRY(spin_model_alloc(base,
                               (size_t)m->n_time + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK +
                                   2 * spin_mlp_widest(&m->time),
@@ -363,7 +364,7 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -86,11 +86,11 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
     said = spin_model_iteration(asked);
     *out = named >= 0 ? named : said;
     if (*out < 0)
-        return spin_misuse("'%s' is not called iteration_<N>, and the model depends on N: give it "
+        return spin_misuse("'%s' is not called iteration_<N>, but the result depends on N: give N "
                            "with --iteration",
                            save);
     if (named >= 0 && said >= 0 && named != said)
-        return spin_misuse("--iteration %s, but '%s' is of iteration %lld", wanted, save, named);
+        return spin_misuse("--iteration is %s, but '%s' is of iteration %lld", wanted, save, named);
     return SPIN_OK;
 }
 
@@ -127,7 +127,8 @@ static spin_status read_settings(struct model *m)
         const char *key = needed[i].key;
 
         if (!spin_cfg_get(cfg, key).at)
-            return spin_malformed("'%s' has no '%s', which changes the result", cfg->path, key);
+            return spin_malformed("'%s' has no option '%s', which affects the result", cfg->path,
+                                  key);
         SPIN_TRY(needed[i].flag ? spin_cfg_read_bool(cfg, key, needed[i].flag)
                                 : spin_cfg_read_number(cfg, key, needed[i].number));
     }
@@ -137,8 +138,9 @@ static spin_status read_settings(struct model *m)
     for (int i = 0; i < N_STAGES; i++)
         m->stage[i].used = !none[i];
     if (!is_count(s->min_rows) || !is_count(s->max_rows))
-        return spin_malformed("'%s': min_embeddings %g and max_embeddings %g, expected 1 to %d",
-                              cfg->path, s->min_rows, s->max_rows, MAX_ROWS);
+        return spin_malformed(
+            "'%s': min_embeddings is %g and max_embeddings is %g, expected 1 to %d", cfg->path,
+            s->min_rows, s->max_rows, MAX_ROWS);
     if (!s->whole_table && !(s->resized_until > 0))
         return spin_malformed("'%s': c2f_temporal_iter is %g, expected above 0", cfg->path,
                               s->resized_until);
@@ -182,8 +184,8 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
     }
     if (n == 2 * depth)
         return SPIN_OK;
-    return spin_malformed("%d tensors '%s*', of which 0, 2, 4, ... make %d layers: one is missing "
-                          "or there are unknown ones",
+    return spin_malformed("there are %d tensors '%s*', but only %d complete layers 0, 2, 4, ...: a "
+                          "tensor is missing or unknown",
                           n, stem, depth);
 }
 
@@ -216,8 +218,8 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     snprintf(key, sizeof key, "%s.0", stem);
     SPIN_TRY(spin_model_layer(&m->base, key, -1, -1, MLP_RELU, &s->trunk));
     if (first->n_in != m->n_time + m->n_embedding)
-        return spin_malformed("tensor '%s%s.weight' takes %d inputs, but 'weight' has %d columns "
-                              "and the cloud %d properties embedding_*",
+        return spin_malformed("tensor '%s%s.weight' has %d inputs, expected the %d columns of "
+                              "'weight' and the %d properties embedding_* of the cloud",
                               m->base.prefix, key, first->n_in, m->n_time, m->n_embedding);
     SPIN_TRY(spin_model_trunk(&m->base, stem, 2, first->n_out, &s->trunk));
     SPIN_TRY(check_trunk(&m->base, letter, s->trunk.n));
@@ -275,7 +277,8 @@ static spin_status load_network(struct spin_model *base)
                 spin_model_get(base, "feature_out_f.0.weight");
     }
     if (!found)
-        return spin_malformed("no tensor 'feature_out_c.0.weight', which E-D3DGS has");
+        return spin_malformed(
+            "there is no tensor 'feature_out_c.0.weight': this is not a network of E-D3DGS");
     SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(spin_model_floats(base, "weight", 2, shape, &info, &m->table));
     if (info.shape[0] != (uint64_t)m->settings.max_rows || info.shape[1] < 1 ||
@@ -340,7 +343,7 @@ static void describe(const struct model *m)
                   s->n_frames);
     else
         spin_note(sequence,
-                  "cfg_args does not give the number of frames: frame i of n is at time i/n");
+                  "cfg_args does not contain the number of frames: frame i of n is at time i/n");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -494,8 +497,8 @@ static spin_status ed3dgs_frame(void *self, int frame, double time, unsigned col
 
 static const struct spin_plugin_option options[] = {
     {"iteration", "N",
-     "the save to read, by default the last; of a single save, its number if its folder's name "
-     "lacks it",
+     "the checkpoint to read (default: the last), or the iteration of a checkpoint whose folder "
+     "has another name",
      NULL},
     {"cfg-args", "FILE", "the cfg_args of the run, if there is none beside the model", NULL},
     {NULL, NULL, NULL, NULL},

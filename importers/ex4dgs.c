@@ -126,7 +126,7 @@ static spin_status find_files(const char *path, struct model *m)
         return spin_model_join(base, &base->path, path, "%s", chkpnt);
     if (save)
         return spin_model_join(base, &base->path, clouds, "%s", save);
-    return spin_not_found("'%s' holds neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
+    return spin_not_found("'%s' contains neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
                           wanted ? wanted : "<N>", wanted ? wanted : "<N>");
 }
 
@@ -190,8 +190,8 @@ static spin_status check_told(const struct model *m, const struct told *told)
 
     for (int i = 0; i < 4; i++) {
         if (all[i].missing)
-            return spin_not_found("'%s': no cfg_args beside it gives %s: use --%s", m->base.path,
-                                  all[i].key, all[i].option);
+            return spin_not_found("'%s': there is no cfg_args with %s beside the model: use --%s",
+                                  m->base.path, all[i].key, all[i].option);
     }
     return SPIN_OK;
 }
@@ -202,19 +202,19 @@ static void note_differences(const struct model *m, double interval, double shif
     struct spin_sequence_info *sequence = m->base.sequence;
 
     if (!isnan(interval) && interval != m->interval)
-        spin_note(
-            sequence,
-            "time_interval is %g in cfg_args and %g in the checkpoint: the checkpoint decides",
-            interval, m->interval);
+        spin_note(sequence,
+                  "time_interval is %g in cfg_args and %g in the checkpoint: the value in the "
+                  "checkpoint is used",
+                  interval, m->interval);
     if (!isnan(shift) && shift != m->shift)
         spin_note(sequence,
-                  "time_pad of cfg_args is a shift of %g frames, that of the checkpoint %g: the "
-                  "checkpoint decides",
+                  "time_pad in cfg_args implies a shift of %g frames, but the checkpoint has %g: "
+                  "the value in the checkpoint is used",
                   shift, m->shift);
     if (m->duration < m->frames + m->shift + 1)
         spin_note(sequence,
-                  "saved before training covered the whole clip: the checkpoint's duration is %g, "
-                  "that of a finished run %g",
+                  "the checkpoint was saved before training covered the whole clip: its duration "
+                  "is %g frames, that of a finished run %g",
                   m->duration, m->frames + m->shift + 1);
 }
 
@@ -234,8 +234,8 @@ static spin_status settle(struct model *m, const struct told *told)
     } else if (!(m->frames >= 1)) {
         m->frames = m->duration - m->shift - 1;
         spin_note(sequence,
-                  "cfg_args does not give the number of frames: %g by the checkpoint's duration; "
-                  "--duration overrides it",
+                  "cfg_args does not contain the number of frames: assumed %g, from the "
+                  "checkpoint's duration; --duration overrides this",
                   m->frames);
     }
     m->least_width = told->var_pad / m->interval / 2.36;
@@ -243,14 +243,14 @@ static spin_status settle(struct model *m, const struct told *told)
         !(m->duration >= 1 && m->duration <= MOST_FRAMES) ||
         !(m->frames >= 1 && m->frames <= MOST_FRAMES) ||
         !(m->least_width > 0 && m->least_width <= MOST_FRAMES))
-        return spin_malformed("'%s': key frames %g frames apart from frame %g on, %g frames, a "
-                              "duration of %g, var_pad %g: these settings are inconsistent",
+        return spin_malformed("'%s': inconsistent settings: key frames every %g frames from frame "
+                              "%g on, %g frames in the clip, duration %g, var_pad %g",
                               m->base.path, m->interval, -m->shift, m->frames, m->duration,
                               told->var_pad);
     if (m->is_chkpnt)
         note_differences(m, told->interval, shift);
     if (told->first > 0)
-        spin_note(sequence, "start_timestamp=%g: time 0 is that frame of the recording",
+        spin_note(sequence, "start_timestamp=%g: this frame of the recording is at time 0",
                   told->first);
     return SPIN_OK;
 }
@@ -420,7 +420,8 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
     SPIN_TRY(spin_chkpnt_bind(&m->torch, place, item_name(p, "xyz", item, name), p->moving ? 3 : 2,
                               p->moving ? keyed : plain, &t));
     if (p->moving && t.shape[1] > MOST_KEYS)
-        return spin_malformed("%s has %llu key frames", name, (unsigned long long)t.shape[1]);
+        return spin_malformed("%s has %llu key frames, which is too many", name,
+                              (unsigned long long)t.shape[1]);
     p->n = (size_t)t.shape[0];
     p->n_keys = p->moving ? (int)t.shape[1] : 1;
     SPIN_TRY(take_sh(m, model, active, p));
@@ -619,7 +620,8 @@ static spin_status read_parts(struct model *m)
         SPIN_TRY(part_of_ply(&m->base, &m->moving));
     }
     if (m->still.n > 0 && m->moving.n > 0 && m->still.sh_degree != m->moving.sh_degree)
-        return spin_malformed("'%s': the SH of static Gaussians have degree %d, of dynamic ones %d",
+        return spin_malformed("'%s': the SH of static Gaussians have degree %d, those of dynamic "
+                              "ones %d, expected the same",
                               m->base.path, m->still.sh_degree, m->moving.sh_degree);
     m->sh_degree = m->still.n > 0 ? m->still.sh_degree : m->moving.sh_degree;
     n_all = m->still.n + m->moving.n;
@@ -659,15 +661,15 @@ static spin_status open_model(void *self, const char *path)
     spin_note(sequence, "times are frames, 0 to %g", m->frames - 1);
     if (!m->is_chkpnt)
         spin_note(sequence,
-                  "the PLYs of %s are read: the motion of static Gaussians is spread over %g "
-                  "frames, in the checkpoint over a few more",
+                  "read from the PLYs of %s, with which static Gaussians drift over %g frames; "
+                  "with the checkpoint, over a few more",
                   spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
         spin_note(sequence,
                   "4D splats are segments between key frames, with rotations within %g degrees of "
                   "the method's; segments fainter than 1/255 are left out",
                   NEAR);
-    spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
+    spin_note(sequence, "the method's filter of 0.1 square pixels dims thin splats: drawn "
                         "antialiased, which is similar");
     return SPIN_OK;
 }
@@ -683,7 +685,7 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
         return spin_not_found("'%s' has no time %g: its times are 0 to %g", m->base.path, time,
                               m->frames - 1);
     if (m->moving.n > 0 && (key < beside || key + 1 + beside >= m->moving.n_keys))
-        return spin_unsupported("'%s': time %g needs the key frames %g to %g, and there are %d",
+        return spin_unsupported("'%s': time %g needs the key frames %g to %g, but there are %d",
                                 m->base.path, time, key - beside, key + 1 + beside,
                                 m->moving.n_keys);
     *out = (struct keyframes){m->kind, (int)key, (at - key * m->interval) / m->interval,
@@ -1022,8 +1024,8 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
             status = fill_splats(m, &all);
         free(all.piece);
         if (all.worst > NEAR)
-            spin_warn("'%s': rotations of 4D splats are up to %.2g degrees off between keys that "
-                      "differ too much; use --frames for exact ones",
+            spin_warn("'%s': rotations of 4D splats are up to %.2g degrees off where key frames "
+                      "differ much: use --frames for exact rotations",
                       m->base.path, all.worst);
     }
     *out = m->base.splats_4d.n > 0 ? &m->base.splats_4d : NULL;
@@ -1031,14 +1033,12 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
     {"interp", "WORD",
-     "interpolation between key frames: linear, cube or pchip, instead of the value in cfg_args",
-     NULL},
-    {"interval", "N", "frames from one key frame to the next, instead of the value in cfg_args",
-     NULL},
-    {"time-pad", "N", "the option time_pad of the run, instead of the value in cfg_args", NULL},
-    {"duration", "N", "frames of the clip, instead of the value in cfg_args", NULL},
+     "interpolation between key frames: linear, cube or pchip (default: as in cfg_args)", NULL},
+    {"interval", "N", "frames from one key frame to the next (default: as in cfg_args)", NULL},
+    {"time-pad", "N", "the option time_pad of the run (default: as in cfg_args)", NULL},
+    {"duration", "N", "frames of the clip (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

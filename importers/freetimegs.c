@@ -103,11 +103,12 @@ static spin_status finish(struct model *m)
              m->moves ? "" : ", without motion");
     if (m->n_frames == 0)
         spin_note(sequence,
-                  "the file does not give the number of frames: assumed %d, as is usual; "
-                  "--n-frames overrides it",
+                  "the file does not contain the number of frames: assumed %d, the usual number; "
+                  "--n-frames overrides this",
                   USUAL_FRAMES);
     if (m->fps == 0)
-        spin_note(sequence, "the file does not give its frame rate: assumed 30 frames a second");
+        spin_note(sequence,
+                  "the file does not contain the frame rate: assumed 30 frames per second");
     if (n_short > 0)
         spin_note(sequence,
                   "%zu of %zu Gaussians have durations below %g of the clip, clamped to that as in "
@@ -144,7 +145,7 @@ static spin_status check_said(const struct spin_value *root)
             return spin_unsupported("'%s' is '%.40s', expected '%s'", said[i].key,
                                     text ? text : "no text", said[i].value);
         if (v && !said[i].value && !is_off(v))
-            return spin_unsupported("'%s' is on, which is not supported", said[i].key);
+            return spin_unsupported("'%s' is enabled, which is not supported", said[i].key);
     }
     return SPIN_OK;
 }
@@ -176,8 +177,8 @@ static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
         !spin_value_get(splats, "velocities"))
-        return spin_unsupported("'splats' lacks times, durations or velocities: a checkpoint of "
-                                "gsplat without time, or of another method");
+        return spin_unsupported("'splats' lacks times, durations or velocities: this is a "
+                                "checkpoint of gsplat without time, or of another method");
     for (size_t i = 0; i < splats->n; i++) {
         const char *key = spin_value_text(splats->item[2 * i]);
         bool known = key && (strcmp(key, "sh0") == 0 || strcmp(key, "shN") == 0);
@@ -321,11 +322,11 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     if (comment_of(ply, "fps"))
         SPIN_TRY(read_comment(ply, "fps", 0.001, 1e6, &m->fps));
     if (degree != floor(degree) || moves != floor(moves) || m->n_frames != floor(m->n_frames))
-        return spin_malformed("sh_degree, use_velocity and n_frames are not whole numbers");
+        return spin_malformed("sh_degree, use_velocity and n_frames must be whole numbers");
     if (floor_of >= 1 / 255.0)
         spin_note(m->base.sequence,
-                  "readers of the format show every Gaussian at an opacity of %g at all times, "
-                  "which is left out here",
+                  "readers of the format draw every Gaussian with an opacity of at least %g at all "
+                  "times, which is not imported",
                   floor_of);
     m->moves = moves != 0;
     *sh_degree = (int)degree;
@@ -409,7 +410,7 @@ static spin_status open_model(void *self, const char *path)
 }
 
 static const struct spin_plugin_option options[] = {
-    {"n-frames", "N", "frames of the clip, if the file does not give them", NULL},
+    {"n-frames", "N", "frames of the clip (default: as in the file, else 300)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -107,12 +107,14 @@ static spin_status read_settings(struct hash_model *m)
 
         snprintf(list, sizeof list, strchr(scale, ',') ? "[%.100s]" : "%.100s", scale);
         if (!spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, m->scale_xyz))
-            return spin_misuse("--scale-xyz '%s': expected a number or three", scale);
+            return spin_misuse(
+                "--scale-xyz '%s': expected one number, or three separated by commas", scale);
         return SPIN_OK;
     }
     s = spin_cfg_get(cfg, "scale_xyz");
     if (s.at && !spin_cfg_numbers(s, 3, m->scale_xyz))
-        return spin_malformed("'%s': scale_xyz is neither a number nor three of them", cfg->path);
+        return spin_malformed("'%s': scale_xyz is neither a number nor a list of three numbers",
+                              cfg->path);
     return SPIN_OK;
 }
 
@@ -140,9 +142,9 @@ static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t
                               (long long)offset[0]);
     for (int l = 0; l < *n_levels; l++) {
         if (offset[l + 1] <= offset[l] || (uint64_t)offset[l + 1] > n_rows)
-            return spin_malformed("tensor '%s': level %d has rows %lld to %lld of a table of %llu",
-                                  what, l, (long long)offset[l], (long long)offset[l + 1],
-                                  (unsigned long long)n_rows);
+            return spin_malformed(
+                "tensor '%s': level %d has rows %lld to %lld, but the table has %llu rows", what, l,
+                (long long)offset[l], (long long)offset[l + 1], (unsigned long long)n_rows);
     }
     return SPIN_OK;
 }
@@ -174,9 +176,9 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
         struct hash_level *level = &grid->level[l];
 
         if (!spin_grid_stored_level(l, n_dims, growth, base, level->scale, level->res))
-            return spin_malformed(
-                "tensors '%s.per_level_scale' and '.base_resolution' make no grid at level %d",
-                name, l);
+            return spin_malformed("tensors '%s.per_level_scale' and '.base_resolution' yield no "
+                                  "valid grid at level %d",
+                                  name, l);
         level->rows = (uint32_t)(offset[l + 1] - offset[l]);
         level->hashed = spin_grid_is_hashed(level->res, level->rows);
         level->table = table + (size_t)offset[l] * (size_t)grid->n_features;
@@ -207,10 +209,10 @@ static spin_status split(struct hash_model *m)
     m->network = spin_value_at(root, 1);
     if (root && root->kind == SPIN_VALUE_DICT)
         return spin_unsupported("the file has a single state dict, not a pair of grid and network: "
-                                "it is probably of Deformable-3D-Gaussians");
+                                "it is probably of Deformable 3D Gaussians");
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
         m->grid->kind != SPIN_VALUE_DICT || m->network->kind != SPIN_VALUE_DICT)
-        return spin_malformed("the file does not have a pair of state dicts, grid and network");
+        return spin_malformed("the file does not contain a pair of state dicts, grid and network");
     if (spin_value_get(m->grid, method->other_key))
         return spin_unsupported("tensor '%s' belongs to a run of %s", method->other_key,
                                 method->other);
@@ -409,7 +411,7 @@ static spin_status grid4d_open_save(void *self, const char *path)
     static const struct hash_method method = {.name = "Grid4D",
                                               .key = "xyt_encoding.embeddings",
                                               .other_key = "xyzt_encoding.embeddings",
-                                              .other = "DASH, use --from dash",
+                                              .other = "DASH: use --from dash",
                                               .load = grid4d_load,
                                               .settle = settle};
 
@@ -505,13 +507,10 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
 
 /* Options of Grid4D; DASH has all except the first. */
 static const struct spin_plugin_option options[] = {
-    {"directional", "BOOL", "the option of that name of the run, instead of the value in cfg_args",
-     NULL},
-    {"iteration", "N", "the save to read, a number or best; by default the last", NULL},
-    {"bound", "X", "half the side of the grids' bounding box, instead of the value in cfg_args",
-     NULL},
-    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run, instead of the value in cfg_args",
-     NULL},
+    {"directional", "BOOL", "the option directional of the run (default: as in cfg_args)", NULL},
+    {"iteration", "N", "the checkpoint to read, a number or best (default: the last)", NULL},
+    {"bound", "X", "half the side of the grids' bounding box (default: as in cfg_args)", NULL},
+    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 
@@ -555,7 +554,7 @@ static spin_status dash_open_save(void *self, const char *path)
                                               .extra = "dynamic",
                                               .key = "xyzt_encoding.embeddings",
                                               .other_key = "xyt_encoding.embeddings",
-                                              .other = "Grid4D, use --from grid4d",
+                                              .other = "Grid4D: use --from grid4d",
                                               .load = dash_load};
     struct hash_model *m = self;
     size_t n_dynamic = 0;
@@ -568,7 +567,7 @@ static spin_status dash_open_save(void *self, const char *path)
     iteration = spin_model_iteration(m->save);
     if (iteration >= 0 && iteration <= 2000)
         spin_note(m->base.sequence,
-                  "%s is probably a save of the first training stage, which works differently: the "
+                  "%s is probably of the first training stage, which renders differently: the "
                   "result may be wrong",
                   m->save);
     return SPIN_OK;

@@ -92,7 +92,8 @@ static spin_status read_dynamics(const struct spin_model *m, const char *key, st
         return spin_unsupported("'%s': %s is neither 'mask' nor 'mul'", cfg->path, key);
     SPIN_TRY(spin_model_word(m, NULL, "dynamics_activation", "sigmoid|relu|tanh", &activation));
     if (activation < 0 && spin_cfg_get(cfg, "dynamics_activation").at)
-        return spin_unsupported("'%s': dynamics_activation is not known", cfg->path);
+        return spin_unsupported("'%s': dynamics_activation is none of sigmoid, relu and tanh",
+                                cfg->path);
     out->activation = activation < 0 ? SIGMOID : activation;
     return SPIN_OK;
 }
@@ -114,7 +115,7 @@ static spin_status read_settings(struct model *model)
     bool any = false;
 
     if (!cfg->path)
-        return spin_not_found("there is no cfg_args for '%s', which is required", model->base.path);
+        return spin_not_found("'%s': there is no cfg_args, which is required", model->base.path);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
     if (spin_cfg_get(cfg, "LGD_method").at &&
@@ -150,12 +151,12 @@ static spin_status count_columns(const struct spin_ply *ply, const struct spin_p
         n_feature = spin_model_count(e, "f_anchor_feat_");
 
     if (n_offset == 0 || n_feature == 0)
-        return spin_malformed("'%s': no properties 'f_offset_*' and 'f_anchor_feat_*', so these "
-                              "are not the anchors of MoDec-GS",
+        return spin_malformed("'%s': the properties 'f_offset_*' or 'f_anchor_feat_*' are missing: "
+                              "these are not the anchors of MoDec-GS",
                               ply->path);
     if (n_offset % 3 != 0 || n_offset > 3 * MAX_OFFSETS || n_feature > MAX_FEATURES)
-        return spin_malformed("'%s': %d properties f_offset_* and %d f_anchor_feat_*, expected a "
-                              "multiple of 3 up to %d and up to %d",
+        return spin_malformed("'%s' has %d properties f_offset_* and %d f_anchor_feat_*, expected "
+                              "a multiple of 3 up to %d, and 1 to %d",
                               ply->path, n_offset, n_feature, 3 * MAX_OFFSETS, MAX_FEATURES);
     model->n = (size_t)e->count;
     model->n_offsets = n_offset / 3;
@@ -329,7 +330,8 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
             m = &zip->member[i];
     }
     if (!m || m->size % 4 != 0 || m->size == 0 || (*count && m->size != 4 * (uint64_t)*count))
-        return spin_malformed("member 'data/%d' is missing or not of the size of its layer", index);
+        return spin_malformed("member 'data/%d' is missing, or its size does not match its layer",
+                              index);
     SPIN_TRY(spin_zip_read(zip, m, true, 1u << 24, &data, &owned));
     *count = (size_t)m->size / 4;
     status = alloc_floats(model, *count, 1, &values);
@@ -426,8 +428,8 @@ static spin_status open_model(void *self, const char *path)
             "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s", path,
             wanted ? wanted : "<N>",
             spin_model_search(path, "deformation.pth", &coarse)
-                ? "; with 'deformation.pth' alone it is a run of 4DGaussians, or of MoDec-GS "
-                  "without GLMD, which is not supported"
+                ? "; a run with 'deformation.pth' alone is of 4DGaussians, or of MoDec-GS without "
+                  "GLMD, which is not supported"
                 : "");
     SPIN_TRY(spin_model_cfg(base, path, base->path));
     SPIN_TRY(spin_camera_places_parse(spin_model_option(base, "camera"), &model->cameras));
@@ -450,8 +452,8 @@ static spin_status open_model(void *self, const char *path)
              model->n_segments);
     spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
     if (model->cameras.n == 0)
-        spin_note(sequence, "all offsets are imported, including those that are visible to no "
-                            "camera: give camera positions with --camera");
+        spin_note(sequence, "all offsets are imported, including those that no camera shows: "
+                            "select by camera positions with --camera");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
     return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
 }
@@ -588,8 +590,9 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
     for (size_t i = 0; i < model->most; i++)
         n += model->kept[i];
     if (n == 0)
-        return spin_unsupported("'%s': no offset is opaque for --camera at time %g",
-                                model->base.path, time);
+        return spin_unsupported(
+            "'%s': no offset is opaque from the positions of --camera at time %g", model->base.path,
+            time);
     columns &= SPIN_COL_MEANS;
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     n = 0;
@@ -601,8 +604,9 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
-    {"camera", "X,Y,Z[;...]", "import only what is opaque from one of these positions", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
+    {"camera", "X,Y,Z[;...]", "import only points that are opaque from one of these positions",
+     NULL},
     {NULL, NULL, NULL, NULL},
 };
 

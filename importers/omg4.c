@@ -107,7 +107,7 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         uint32_t next = tree->node[at].child[side];
 
         if (tree->node[at].label != INNER)
-            return spin_malformed("one Huffman code is the beginning of another");
+            return spin_malformed("a Huffman code is a prefix of another");
         if (next == 0) {
             SPIN_TRY(new_node(tree, &next));
             tree->node[at].child[side] = next;
@@ -115,7 +115,7 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         at = next;
     }
     if (tree->node[at].label != INNER || tree->node[at].child[0] || tree->node[at].child[1])
-        return spin_malformed("two Huffman codes are equal, or one is the beginning of the other");
+        return spin_malformed("two Huffman codes are equal, or one is a prefix of the other");
     tree->node[at].label = label;
     return SPIN_OK;
 }
@@ -127,7 +127,7 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
     uint32_t root;
 
     if (!table || table->kind != SPIN_VALUE_DICT || table->n == 0)
-        return spin_malformed("a Huffman table is not a dict, or empty");
+        return spin_malformed("a Huffman table is empty or not a dict");
     SPIN_TRY(new_node(tree, &root));
     for (size_t i = 0; i < table->n; i++) {
         const struct spin_value *key = table->item[2 * i], *entry = table->item[2 * i + 1];
@@ -172,15 +172,15 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
         if (label == END)
             break;
         if ((uint64_t)label >= n_labels)
-            return spin_malformed("label %lld, but the codebook has %llu entries", (long long)label,
-                                  (unsigned long long)n_labels);
+            return spin_malformed("label %lld is outside the codebook of %llu entries",
+                                  (long long)label, (unsigned long long)n_labels);
         if (found == n)
-            return spin_malformed("more than %zu labels", n);
+            return spin_malformed("the index has more than %zu labels", n);
         out[found++] = (uint32_t)label;
         at = 0;
     }
     if (found != n)
-        return spin_malformed("%zu labels, expected %zu", found, n);
+        return spin_malformed("the index has %zu labels, expected %zu", found, n);
     return SPIN_OK;
 }
 
@@ -258,7 +258,7 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
 
     if (!codes || !indices || !tables || indices->n != codes->n || tables->n != codes->n)
         return spin_malformed(
-            "'%s_code', '%s_index' and '%s_htable' are not three lists of one length", name, name,
+            "'%s_code', '%s_index' and '%s_htable' are not three lists of equal length", name, name,
             name);
     for (size_t i = 0; i < codes->n; i++) {
         const struct spin_array *book = as_array(spin_value_at(codes, i));
@@ -511,10 +511,11 @@ static spin_status find_times(struct model *m)
     SPIN_TRY(spin_run_config_times(&base->settings, asked, base->splats_4d.times, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
-        spin_note(base->sequence,
-                  "time_duration is not in the file: assumed %g,%g, by the Gaussians' own times; "
-                  "colours and opacities depend on it: set it with --time-duration or --config",
-                  m->times.first, m->times.last);
+        spin_note(
+            base->sequence,
+            "time_duration is not in the file: assumed %g,%g, from the Gaussians' own times; "
+            "colours and opacities depend on this range: set it with --time-duration or --config",
+            m->times.first, m->times.last);
     return SPIN_OK;
 }
 
@@ -537,7 +538,7 @@ static spin_status find_file(struct spin_model *m, const char *path)
     }
     if (n_xz == 1)
         return spin_model_join(m, &m->path, path, "%s", best);
-    return spin_not_found("'%s' holds %s", path,
+    return spin_not_found("'%s' contains %s", path,
                           n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
 }
 
@@ -587,8 +588,8 @@ static spin_status open_model(void *self, const char *path)
     snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
     spin_note(m->base.sequence,
-              "opacity and colour are functions of position and time: 4D splats have those at "
-              "their own times; sample them with --frames or --times");
+              "opacity and colour depend on position and time: 4D splats store the values at each "
+              "Gaussian's own time; use --frames or --times for exact values");
     return SPIN_OK;
 }
 
@@ -649,7 +650,7 @@ static spin_status omg4_frame(void *self, int frame, double time, unsigned colum
 
 static const struct spin_plugin_option options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (the one beside the file)", NULL},
+    {"config", "FILE", "the training YAML (default: the one beside the file)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -105,9 +105,9 @@ static spin_status find_files(struct spin_model *m, const char *path,
             SPIN_TRY(spin_file_sequence_add(seq, cloud, spin_path_number(names[i])));
     }
     if (seq->n_frames == 0)
-        return spin_not_found(
-            "'%s' holds neither PLY files nor folders with point_cloud/iteration_*/point_cloud.ply",
-            path);
+        return spin_not_found("'%s' contains neither PLY files nor folders with "
+                              "point_cloud/iteration_*/point_cloud.ply",
+                              path);
     return SPIN_OK;
 }
 
@@ -195,7 +195,8 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
     if (spin_ply_is_antialiased(ply)) {
-        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
+        spin_note(sequence,
+                  "trained with an antialiasing rasteriser: the splats are drawn antialiased");
         sequence->antialias = true;
     }
     if (spin_ply_has(c->vertex, "filter_3D")) {
@@ -205,8 +206,9 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
         spin_warn("'%s': property 'filter_3D' (Mip-Splatting) is ignored", ply->path);
     }
     if (spin_ply_has(c->vertex, "embedding_0")) {
-        spin_note(sequence, "properties embedding_*, as E-D3DGS writes them: this is its canonical "
-                            "cloud, not a frame of the video; --from ed3dgs reads its network");
+        spin_note(sequence,
+                  "the properties embedding_* belong to the canonical cloud of E-D3DGS, which is "
+                  "not a frame of the video; --from ed3dgs reads it with its network");
         spin_warn("'%s': the canonical cloud of E-D3DGS is not a frame of the video", ply->path);
     }
     if (c->n_rest > 45) {
@@ -268,7 +270,7 @@ static spin_status open_frame(struct clip *clip, size_t i)
     } else {
         SPIN_TRY(compare_names(clip, ply, &c));
         if (c.sh_degree != clip->sh_degree)
-            spin_note(sequence, "the SH degree differs between frames: padded with zeros");
+            spin_note(sequence, "the SH degree differs between frames: missing SH are set to 0");
     }
     if (i == 0 || c.sh_degree > clip->sh_degree)
         clip->sh_degree = c.sh_degree;
@@ -320,7 +322,7 @@ static spin_status open_clip(void *self, const char *path)
     clip->sh_degree = -1;
     SPIN_TRY(find_files(&clip->base, path, &clip->files));
     if (clip->files.n_frames > INT_MAX)
-        return spin_unsupported("'%s' holds too many files", path);
+        return spin_unsupported("'%s' contains too many files", path);
     SPIN_TRY(spin_file_sequence_sort(&clip->files, clip->base.sequence));
     for (size_t i = 0; i < clip->files.n_frames; i++)
         SPIN_TRY(open_frame(clip, i));

@@ -124,9 +124,9 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
         return SPIN_OK;
     }
     if (m->n != 12 && m->n != 13)
-        return spin_unsupported(
-            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is a model of %s", m->n,
-            spin_chkpnt_maker(m->n));
+        return spin_unsupported("the model has %zu items, expected the 19 (or 12) of "
+                                "Realtime-4DGS: this is a model of %s",
+                                m->n, spin_chkpnt_maker(m->n));
     for (int p = 0; p < R4_N_PARTS; p++)
         r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
     return SPIN_OK;
@@ -174,7 +174,7 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
         return SPIN_OK;
     }
     if (!is_kind(root, SPIN_VALUE_TUPLE) || root->n != 2)
-        return spin_malformed("the checkpoint holds %s, expected (model, iteration)",
+        return spin_malformed("the checkpoint contains %s, expected a tuple (model, iteration)",
                               spin_chkpnt_kind(root));
     spin_value_number(spin_value_at(root, 1), &r->iteration);
     if (is_kind(m, SPIN_VALUE_DICT) && spin_value_get(m, "_xyz")) {
@@ -182,7 +182,7 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
         return SPIN_OK;
     }
     if (!is_kind(m, SPIN_VALUE_TUPLE) || !is_kind(spin_value_at(root, 1), SPIN_VALUE_INT))
-        return spin_malformed("the checkpoint holds %s and %s, expected a tuple and an int",
+        return spin_malformed("the checkpoint contains %s and %s, expected a tuple and an int",
                               spin_chkpnt_kind(m), spin_chkpnt_kind(spin_value_at(root, 1)));
     return take_tuple(m, r);
 }
@@ -278,7 +278,7 @@ static spin_status find_degrees(struct rows *r, double told)
 
     if (!sh_to_degree(r->n_sh, told, &most, &in_time))
         return spin_malformed(
-            "features_dc and features_rest have %d rows of SH together, which no degree has",
+            "features_dc and features_rest have %d rows of SH together, which matches no SH degree",
             r->n_sh);
     if (r->swapped) {
         r->degree = most;
@@ -427,8 +427,8 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
 
     if (times->guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: assumed %g,%g, by the Gaussians' own "
-                  "times%s; set it with --time-duration or --config",
+                  "time_duration is not in the run's folder: assumed %g,%g, from the Gaussians' "
+                  "own times%s; set it with --time-duration or --config",
                   times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence,
@@ -523,7 +523,7 @@ static spin_status choose_convention(struct realtime_model *m)
     else if (hint != m->reading.older)
         spin_note(sequence,
                   "the sizes of the Gaussians suggest the other convention of rotations (median "
-                  "%.3g; %.3g with the one asked for)",
+                  "%.3g; %.3g with the requested one)",
                   hint ? older : today, hint ? today : older);
     return SPIN_OK;
 }
@@ -552,15 +552,14 @@ static void realtime_describe(const struct realtime_model *m)
     char iteration[48];
 
     if (m->stale)
-        spin_note(sequence,
-                  "a checkpoint of OMG4, which lacks the networks for colours and opacities: only "
-                  "the geometry is imported; import comp.xz for the rest");
+        spin_note(sequence, "this checkpoint of OMG4 lacks the networks for colours and opacities: "
+                            "only the geometry is imported; import comp.xz for all attributes");
     r4_note(r, &m->times, sequence);
     if (r->masked)
-        spin_note(sequence, "the mask of a fork (its last item) is ignored");
+        spin_note(sequence, "the last item of the model, the mask of a fork, is ignored");
     /* Upstream issue 50: training can lose the gradients of these SH. */
     if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
-        spin_note(sequence, "all temporal SH are 0: colours do not change");
+        spin_note(sequence, "all temporal SH are 0: colours do not change over time");
     sequence->continuous = r->moving;
     sequence->counts = r->moving ? NULL : &m->base.splats_4d.n;
     if (m->stale) {
@@ -613,7 +612,7 @@ static spin_status realtime_open_run(void *self, const char *path)
 
     SPIN_TRY(spin_chkpnt_find(base, path));
     if (!base->path)
-        return spin_not_found("'%s' holds no chkpnt<N>.pth", path);
+        return spin_not_found("'%s' contains no chkpnt<N>.pth", path);
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
     SPIN_TRY(spin_model_config(base)); /* errors name other files than the checkpoint */
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
@@ -632,11 +631,10 @@ static spin_status realtime_open_run(void *self, const char *path)
 
 static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
+    {"config", "FILE", "the training YAML (default: the one beside the checkpoint)", NULL},
     {"convention", "WORD", "convention of rotations: auto, today, or older (before 2024-09)",
      "auto"},
-    {"cull", "RULE", "leave out Gaussians by time (weight below 0.05), or none: not sliced",
-     "time"},
+    {"cull", "RULE", "Gaussians that a frame omits: by time (weight below 0.05), or none", "time"},
     {NULL, NULL, NULL, NULL},
 };
 
@@ -796,7 +794,7 @@ static spin_status hybrid_open_run(void *self, const char *path)
     base->splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(base, path));
     if (!base->path)
-        return spin_not_found("'%s' holds no chkpnt<N>.pth%s", path,
+        return spin_not_found("'%s' contains no chkpnt<N>.pth%s", path,
                               spin_model_holds(path, "point_cloud")
                                   ? "; its point_cloud.ply cannot replace it: it has only the "
                                     "dynamic half, without times and with wrong rotations"
@@ -817,7 +815,7 @@ static spin_status hybrid_open_run(void *self, const char *path)
 
 static const struct spin_plugin_option hybrid_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
+    {"config", "FILE", "the training YAML (default: the one beside the checkpoint)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

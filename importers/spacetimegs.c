@@ -94,9 +94,9 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     m->full = n_t > 0;
     m->width = m->full ? FULL_WIDTH : LITE_WIDTH;
     if (spin_model_count(e, "f_rest_") > 0)
-        return spin_unsupported("'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, "
-                                "which is not supported",
-                                ply->path);
+        return spin_unsupported(
+            "'%s' has properties f_rest_*: forks of SpacetimeGaussians with SH are not supported",
+            ply->path);
     if (!(n_dc == 3 && n_t == 0) && !(n_dc == 6 && n_t == 3))
         return spin_malformed(
             "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
@@ -125,8 +125,8 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     if (n == 0)
         return;
     spin_note(m->base.sequence,
-              "%zu properties that SpacetimeGaussians lacks, the first is '%s': this may be a fork "
-              "with another meaning",
+              "%zu properties do not belong to SpacetimeGaussians, the first is '%s': in the run "
+              "of a fork, others may have another meaning",
               n, first);
     spin_warn("'%s': property '%s' does not belong to SpacetimeGaussians and is ignored", ply->path,
               first);
@@ -147,7 +147,7 @@ static spin_status read_cloud(struct model *m)
         int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
 
         if (n > 0 && found != n)
-            return spin_malformed("'%s': %d properties %s*, expected %d as SpacetimeGaussians has",
+            return spin_malformed("'%s': %d properties %s*, expected the %d of SpacetimeGaussians",
                                   ply->path, found, g->name, n);
         for (int i = 0; n >= 0 && i < (n > 0 ? n : 1); i++) {
             char name[32];
@@ -210,9 +210,10 @@ static spin_status read_ending(struct model *m)
     if (ending >= 0)
         return SPIN_OK;
     return spin_unsupported(
-        "'%s': a full model, and %s%s the ending of its colours: give --rgb-function sandwich "
+        "'%s': the output function of this full model is unknown, since %s%s: give --rgb-function "
+        "sandwich "
         "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
-        m->base.path, cfg->path ? "no known 'rgbfunction' gives, in " : "no cfg_args says",
+        m->base.path, cfg->path ? "there is no known 'rgbfunction' in " : "there is no cfg_args",
         cfg->path ? cfg->path : "");
 }
 
@@ -259,13 +260,16 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     enum { AUTO, VIEWS, BASE };
     int rule;
     bool base, views;
-    const char *lack = "was asked for", *cloud = m->base.path;
+    const char *lack = "as requested", *cloud = m->base.path;
 
     SPIN_TRY(spin_option_word(m->base.values, "colour", "auto|views|base", &rule));
     base = rule == BASE;
     views = rule == VIEWS;
     if (!m->full)
-        return views ? spin_misuse("--colour views: '%s' is of a lite model", cloud) : SPIN_OK;
+        return views ? spin_misuse(
+                           "--colour views: '%s' is a lite model, which has no network for colours",
+                           cloud)
+                     : SPIN_OK;
     SPIN_TRY(read_ending(m));
     if (!base) {
         SPIN_TRY(find_cameras(path, save, m));
@@ -275,19 +279,19 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
         if (base && views)
             return spin_not_found("--colour views: '%s': %s", cloud, lack);
         if (base)
-            spin_warn("'%s': base colours only, as %s", cloud, lack);
+            spin_warn("'%s': only base colours are imported: %s", cloud, lack);
     }
     if (base)
         spin_note(m->base.sequence,
-                  "full model: its network computes the colours of pixels from blended features "
-                  "and the ray; imported are the base colours, to which it adds (%s)",
+                  "full model: only the base colours are imported, without the contribution of the "
+                  "network (%s)",
                   lack);
     else
-        spin_note(m->base.sequence,
-                  "full model: its network computes the colours of pixels from blended features "
-                  "and the ray; imported is the colour of a pixel that only one Gaussian covers, "
-                  "for %d cameras, as SH of degree 1",
-                  m->cameras.n);
+        spin_note(
+            m->base.sequence,
+            "full model: its network computes colours per pixel; imported are SH of degree 1, "
+            "fitted to the colours of pixels that a single Gaussian covers, for %d cameras",
+            m->cameras.n);
     return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
 }
 
@@ -415,12 +419,12 @@ static void describe(const struct model *m)
         snprintf(from, sizeof from, ", the first is frame %ld of the video", first);
     if (m->duration > 0)
         spin_note(sequence,
-                  "the run has %g frames%s; frame i of them is at time i/%g: for a data set of "
-                  "just these frames use --frame-times unit",
+                  "the run has %g frames%s; frame i is at time i/%g; for a data set with only "
+                  "these frames use --frame-times unit",
                   m->duration, from, m->duration);
     else
-        spin_note(sequence, "the number of frames is not in a cfg_args, 50 are usual: frame i of n "
-                            "is at time i/n; set it with --duration");
+        spin_note(sequence, "no cfg_args contains the number of frames (usually 50): frame i of n "
+                            "is at time i/n; set n with --duration");
     if (m->n_dropped > 0) {
         spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
@@ -609,15 +613,14 @@ static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
-    {"duration", "N", "frames that the run was trained on, instead of the value in cfg_args", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
+    {"duration", "N", "frames that the run was trained on (default: as in cfg_args)", NULL},
     {"colour", "auto|views|base",
      "full model: colours of its network for the cameras, or base colours only", "auto"},
-    {"camera", "X,Y,Z[;...]", "full model: positions of cameras, instead of those in cameras.json",
+    {"camera", "X,Y,Z[;...]", "full model: positions of cameras (default: those in cameras.json)",
      NULL},
     {"rgb-function", "NAME",
-     "full model: sandwich, sandwichnoact or sandwichnoactss, instead of the value in cfg_args",
-     NULL},
+     "full model: sandwich, sandwichnoact or sandwichnoactss (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

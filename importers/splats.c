@@ -147,12 +147,13 @@ static void note_file(struct clip *clip, size_t file)
     const struct opened *f = &clip->opened;
 
     if (file > 0 && f->sh_degree != clip->sh_degree)
-        spin_note(sequence, "the SH degree differs between frames: padded with zeros");
+        spin_note(sequence, "the SH degree differs between frames: missing SH are set to 0");
     for (size_t i = 0; i < sizeof f->note / sizeof *f->note; i++)
         if (f->note[i])
             spin_note(sequence, "%s", f->note[i]);
     if (f->antialias && !sequence->antialias)
-        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
+        spin_note(sequence,
+                  "trained with an antialiasing rasteriser: the splats are drawn antialiased");
     sequence->antialias = sequence->antialias || f->antialias;
     clip->sh_degree = f->sh_degree > clip->sh_degree ? f->sh_degree : clip->sh_degree;
 }
@@ -167,7 +168,7 @@ static spin_status look_at_files(struct clip *clip, size_t *n_all)
         if (i == 0)
             SPIN_TRY(reserve_frames(clip, n_files > 1 ? n_files : clip->opened.n_frames));
         if (n_files > 1 && clip->opened.n_frames > 1)
-            return spin_malformed("'%s' holds a clip of %zu frames: import it on its own",
+            return spin_malformed("'%s' contains a clip of %zu frames: import this file on its own",
                                   clip->files.frame[i].path, clip->opened.n_frames);
         for (size_t f = 0; f < clip->opened.n_frames; f++) {
             const struct spin_gs_glb_frame *of = clip->opened.scene.frame;
@@ -236,8 +237,9 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(open_file(clip, file));
     clip->within = (size_t)frame - file;
-    status = clip->within < clip->opened.n_frames ? clip->format->read(clip, columns, raw)
-                                                  : spin_fail(SPIN_E_IO, "it changed");
+    status = clip->within < clip->opened.n_frames
+                 ? clip->format->read(clip, columns, raw)
+                 : spin_fail(SPIN_E_IO, "the file changed while it was being read");
     if (status != SPIN_OK)
         return fail_file(clip, file, status);
     if (raw->n != clip->counts[frame] || raw->sh_degree > clip->sh_degree)
@@ -261,7 +263,8 @@ static spin_status open_splat(struct clip *clip)
     clip->opened.note[0] = "the format has no view-dependent colour";
     clip->opened.n = clip->map.size / SPIN_SPLAT_ROW;
     if (clip->map.size % SPIN_SPLAT_ROW != 0)
-        return spin_malformed("%zu bytes are not a multiple of %d", clip->map.size, SPIN_SPLAT_ROW);
+        return spin_malformed("the file has %zu bytes, expected a multiple of %d", clip->map.size,
+                              SPIN_SPLAT_ROW);
     return SPIN_OK;
 }
 
@@ -319,8 +322,7 @@ SPIN_MODEL_IMPORTER(ksplat, struct clip, open_ksplat_clip, close_clip,
 
 static const struct spin_plugin_option spz_options[] = {
     {"axes", "source|rub",
-     "axes of files that do not record theirs; rub: right, up, back, half a turn about x",
-     "source"},
+     "axes of files that do not record them: as trained, or rub (right, up, back)", "source"},
     {0},
 };
 
@@ -337,7 +339,7 @@ static spin_status open_spz(struct clip *clip)
     if (header.sh_degree > 3)
         out->note[0] = "SH degree 4 is cut to degree 3";
     if (!out->has_axes)
-        out->note[1] = "the file does not record its axes: see --axes";
+        out->note[1] = "the file does not record its axes: --axes selects them";
     return out->has_axes ? spin_spz_axes(header.axes, out->axes) : SPIN_OK;
 }
 
@@ -432,8 +434,7 @@ SPIN_MODEL_IMPORTER(
 
 static const struct spin_plugin_option gltf_options[] = {
     {"axes", "gltf|source",
-     "axes of the file; gltf: x left, y up, z forward, half a turn about z from those of a run",
-     "gltf"},
+     "axes of the file: gltf (x left, y up, z forward), or source (as trained)", "gltf"},
     {0},
 };
 
@@ -447,11 +448,11 @@ static spin_status open_glb(struct clip *clip)
     out->sh_degree = out->scene.sh_degree;
     out->antialias = out->scene.antialias;
     if (out->scene.linear)
-        out->note[0] = "colours are of linear light: they are not converted";
+        out->note[0] = "colours are stored in linear light and not converted";
     if (out->scene.moves)
-        out->note[1] = "animations that move or fade nodes are left out";
+        out->note[1] = "animations that move or fade nodes are ignored";
     if (out->scene.others)
-        out->note[2] = "meshes that are not splats are left out";
+        out->note[2] = "meshes that are not splats are ignored";
     return SPIN_OK;
 }
 

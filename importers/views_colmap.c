@@ -128,7 +128,7 @@ static spin_status take_count(struct source *s, size_t smallest, const char *wha
     SPIN_TRY(take_bits(s, 8, out));
     if (*out > (uint64_t)(s->end - s->at) / smallest)
         return spin_malformed(
-            "its header announces %llu %s, more than the remaining %zu bytes hold",
+            "its header announces %llu %s, more than fit into the remaining %zu bytes",
             (unsigned long long)*out, what, (size_t)(s->end - s->at));
     return SPIN_OK;
 }
@@ -344,7 +344,8 @@ static spin_status read_image(struct colmap *m, struct source *s, int *id)
     if (!lens)
         return spin_malformed("there is no camera %d", image.lens_id);
     if (!spin_views_is_safe_name(name))
-        return spin_malformed("its name is '%.80s', expected one below the images", name);
+        return spin_malformed("its name is '%.80s', expected a path below the folder of images",
+                              name);
     image.camera = lens->camera;
     SPIN_TRY(fill_pose(image.q, image.t, image.camera.w2c));
     SPIN_TRY(spin_model_text(&m->base, &image.name, "%s", name));
@@ -397,8 +398,9 @@ static void warn_behind(const struct colmap *m)
             behind = w[8] * p[0] + w[9] * p[1] + w[10] * p[2] + w[11] <= 0;
         }
         if (behind) {
-            spin_warn("'%s': all points are behind the camera of image '%s'", m->sparse,
-                      m->image[i].name);
+            spin_warn("'%s': all points are behind the camera of image '%s': its pose may be "
+                      "wrong, or in OpenGL's axes",
+                      m->sparse, m->image[i].name);
             return;
         }
     }
@@ -708,7 +710,7 @@ static spin_status read_frames(struct colmap *m, const char *path, struct spin_v
                                   spin_frame_number(names[i]));
     }
     if (spin_model_option(&m->base, "time"))
-        return spin_misuse("option 'time' is for one model, not for frame folders");
+        return spin_misuse("option 'time' applies to a single model, not to frame folders");
     if (kept == 0)
         return spin_not_found("'%s' has neither 'sparse' nor frame folders", path);
     for (size_t f = 0; f < kept; f++) {
@@ -777,15 +779,15 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
 }
 
 static const struct spin_plugin_option options[] = {
-    {"images", "FOLDER", "where the images are, such as images_2", "images"},
+    {"images", "FOLDER", "the folder of the images, such as images_2", "images"},
     {"time", "RULE",
-     "one model: frame and time i/n of an image by its index in the file, or by its name; "
-     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (file; of "
-     "FreeTimeGS unit)",
+     "single model: order of the images, at times i/n, as in the file (file) or by name (name); "
+     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (default: file; "
+     "for FreeTimeGS: unit)",
      NULL},
     {"hold", "N",
-     "hold out each N-th image or camera by name, the first included; 0: none (8; with frame "
-     "folders only the first)",
+     "hold out every N-th image or camera by name, including the first; 0: none (default: 8; with "
+     "frame folders: only the first camera)",
      NULL},
     {"principal", "RULE", "principal point: file, or centre as in the methods' readers", "file"},
     {NULL, NULL, NULL, NULL},

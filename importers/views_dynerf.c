@@ -128,7 +128,7 @@ static spin_status add_camera_folder(struct set *set, const char *name)
     SPIN_TRY(add_folder(set, folder, camera_number(name), -1));
     if (spin_path_is_folder(folder) && set->n == before)
         return spin_not_found(
-            "folder '%s' holds no images: their extraction may have been interrupted", folder);
+            "folder '%s' contains no images: their extraction may have been interrupted", folder);
     return SPIN_OK;
 }
 
@@ -368,8 +368,8 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
         SPIN_TRY(spin_views_add(out, &view));
     }
     if (set->n != set->n_rows * set->n_cameras)
-        spin_warn("'%s': %zu images of %zu cameras in %zu frames: some are missing", set->base.path,
-                  set->n, set->n_cameras, set->n_rows);
+        spin_warn("'%s': %zu images for %zu cameras and %zu frames: some images are missing",
+                  set->base.path, set->n, set->n_cameras, set->n_rows);
     return SPIN_OK;
 }
 

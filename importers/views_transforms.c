@@ -92,7 +92,7 @@ static spin_status check_lens(const struct split *s, const spin_json *frame)
     if (model && strcmp(model, "OPENCV") != 0 && strcmp(model, "PINHOLE") != 0 &&
         strcmp(model, "SIMPLE_PINHOLE") != 0 && strcmp(model, "perspective") != 0)
         return spin_unsupported(
-            "'camera_model' is '%s', expected a pinhole camera: undistort first", model);
+            "'camera_model' is '%s', expected a pinhole camera: undistort the images first", model);
     return SPIN_OK;
 }
 
@@ -228,7 +228,7 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
     const spin_json *time = spin_json_get(frame, "time");
 
     if (!name)
-        return spin_malformed("no text 'file_path'");
+        return spin_malformed("'file_path' is missing or not a string");
     if (!spin_views_is_safe_name(name))
         return spin_malformed("'file_path' is '%s', expected a path below the folder", name);
     if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
@@ -385,7 +385,7 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
 
     SPIN_TRY(read_options(m->values, &o));
     if (spin_model_option(m, one ? "test-file" : "hold"))
-        return spin_misuse("option '%s' is for '%s', and the data set has '%s'",
+        return spin_misuse("option '%s' applies to '%s', but the data set has '%s'",
                            one ? "test-file" : "hold", one ? TRAIN : ALL, one ? ALL : TRAIN);
     if (one) {
         SPIN_TRY(all_views(&train, out));
@@ -403,12 +403,13 @@ static const struct spin_plugin_option options[] = {
     {"time", "RULE", "file: as stored; max: divided by the largest; unit: first 0, last 1", "file"},
     {"test-file", "NAME", "the file of held-out images (transforms_val.json in some data sets)",
      "transforms_test.json"},
-    {"ending", "TEXT", "extension that image names in the file lack", ".png"},
-    {"pose", "RULE", "right; 4dgaussians: with the sign of the translation's x as in 4DGaussians",
+    {"ending", "TEXT", "extension of the images, if their names in the file lack it", ".png"},
+    {"pose", "RULE",
+     "right: correct poses; 4dgaussians: with the wrong sign of the translation's x of 4DGaussians",
      "right"},
     {"hold", "N",
-     "transforms.json: hold out each N-th image by name, the first included; 0: none (its lists; "
-     "without, the first of several cameras or each 8th image)",
+     "transforms.json: hold out every N-th image by name, including the first; 0: none (default: "
+     "the lists in the file, else the first of several cameras, else every 8th image)",
      NULL},
     {NULL, NULL, NULL, NULL},
 };

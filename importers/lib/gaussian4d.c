@@ -66,8 +66,8 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
         spin_note(sequence, "%zu of %zu Gaussians are dropped: %s", g->n_dropped, n, why);
     if (n_faint > 0.99 * (double)n)
         spin_note(sequence,
-                  "nearly all opacities are below %g: training saved this just after it had reset "
-                  "them; positions are not affected",
+                  "nearly all opacities are below %g: the file was saved just after training had "
+                  "reset opacities; positions are not affected",
                   SPIN_FAINT);
     return SPIN_OK;
 }

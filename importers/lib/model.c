@@ -342,7 +342,7 @@ spin_status spin_model_newest(struct spin_model *m, const char *path, const char
         if (step_of(names[i]) > (best ? step_of(best) : -1))
             best = names[i];
     return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_not_found("'%s' holds no %s", folder, called);
+                : spin_not_found("'%s' contains no %s", folder, called);
 }
 
 spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
@@ -562,7 +562,7 @@ spin_status spin_model_dict(struct spin_model *m)
 {
     m->tensors = m->torch.root;
     if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
-        return spin_malformed("the file does not have a state dict");
+        return spin_malformed("the file does not contain a state dict");
     return SPIN_OK;
 }
 
@@ -577,9 +577,9 @@ spin_status spin_model_keys(const struct spin_model *m, const char *const *stems
                           strncmp(key + n, *stem, strlen(*stem)) == 0))
             stem++;
         if (!*stem)
-            return spin_unsupported("tensor '%.80s' does not belong to this method: the run may be "
-                                    "of one derived from it",
-                                    key ? key : "");
+            return spin_unsupported(
+                "tensor '%.80s' does not belong to this method: the run may be of a derived method",
+                key ? key : "");
     }
     return SPIN_OK;
 }
@@ -622,7 +622,7 @@ spin_status spin_model_layer(struct spin_model *m, const char *key, int n_in, in
     char name[200];
 
     if (net->n == MLP_MAX_LAYERS)
-        return spin_unsupported("more than %d layers", MLP_MAX_LAYERS);
+        return spin_unsupported("the network has more than %d layers", MLP_MAX_LAYERS);
     snprintf(name, sizeof name, "%s.weight", key);
     SPIN_TRY(spin_model_floats(m, name, 2, shape, &info, &weight));
     if (info.shape[0] == 0 || info.shape[1] == 0 || info.shape[0] > MLP_MAX_WIDTH ||

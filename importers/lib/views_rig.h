@@ -39,5 +39,5 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
      "time of frame i of n: unit for i/(n-1), count for i/n, row for i, a number N for i/N",       \
      "unit"},                                                                                      \
     {                                                                                              \
-        "hold", "N", "hold out each N-th camera, the first included; 0: none", "8"                 \
+        "hold", "N", "hold out every N-th camera, including the first; 0: none", "8"               \
     }

@@ -206,7 +206,7 @@ static void test_lies(const char *root)
         {NETWORK, "drop " NET "grid.grids.0.0", "grids.0.0", "no planes"},
         {NETWORK, "drop " NET "grid.grids.0.0; put feature_out_c.0.weight 16 9", "E-D3DGS",
          "a network of E-D3DGS"},
-        {NETWORK, "pair", "not have a state dict", "a pair instead of a state dict"},
+        {NETWORK, "pair", "not contain a state dict", "a pair instead of a state dict"},
     };
     const char *deform[] = {"deform", "position,scale,rotation,opacity,sh", NULL};
     const char *folder = path_in(root, "coarse_and_fine"), *model, *save;

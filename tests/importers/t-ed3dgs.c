@@ -305,7 +305,7 @@ static void test_lies(const char *model)
         {NETWORK, "put timenet.0.weight 24 24", "timenet.0.weight", "a tensor of another method"},
         {NETWORK, "drop feature_out_c.0.weight; drop feature_out_f.0.weight",
          "feature_out_c.0.weight", "no first layer"},
-        {NETWORK, "pair", "not have a state dict", "a pair instead of a state dict"},
+        {NETWORK, "pair", "not contain a state dict", "a pair instead of a state dict"},
         {CLOUD, "set embedding_2 4 nan", "embedding_2", "NaN in an embedding"},
         {CLOUD, "drop embedding_3", "embedding_3", "embeddings with a hole"},
         {CLOUD, "drop embedding_ 0 7", "embedding_*", "no embeddings"},
