@@ -20,7 +20,7 @@ static void test_set(const char *folder, const char *name, const spin_json *mani
         return;
     check_rig(&views, &npz, manifest, "time", name);
     check_rig_colours(&views, &npz, manifest);
-    ok(strstr(views.notes, "y up") && strstr(views.notes, "--fps 30"),
+    ok(strstr(views.notes, "points up") && strstr(views.notes, "--fps 30"),
        "%s: the notes say which axis is up and the frames a second", name);
     spin_npz_close(&npz);
     spin_views_free(&views);

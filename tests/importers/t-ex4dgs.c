@@ -96,12 +96,14 @@ static void test_options(const char *fixture)
     static const struct {
         const char *cfg, *word, *what;
     } refused[] = {
-        {"Namespace(a=1)", "interp_type: use --interp", "cfg_args without the kind of curve"},
-        {"Namespace(interp_type='cube')", "time_interval: use --interval", "nor the interval"},
-        {"Namespace(interp_type='cube', time_interval=5)", "time_pad: use --time-pad",
-         "nor the pad"},
-        {"Namespace(interp_type='cube', time_interval=5, time_pad=3)", "duration: use --duration",
-         "nor the number of frames"},
+        {"Namespace(a=1)", "interp_type beside the model: use --interp",
+         "cfg_args without the kind of curve"},
+        {"Namespace(interp_type='cube')", "time_interval beside the model: use --interval",
+         "nor the interval"},
+        {"Namespace(interp_type='cube', time_interval=5)",
+         "time_pad beside the model: use --time-pad", "nor the pad"},
+        {"Namespace(interp_type='cube', time_interval=5, time_pad=3)",
+         "duration beside the model: use --duration", "nor the number of frames"},
         {CFG ", interp_type='cubic_diff')", "interp_type is 'cubic_diff'",
          "a curve that cannot be"},
         {CFG ", rot_interp_type='lerp')", "rot_interp_type is 'lerp'",
@@ -144,7 +146,7 @@ static void test_options(const char *fixture)
     fails_with(FROM, bare, curve, "option 'interp' is 'spline'", "a curve that is none");
     fails_with(FROM, bare, word, "option 'interval' is '5x'", "an interval that is no number");
     fails_with(FROM, model, other, "iteration_7", "a save that is not there");
-    fails_with(FROM, bare, NULL, "no cfg_args beside it gives interp_type", "no cfg_args");
+    fails_with(FROM, bare, NULL, "there is no cfg_args with interp_type", "no cfg_args");
     for (size_t i = 0; i < sizeof refused / sizeof *refused; i++)
         fails(FROM, make_run(fixture, 30000, refused[i].cfg), refused[i].word, refused[i].what);
     ok(run_open(FROM, make_run(fixture, 5, CFG ", start_timestamp=151)"), &run) == SPIN_OK &&
@@ -212,7 +214,7 @@ static void test_saves(const char *fixture, const char *checkpoint)
     copy_file(path_in(model, "point_cloud/iteration_30000/dynamic_point_cloud.ply"),
               path_in(save, "dynamic_point_cloud.ply"));
     fails(FROM, model, "iteration_40000/point_cloud.ply", "a save without its static half");
-    fails(FROM, new_folder(), "holds neither chkpnt<N>.pth nor point_cloud", "an empty folder");
+    fails(FROM, new_folder(), "contains neither chkpnt<N>.pth nor point_cloud", "an empty folder");
     fails("ply", path_in(model, "point_cloud/iteration_30000/point_cloud.ply"), "Ex4DGS",
           "importer ply does not take the static half for the whole");
     fails("ply", path_in(model, "point_cloud/iteration_30000/dynamic_point_cloud.ply"), "Ex4DGS",
@@ -225,12 +227,12 @@ static void test_saves(const char *fixture, const char *checkpoint)
     ok(spin_importer_find(path_in(model, "chkpnt5.pth"), NULL, false, &found) == SPIN_OK &&
            !strcmp(found->name, FROM),
        "so is the checkpoint");
-    fails(FROM, model, "no cfg_args beside it gives interp_type: use --interp",
+    fails(FROM, model, "there is no cfg_args with interp_type beside the model: use --interp",
           "but how to go between its keys is not in it");
     const char *cube[] = {"interp", "cube", NULL};
 
     ok(model_open(FROM, model, cube, &run) == SPIN_OK && run.sequence.time_last == 29 &&
-           strstr(run.sequence.notes, "30 by the checkpoint's duration"),
+           strstr(run.sequence.notes, "assumed 30, from the checkpoint's duration"),
        "the number of frames is");
     run_close(&run);
 }
