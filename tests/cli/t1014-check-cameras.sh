@@ -76,7 +76,7 @@ is "$(grep -c '"file"' "$work/out")" "$(find "$work/both" -name '*.png' | wc -l)
 variant swapped 's/"w": 160, "h": 90/"w": 90, "h": 160/'
 run "$bin/spin-import" --data "$work/swapped" "$clip" -o "$work/swapped.spin"
 fails 1 spin-import "width and height swapped"
-err_has "camera 0: image '[^']*ims/0/000008.jpg' has 160 x 90 pixels, another aspect ratio than the camera's 90 x 160" \
+err_has "camera 0: image '[^']*ims/0/000008.jpg' has 160 x 90 pixels, which is another shape than the camera's 90 x 160" \
     "camera, image and both sizes are named"
 nothing_at "$work/swapped.spin" "nothing was written"
 run "$bin/spin-import" --data "$clip" "$clip" -o "$work/clip.spin"
