@@ -1,16 +1,17 @@
-/* 3DGStream (Sun et al., CVPR 2024): a cloud, and for each later frame a small network that moves
- * it and a few Gaussians that live in that frame only.
+/* 3DGStream (Sun et al., CVPR 2024): the cloud of frame 0; for each later frame, a small network
+ * that moves this cloud, and a few additional Gaussians that exist in that frame only.
  *
- *     OUT/frame000001/point_cloud/iteration_<i1>/point_cloud.ply        the cloud, moved
- *     OUT/frame000001/NTC.pth                                           the network that moved it
- *     OUT/frame000001/point_cloud/iteration_<i2>/added/point_cloud.ply  Gaussians added to it
+ *     OUT/frame000001/point_cloud/iteration_<i1>/point_cloud.ply        the moved cloud
+ *     OUT/frame000001/NTC.pth                                           the network
+ *     OUT/frame000001/point_cloud/iteration_<i2>/added/point_cloud.ply  added Gaussians
  *     INIT/point_cloud/iteration_<n>/point_cloud.ply                    frame 0
- * or, packed for the viewer, where the files of index i belong to frame i + 1,
+ * or, packed for the viewer (files with index i belong to frame i + 1),
  *     init_3dgs.ply  NTCs/{config.json, NTC_%06d.pth}  additional_3dgs/additions_%06d.ply  raw/
  *
  * The moved clouds are exact and are read if every frame has one. Otherwise the networks are
- * evaluated frame by frame, which accumulates half-precision errors. Rows of the base come first,
- * in the same order in every frame; rows of the added Gaussians follow. */
+ * evaluated frame by frame, which accumulates half-precision errors. Rows of the base, which is the
+ * cloud without added Gaussians, come first, in the same order in every frame; rows of the added
+ * Gaussians follow. */
 #include "importers/lib/model.h"
 #include "importers/lib/ntc_eval.h"
 #include "importers/lib/views_check.h"
@@ -30,14 +31,14 @@ struct clip {
     bool evaluate; /* evaluate the networks instead of reading the moved clouds */
     bool packed;
     struct ntc_shape shape;
-    size_t n; /* Gaussians of the base */
+    size_t n; /* number of Gaussians in the base */
     int sh_degree;
     size_t *counts;
     int *numbers;
-    int i1, i2, first;    /* iterations in cfg_args.json, or -1 */
-    const char *config;   /* of the networks, or NULL */
+    int i1, i2, first;    /* iterations in the paths above, from cfg_args.json; -1: unknown */
+    const char *config;   /* configuration of the networks; NULL: the default */
     struct ntc network;   /* loaded only while it is applied to the base */
-    float *means, *quats; /* [n][3], [n][4]: the base at step `at` */
+    float *means, *quats; /* [n][3], [n][4]: the base, moved to step[at] */
     size_t at;
 };
 
@@ -53,7 +54,7 @@ static int probe(const struct spin_peek *peek)
     }
     if (spin_peek_has(peek, "NTCs"))
         return 90;
-    return frames ? (ours ? 80 : 30) : 0; /* other methods have such folders too */
+    return frames ? (ours ? 80 : 30) : 0; /* other methods have frame folders too */
 }
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
@@ -72,8 +73,8 @@ static spin_status step_of(struct clip *clip, int number, struct step **out)
     return SPIN_OK;
 }
 
-/* Finds <folder>/point_cloud/iteration_<n>/<file>: of `iteration` if it exists, else of the largest
- * n that has the file. NULL when there is none. */
+/* Finds <folder>/point_cloud/iteration_<n>/<file>, where n is `iteration` if that file exists, else
+ * the largest n with such a file. *out is NULL if there is none. */
 static spin_status find_cloud(struct clip *clip, const char *folder, int iteration,
                               const char *file, const char **out)
 {
@@ -145,7 +146,7 @@ static spin_status find_indexed(struct clip *clip, const char *folder, const cha
     return SPIN_OK;
 }
 
-/* The cloud at `path`, which is a PLY or a model's folder; NULL if it is neither. */
+/* Finds the cloud at `path`, which is a PLY or a model's folder; *out is NULL if it is neither. */
 static spin_status find_first(struct clip *clip, const char *path, const char **out)
 {
     *out = NULL;
@@ -154,8 +155,8 @@ static spin_status find_first(struct clip *clip, const char *path, const char **
     return spin_path_exists(path) ? spin_model_text(&clip->base, out, "%s", path) : SPIN_OK;
 }
 
-/* Finds the cloud of frame 0: option `init`, else beside the frames, else a model's folder among
- * them. */
+/* Finds the cloud of frame 0: at the path of option `init`; without the option, as init_3dgs.ply or
+ * in init_3dgs, in the input folder, or in any other folder beside the frames. */
 static spin_status find_init(struct clip *clip)
 {
     static const char *const places[] = {"init_3dgs.ply", "init_3dgs", "."};
@@ -238,7 +239,7 @@ static spin_status find_files(struct clip *clip)
         SPIN_TRY(find_raw(clip, folder));
     }
     if (clip->n_steps == 0)
-        return spin_not_found("'%s' holds neither frame folders nor 'NTCs'", folder);
+        return spin_not_found("'%s' contains neither frame folders nor 'NTCs'", folder);
     SPIN_TRY(find_init(clip));
     qsort(clip->step, clip->n_steps, sizeof *clip->step, by_number);
     for (size_t i = 1; i < clip->n_steps; i++) {
@@ -266,7 +267,7 @@ static spin_status find_config(struct clip *clip)
     return SPIN_OK;
 }
 
-/* Also reads the first network, so that a mismatch with the configuration fails early. */
+/* Reads the configuration, and the first network so that a mismatch of the two fails early. */
 static spin_status prepare_networks(struct clip *clip)
 {
     spin_status status;
@@ -282,14 +283,16 @@ static spin_status prepare_networks(struct clip *clip)
     if (status != SPIN_OK && clip->config)
         return spin_fail_context(status, "with the configuration '%s'", clip->config);
     if (status != SPIN_OK)
-        return spin_fail_context(status, "there is no config.json (give it with --config), so the "
-                                         "default configuration was tried");
+        return spin_fail_context(
+            status,
+            "with the default configuration, since there is no config.json: give it with --config");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;
 }
 
-/* Number of the first frame after frame 0 without a network (or a moved cloud), or -1. */
+/* Number of the first frame after frame 0 that lacks its network (if `network`) or its moved cloud;
+ * -1: none does. */
 static int first_without(const struct clip *clip, bool network)
 {
     for (size_t i = clip->step[0].number == 0; i < clip->n_steps; i++) {
@@ -317,7 +320,7 @@ static spin_status choose_way(struct clip *clip)
         return spin_not_found("'%s': frame %d has no network", clip->base.path, no_network);
     if (clip->step[0].number != 0)
         return spin_not_found("'%s': the networks start from the cloud of frame 0, which is "
-                              "missing: give it with --init",
+                              "missing: give the cloud with --init",
                               clip->base.path);
     return clip->n_steps > 1 ? prepare_networks(clip) : SPIN_OK;
 }
@@ -347,7 +350,7 @@ static spin_status inspect_base(struct clip *clip, size_t i)
     return SPIN_OK;
 }
 
-/* Added clouds may be empty; their properties do not matter then. */
+/* An empty cloud of added Gaussians is valid, whatever its properties. */
 static spin_status inspect_added(struct clip *clip, struct step *step)
 {
     struct spin_gs_ply cloud;
@@ -357,8 +360,8 @@ static spin_status inspect_added(struct clip *clip, struct step *step)
     SPIN_TRY(spin_model_cloud(&clip->base, step->added, &cloud));
     step->n_added = (size_t)cloud.vertex->count;
     if (step->n_added > 0 && cloud.sh_degree != clip->sh_degree)
-        return spin_malformed("'%s' has SH degree %d, but the cloud it adds to has %d", step->added,
-                              cloud.sh_degree, clip->sh_degree);
+        return spin_malformed("'%s' has SH degree %d, but the cloud to which it is added has %d",
+                              step->added, cloud.sh_degree, clip->sh_degree);
     return SPIN_OK;
 }
 
@@ -404,21 +407,20 @@ static spin_status describe(struct clip *clip)
              clip->evaluate ? "networks evaluated" : "moved clouds");
     if (n_added > 0)
         spin_note(sequence,
-                  "rows from %zu on are Gaussians added for one frame (%.1f a frame): they "
-                  "have no tracks",
+                  "rows from %zu on are Gaussians added for a single frame (on average %.1f per "
+                  "frame): they have no tracks",
                   clip->n, (double)n_added / (double)clip->n_steps);
     if (clip->step[0].number != 0)
         spin_note(sequence,
-                  "the cloud of frame 0 was not found: the clip begins with frame %d (give it with "
-                  "--init)",
+                  "the cloud of frame 0 was not found, so the clip begins with frame %d: give the "
+                  "cloud with --init",
                   clip->step[0].number);
     if (clip->evaluate)
         spin_note(sequence, "positions and rotations come from half-precision networks, whose "
-                            "errors add up from frame to frame");
+                            "errors accumulate from frame to frame");
     if (clip->evaluate && !clip->config)
-        spin_note(
-            sequence,
-            "there is no config.json: the networks fit the default configuration, which is used");
+        spin_note(sequence, "there is no config.json: the default configuration is used, and the "
+                            "networks match it");
     return SPIN_OK;
 }
 
@@ -472,7 +474,8 @@ static void move_block(void *context, size_t first, int n, float *scratch)
     spin_ntc_apply(&clip->network, n, clip->means + 3 * first, clip->quats + 4 * first, scratch);
 }
 
-/* Moves the base forward to step `target`, from frame 0 if it is already past that. */
+/* Applies networks until the base is at step `target`; restarts from frame 0 if the base is already
+ * past that step. */
 static spin_status move_base(struct clip *clip, size_t target)
 {
     if (clip->at > target)
@@ -523,9 +526,9 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
 }
 
 static const struct spin_plugin_option options[] = {
-    {"init", "PATH", "the model of frame 0 (beside the frames)", NULL},
+    {"init", "PATH", "the model of frame 0 (default: beside the frames)", NULL},
     {"way", "auto|clouds|networks", "read the moved clouds or evaluate the networks", "auto"},
-    {"config", "FILE", "configuration of the networks (NTCs/config.json)", NULL},
+    {"config", "FILE", "configuration of the networks (default: NTCs/config.json)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

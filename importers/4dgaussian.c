@@ -1,8 +1,8 @@
 /* 4DGaussians (Wu et al., CVPR 2024): a cloud of canonical Gaussians and a network that adds to
  * their raw attributes at any time.
  *
- * Which heads of the network are in use is recorded only in cfg_args beside the checkpoint, which
- * is therefore read, or replaced by options. */
+ * Only cfg_args, beside the checkpoint, records which heads of the network are in use; options
+ * override it. */
 #include "importers/lib/deform.h"
 #include "importers/lib/hexplane.h"
 
@@ -12,7 +12,7 @@
 
 enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
 
-/* `off` is the option of the method that switches a head off, `by_default` its default there. */
+/* `off` is the method's option that disables a head; `by_default` is the default of that option. */
 static const struct {
     const char *word, *tensor, *off;
     bool by_default;
@@ -28,7 +28,7 @@ static const struct {
 struct model {
     struct spin_model base;
     struct hexplane hex;
-    struct mlp_net head[N_HEADS]; /* those in use */
+    struct mlp_net head[N_HEADS]; /* loaded if used */
     bool used[N_HEADS];
     double grid_pe; /* option of the run; 0: unknown */
     bool product;   /* apply_rotation: quaternions are multiplied, not added */
@@ -46,11 +46,12 @@ static int probe(const struct spin_peek *peek)
         return strcmp(spin_path_name(peek->path), "deformation.pth") == 0 ? 85 : 0;
     if (spin_peek_has(peek, "deformation.pth"))
         return 90;
-    /* kplanes_config is an option of this network, which MoDec-GS shares; LGD_method is its own. */
+    /* kplanes_config is an option of this network. MoDec-GS has the same network, but only MoDec-GS
+     * has the option LGD_method. */
     modec = spin_peek_says(peek, "LGD_method=");
     if (cloud && spin_peek_says(peek, "kplanes_config=") && !modec)
         return 90;
-    /* Written by plain 3DGS and by the Deformable-3D-Gaussians family. */
+    /* These files are written by plain 3DGS and by the Deformable-3D-Gaussians family. */
     if (spin_peek_has(peek, "deform") || spin_peek_has(peek, "cameras.json") ||
         spin_peek_has(peek, "input.ply"))
         return 0;
@@ -66,7 +67,8 @@ static spin_status fail_no_save(const char *path, const char *wanted)
                               path, wanted);
     if (spin_model_search(path, "deformation_GAD.pth", &coarse))
         return spin_unsupported(
-            "'%s' holds 'deformation_GAD.pth': it is a run of MoDec-GS, use --from modecgs", path);
+            "'%s' contains 'deformation_GAD.pth', so it is a run of MoDec-GS: use --from modecgs",
+            path);
     if (coarse)
         return spin_unsupported("'%s' has only the coarse stage, which has no motion yet: continue "
                                 "training, or import its point_cloud.ply with --from ply",
@@ -91,15 +93,16 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
                 used[h] = found = true;
         }
         if (!found && !(n == 4 && strncmp(list, "none", 4) == 0))
-            return spin_misuse(
-                "--deform '%.*s': expected some of position,scale,rotation,opacity,sh or none",
-                (int)n, list);
+            return spin_misuse("--deform: '%.*s' is not an attribute, expected position, scale, "
+                               "rotation, opacity, sh or none",
+                               (int)n, list);
         list += n + (list[n] == ',');
     }
     return SPIN_OK;
 }
 
-/* A guess: all values of an untrained Linear layer are still within its initialisation bounds. */
+/* Guesses whether a layer was trained: an untrained Linear layer is within the bounds of its
+ * initialisation. */
 static bool looks_trained(const struct mlp_layer *l)
 {
     double weight = sqrt(6.0 / (l->n_in + l->n_out)), bias = 1 / sqrt((double)l->n_in);
@@ -115,16 +118,17 @@ static bool looks_trained(const struct mlp_layer *l)
     return false;
 }
 
-/* Without cfg_args: notes the assumption, and which heads look trained. */
+/* Notes which heads are assumed to be in use without cfg_args, and which heads look trained. */
 static spin_status note_guess(struct model *model)
 {
     struct spin_model *m = &model->base;
     char trained[128] = "";
-    int used = 0; /* length of `trained`, which fits the words of all heads */
+    int used = 0; /* length of `trained`, whose size fits the words of all heads */
 
-    spin_note(m->sequence, "no cfg_args: assumed that position, scale and rotation are deformed, "
-                           "opacity and SH not; --deform sets it");
-    spin_warn("'%s': no cfg_args beside it, the method's defaults are assumed", m->path);
+    spin_note(m->sequence, "there is no cfg_args: assumed that the network deforms position, scale "
+                           "and rotation, but not opacity and SH; --deform overrides this");
+    spin_warn("'%s': there is no cfg_args beside this file: the method's defaults are assumed",
+              m->path);
     for (int h = 0; h < N_HEADS; h++) {
         struct mlp_net head = {0};
 
@@ -134,11 +138,11 @@ static spin_status note_guess(struct model *model)
         if (looks_trained(&head.layer[0]) || looks_trained(&head.layer[1]))
             used += snprintf(trained + used, sizeof trained - (size_t)used, " %s", heads[h].word);
     }
-    spin_note(m->sequence, "weights that look trained:%s", trained);
+    spin_note(m->sequence, "heads that look trained:%s", trained);
     return SPIN_OK;
 }
 
-/* Applies cfg_args and options; options win. */
+/* Applies cfg_args and options; options override cfg_args. */
 static spin_status settle(struct model *model)
 {
     const struct spin_model *m = &model->base;
@@ -189,8 +193,8 @@ static spin_status load_network(struct spin_model *m)
     return SPIN_OK;
 }
 
-/* deformation_table.pth does not affect the result, but a wrong length reveals files of two saves.
- */
+/* Warns if deformation_table.pth, which does not affect the result, has a wrong length: the files
+ * are then of two checkpoints. */
 static void check_table(struct spin_model *m, const char *save)
 {
     size_t n = m->canonical.n;
@@ -203,8 +207,8 @@ static void check_table(struct spin_model *m, const char *save)
         spin_torch_tensor(&torch, torch.root, "deformation_table", &table) == SPIN_OK &&
         table.count != n) {
         spin_note(m->sequence,
-                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has %zu: are "
-                  "they from the same save?",
+                  "deformation_table.pth is for %llu Gaussians, but point_cloud.ply has %zu: the "
+                  "files may be of different checkpoints",
                   (unsigned long long)table.count, n);
         spin_warn("'%s' is for %llu Gaussians, but the cloud has %zu", path,
                   (unsigned long long)table.count, n);
@@ -241,7 +245,7 @@ static spin_status open_model(void *self, const char *path)
                                 cloud, m->canonical.sh_degree);
     check_table(m, save);
     spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));
-    m->sequence->half_open = true; /* the method's reader of Panoptic uses t / T */
+    m->sequence->half_open = true; /* the method's reader of Panoptic uses times t / T, below 1 */
     snprintf(m->sequence->variant, sizeof m->sequence->variant,
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", m->canonical.n,
              model->hex.n_scales, model->hex.width);
@@ -253,8 +257,8 @@ static spin_status open_model(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Adds the residual to a rotation, or multiplies them. Unlike the other attributes, rotations are
- * not masked. */
+/* Adds the residual r to the rotation q, or multiplies the two. Unlike the other attributes,
+ * rotations are not multiplied by the mask. */
 static void turn(const struct model *model, const float q[4], const float r[4], float to[4])
 {
     if (model->product) {
@@ -304,13 +308,14 @@ static spin_status gaussian_frame(void *self, int frame, double time, unsigned c
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
     {"deform", "LIST",
-     "what the network deforms, of position,scale,rotation,opacity,sh, instead of the value in "
-     "cfg_args",
+     "attributes that the network deforms: position,scale,rotation,opacity,sh or none (default: as "
+     "in cfg_args)",
      NULL},
-    {"apply-rotation", "BOOL", "rotations are multiplied, instead of the value in cfg_args", NULL},
-    {"grid-pe", "X", "the option grid_pe of the run, instead of the value in cfg_args", NULL},
+    {"apply-rotation", "BOOL",
+     "whether rotations are multiplied, not added (default: as in cfg_args)", NULL},
+    {"grid-pe", "X", "the option grid_pe of the run (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

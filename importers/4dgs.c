@@ -9,8 +9,8 @@ static int fourdgs_probe(const struct spin_peek *peek)
     return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
 }
 
-/* Playback covers [0, duration), and windows end at float times: the last time is the float before
- * `duration` rounded down. */
+/* The last time at which splats are visible. Playback covers [0, duration), and time windows end at
+ * floats, at the latest at `duration` rounded down: this is the float before that. */
 static float before(double duration)
 {
     float last = (float)duration;
@@ -29,13 +29,15 @@ static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, 
     snprintf(sequence->variant, sizeof sequence->variant,
              "gaussian-birth, %zu splats, SH degree %d, %g s", n, m->splats_4d.sh_degree,
              info->duration);
-    spin_note(sequence, "splats are visible at weights of %g and above, the file's threshold",
+    spin_note(sequence,
+              "a splat is visible while its weight is at least %g, the threshold in the file",
               info->cutoff);
-    spin_note(sequence, "windows are half open: nothing is visible at %g s itself", info->duration);
+    spin_note(sequence, "time windows do not include their end: nothing is visible at %g s",
+              info->duration);
     spin_note(sequence, "the format clamps colours of degree 0 to the visible range, 0 to 1");
     if (info->sound || info->camera)
-        spin_note(sequence, "left out: %s%s%s", info->sound ? "sound" : "",
-                  info->sound && info->camera ? ", " : "", info->camera ? "the camera's path" : "");
+        spin_note(sequence, "not imported: %s%s%s", info->sound ? "sound" : "",
+                  info->sound && info->camera ? ", " : "", info->camera ? "the camera path" : "");
     return SPIN_OK;
 }
 
@@ -54,7 +56,8 @@ static spin_status open_4dgs(void *self, const char *path)
     return spin_fail_reading(status, m->path);
 }
 
-SPIN_MODEL_IMPORTER(4dgs, struct spin_model, open_4dgs, spin_model_close,
-                    .summary = ".4dgs files, version 1, whose splats are born once: 4D splats",
-                    .upstream = "avala-ai/4dgs 30f5d0f", .probe = fourdgs_probe,
-                    .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)
+SPIN_MODEL_IMPORTER(
+    4dgs, struct spin_model, open_4dgs, spin_model_close,
+    .summary = ".4dgs files, version 1, with the temporal model gaussian-birth: 4D splats",
+    .upstream = "avala-ai/4dgs 30f5d0f", .probe = fourdgs_probe, .frame = spin_model_slice,
+    .splats_4d = spin_model_splats_4d)

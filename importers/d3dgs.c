@@ -1,13 +1,14 @@
 /* Dynamic 3D Gaussians (Luiten et al., 3DV 2024): a run is one params.npz.
  *
- * Positions, colours and rotations are stored per frame, opacities and scales once; forks store
- * these per frame too, which the number of dimensions shows. Colours are plain RGB instead of SH
- * and may leave 0..1: they become degree-0 SH without clamping.
+ * Positions, colours and rotations are stored per frame, opacities and scales once. Forks store
+ * opacities and scales per frame, too: an array with three dimensions is per frame. Colours are
+ * plain RGB instead of SH and may leave 0..1: they become degree-0 SH without clamping.
  *
  * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting") adds one array, mask [T, N,
- * 1], the logit of "this Gaussian is present in this frame". The published code reads the mask in
- * several ways. Training renders with a hard mask per frame at 0.1, which is the default here.
- * Masked Gaussians are removed rather than scaled to 0, since a scale of 0 has no logarithm. */
+ * 1]: the logit of each Gaussian's presence in each frame. The published code reads the mask in
+ * several ways. Training hides, frame by frame, the Gaussians whose presence is at most 0.1, which
+ * is the default here. Masked Gaussians are removed rather than scaled to 0, since a scale of 0 has
+ * no logarithm. */
 #include "importers/lib/model.h"
 #include "io/npy.h"
 #include "math/quat.h"
@@ -24,7 +25,7 @@ struct run {
     size_t *counts; /* [n_frames] */
 };
 
-/* Checking a CRC reads every byte, so the CRC of larger members is not checked. */
+/* The CRC of members above this size (bytes) is not checked, since that would read every byte. */
 #define CRC_LIMIT (64u << 20)
 
 static const struct {
@@ -51,7 +52,7 @@ static bool has_key(const struct spin_peek *peek, const char *key)
     return false;
 }
 
-/* Number of the five arrays that the archive has. */
+/* Counts which of the five arrays the archive contains. */
 static int count_keys(const struct spin_peek *peek)
 {
     int found = 0;
@@ -80,7 +81,7 @@ static spin_status bind(struct run *run, const char *key, struct spin_array *out
     m = spin_zip_find(&run->npz.zip, member);
     SPIN_TRY(spin_npz_array(&run->npz, key, m && m->size < CRC_LIMIT, out));
     if (out->kind != 'f')
-        return spin_unsupported("array '%s' does not hold floating-point numbers", key);
+        return spin_unsupported("array '%s' does not contain floating-point numbers", key);
     return SPIN_OK;
 }
 
@@ -122,8 +123,8 @@ static spin_status check_column(struct run *run, int key)
     return fail_shape(a, keys[key].name, expected);
 }
 
-/* Refuses a file whose unpacked arrays and one frame exceed the available memory before unpacking
- * any: deflate expands by up to a thousand. */
+/* Checks that the unpacked arrays and one frame fit into the available memory, before any array is
+ * unpacked: deflate can expand data a thousandfold. */
 static spin_status check_room(const struct run *run)
 {
     uint64_t unpacked = 0, width = 0, frame, available = spin_memory_available();
@@ -160,7 +161,7 @@ static void describe(const struct run *run)
     }
 }
 
-/* Opens params.npz, or that of a folder, and binds its arrays. */
+/* Opens `path`, or its params.npz if `path` is a folder, and binds the arrays. */
 static spin_status load_run(const char *path, struct run *run)
 {
     struct spin_model *base = &run->base;
@@ -213,7 +214,7 @@ static spin_status read_column(const struct run *run, int key, int frame, float 
     return SPIN_OK;
 }
 
-/* All Gaussians of one frame. */
+/* Reads all Gaussians of one frame. */
 static spin_status read_run(const struct run *run, int frame, unsigned columns,
                             struct spin_splats *out)
 {
@@ -229,7 +230,7 @@ static spin_status read_run(const struct run *run, int frame, unsigned columns,
         if (columns & 1u << keys[k].column)
             SPIN_TRY(read_column(run, k, frame, spin_model_values(out, keys[k].column, &width)));
     }
-    /* The zero quaternion becomes the identity; the method makes an invalid rotation matrix of it.
+    /* A zero quaternion becomes the identity here; the method computes an invalid rotation matrix.
      */
     for (size_t i = 0; columns & SPIN_COL_QUATS && i < n; i++)
         spin_quat_normalise(out->quats + 4 * i);
@@ -249,10 +250,10 @@ static int d3dgs_probe(const struct spin_peek *peek)
         return spin_peek_has(peek, "params.npz") && !mask ? 60 : 0;
     if (mask || !spin_zip_looks_like(peek->head, peek->n_head))
         return 0;
-    if (peek->tail_names[0] ==
-        '\0') /* truncated: open() reports that if the first member is ours */
+    if (peek->tail_names[0] == '\0') /* a truncated zip has no directory: open() reports that if the
+                                        first member is means3D */
         return memmem(peek->head, peek->n_head, "means3D.npy", 11) ? 30 : 0;
-    if (has_key(peek, "cam_unnorm_rots")) /* SplaTAM: open() refuses it by name */
+    if (has_key(peek, "cam_unnorm_rots")) /* a map of SplaTAM: open() refuses it and explains why */
         return found >= 3 ? 30 : 0;
     if (has_key(peek, "means3D") && has_key(peek, "unnorm_rotations"))
         return 90;
@@ -311,13 +312,13 @@ static const struct {
 struct tc_run {
     struct run base;
     struct spin_array mask;
-    bool still_mask; /* [N, 1] */
+    bool still_mask; /* mask is [N, 1], the same in all frames */
     enum mode mode;
     double threshold;
     float *row;    /* [n] the mask of one frame */
     double *sum;   /* [n] presence summed over frames */
     uint32_t *off; /* [n] number of frames whose mask hides the Gaussian */
-    bool *keep;    /* [n] in the current frame, or in all frames */
+    bool *keep;    /* [n] Gaussians to keep, in the current frame or in all frames */
 };
 
 static int tc3dgs_probe(const struct spin_peek *peek)
@@ -365,8 +366,8 @@ static spin_status read_mask(struct tc_run *run, int frame)
 /* Sigmoid of the mask; a Gaussian is present if this is above the threshold. */
 static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
 
-/* Counts the rows of each frame in one pass over the mask; AVG, ANY and ALL also choose the rows
- * that all frames keep. */
+/* Counts the rows of each frame in one pass over the mask. In the modes AVG, ANY and ALL, all
+ * frames keep the same rows, which this function also chooses. */
 static spin_status count(struct tc_run *run)
 {
     struct run *base = &run->base;

@@ -2,10 +2,12 @@
  * network of position and time that adds to their activated attributes. MotionGS (Zhu et al.,
  * NeurIPS 2024) trains this model with other losses and saves it in the same files.
  *
- * Two traps. Residuals are added after the activation, and the sum of quaternions reaches the
- * rasteriser unnormalised, which draws another ellipsoid than that of the unit quaternion: the
- * covariance is therefore computed as the rasteriser does and decomposed again. And the cloud and
- * the network of a save are in separate folders: both must be of the same iteration. */
+ * Two traps:
+ * - Residuals are added after the activation, and the rasteriser does not normalise the resulting
+ * quaternions, so it draws another ellipsoid than for unit quaternions. The importer computes the
+ * covariance in the same way and decomposes it again.
+ * - The cloud and the network of a checkpoint are in separate folders; both must be of the same
+ * iteration. */
 #include "importers/lib/deform.h"
 
 enum {
@@ -18,14 +20,14 @@ enum {
 
 struct model {
     struct spin_model base;
-    struct mlp_net linear; /* one layer takes the network's input again */
+    struct mlp_net linear; /* one layer has a skip connection from the input */
     int n_in, width;
-    struct mlp_net time; /* time network, or none */
-    int n_time;          /* inputs of the first layer that depend on time */
-    float *inputs;       /* [n_time] of the frame's time, followed by scratch */
-    int frequencies;     /* of time */
-    bool screw;          /* is_6dof: a screw motion (screw_w, screw_v) instead of warp */
-    bool motiongs;       /* its cfg_args has options of MotionGS */
+    struct mlp_net time; /* time network; n is 0 without one */
+    int n_time;          /* number of inputs of the first layer that depend on time */
+    float *inputs;       /* [n_time] for the time of the frame, followed by scratch memory */
+    int frequencies;     /* in the encoding of time */
+    bool screw;          /* is_6dof: positions move by screw_w and screw_v, not by warp */
+    bool motiongs;       /* cfg_args contains options of MotionGS */
     struct mlp_net warp, screw_w, screw_v, rotation, scaling;
 };
 
@@ -47,7 +49,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* Weights are [W, I] in linear.0, then [W, W] except in one layer of [W, I + W]. */
+/* Loads linear.0, with weights [W, I], and the layers after it, with weights [W, W] except for one
+ * layer with a skip connection from the input, [W, I + W]. */
 static spin_status load_layers(struct model *m)
 {
     const struct spin_value *root = m->base.tensors;
@@ -58,7 +61,7 @@ static spin_status load_layers(struct model *m)
         char name[32];
 
         if (i == MAX_LAYERS)
-            return spin_unsupported("more than %d layers 'linear'", MAX_LAYERS);
+            return spin_unsupported("the network has more than %d layers 'linear.*'", MAX_LAYERS);
         snprintf(name, sizeof name, "linear.%d", i);
         SPIN_TRY(spin_model_layer(&m->base, name, -1, i ? m->width : -1, MLP_RELU, net));
         if (i == 0) {
@@ -69,29 +72,33 @@ static spin_status load_layers(struct model *m)
         } else if (l->n_in != m->width) {
             return spin_malformed("tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s",
                                   name, l->n_out, l->n_in, m->width, m->width,
-                                  net->again ? ", as an earlier layer takes the input again" : "");
+                                  net->again ? ", since an earlier layer has the skip connection"
+                                             : "");
         }
     }
     for (size_t i = 0; i < root->n; i++) {
         const char *key = spin_value_text(root->item[2 * i]);
 
         if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= net->n)
-            return spin_malformed("tensor '%.80s' but no 'linear.%d.weight'", key, net->n);
+            return spin_malformed("there is a tensor '%.80s', but no 'linear.%d.weight'", key,
+                                  net->n);
     }
     if (net->again == 0)
-        return spin_malformed("no layer 'linear' takes the input again: layers are missing");
+        return spin_malformed(
+            "no layer 'linear.*' has a skip connection from the input: layers are missing");
     return SPIN_OK;
 }
 
-/* Time enters through a small network, or by its frequencies alone. */
+/* Loads the time network, if there is one. Without it, the first layer's input is the encoding of
+ * the time itself. */
 static spin_status load_time(struct model *m)
 {
     int inputs = m->n_time = m->n_in - POSITION_INPUTS;
 
     if (m->n_time < 1)
-        return spin_malformed(
-            "tensor 'linear.0.weight' has %d inputs, expected more than the %d of a position",
-            m->n_in, POSITION_INPUTS);
+        return spin_malformed("tensor 'linear.0.weight' has %d inputs, expected more than %d, the "
+                              "inputs for the position",
+                              m->n_in, POSITION_INPUTS);
     if (spin_model_get(&m->base, "timenet.0.weight") ||
         spin_model_get(&m->base, "timenet.2.weight")) {
         SPIN_TRY(spin_model_layer(&m->base, "timenet.0", -1, -1, MLP_RELU, &m->time));
@@ -101,9 +108,9 @@ static spin_status load_time(struct model *m)
     }
     m->frequencies = (inputs - 1) / 2;
     if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
-        return spin_malformed(
-            "time has %d inputs, expected 1 and two for each of at most %d frequencies", inputs,
-            MAX_TIME_FREQUENCIES);
+        return spin_malformed("the encoding of the time has %d values, expected 1 and two for each "
+                              "frequency, for at most %d frequencies",
+                              inputs, MAX_TIME_FREQUENCIES);
     return SPIN_OK;
 }
 
@@ -128,8 +135,8 @@ static spin_status load_network(struct spin_model *base)
 
     if (root->kind == SPIN_VALUE_TUPLE && root->n == 2 && root->item[0]->kind == SPIN_VALUE_DICT &&
         root->item[1]->kind == SPIN_VALUE_DICT)
-        return spin_unsupported(
-            "a pair of dicts, as Grid4D and DASH save it: use --from grid4d or --from dash");
+        return spin_unsupported("the file contains a pair of dicts, as Grid4D and DASH save them: "
+                                "use --from grid4d or --from dash");
     SPIN_TRY(spin_model_dict(base));
     SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(load_layers(m));
@@ -137,8 +144,8 @@ static spin_status load_network(struct spin_model *base)
     warp = spin_model_get(base, "gaussian_warp.weight") != NULL;
     m->screw = spin_model_get(base, "branch_w.weight") || spin_model_get(base, "branch_v.weight");
     if (m->screw == warp)
-        return spin_malformed("%s 'gaussian_warp' and 'branch_w'; expected one",
-                              warp ? "both tensors" : "neither tensor");
+        return spin_malformed("the network has %s of 'gaussian_warp' and 'branch_w', expected one",
+                              warp ? "both tensors" : "neither");
     for (int i = 0; i < 5; i++) {
         if (i > 2 || (i > 0) == m->screw)
             SPIN_TRY(spin_model_layer(base, heads[i].key, m->width, heads[i].n_out, MLP_PLAIN,
@@ -162,7 +169,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     SPIN_TRY(spin_cfg_read_bool(cfg, "optimize_pose", &moved));
     if (moved)
         spin_note(sequence, "optimize_pose=True: training moved the cameras and did not save them, "
-                            "so images of the data set's cameras are shifted");
+                            "so images rendered with the cameras of the data set are shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
         sequence->half_open = true; /* 300 frames at i/30 */
@@ -180,7 +187,8 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     return SPIN_OK;
 }
 
-/* The tensors determine the kind of network; a cfg_args that contradicts them is of another run. */
+/* Opens cfg_args and warns if it contradicts the tensors, which determine the kind of network: it
+ * is then probably of another run. */
 static spin_status check_cfg(const struct deform_save *save, struct model *m)
 {
     const struct {
@@ -196,11 +204,10 @@ static spin_status check_cfg(const struct deform_save *save, struct model *m)
         SPIN_TRY(spin_cfg_read_bool(cfg, said[i].key, &value));
         if (value == said[i].is)
             continue;
-        spin_warn(
-            "'%s' says %s=%s, but the network in '%s' is of the other kind: the network decides",
-            cfg->path, said[i].key, value ? "True" : "False", m->base.path);
+        spin_warn("'%s' has %s=%s, which does not match the network in '%s': the value is ignored",
+                  cfg->path, said[i].key, value ? "True" : "False", m->base.path);
         spin_note(m->base.sequence,
-                  "cfg_args says %s=%s, but the network is of the other kind: the network decides",
+                  "cfg_args has %s=%s, which does not match the network: the value is ignored",
                   said[i].key, value ? "True" : "False");
     }
     return read_motiongs(cfg, m);
@@ -225,21 +232,21 @@ static spin_status open_model(void *self, const char *path)
              m->linear.n, m->width, m->time.n ? ", time network" : "", m->screw ? ", 6dof" : "");
     iteration = spin_model_iteration(save.name);
     if (iteration >= 0 && iteration < WARM_UP)
-        spin_note(base->sequence, "before iteration %d training does not use the network yet",
-                  WARM_UP);
+        spin_note(base->sequence, "training does not use the network before iteration %d", WARM_UP);
     SPIN_TRY(spin_model_alloc(base,
                               (size_t)m->n_time + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK +
                                   2 * spin_mlp_widest(&m->time),
                               sizeof *m->inputs, (void **)&m->inputs));
-    /* The input followed by one layer's output, two layers, and heads of 4 + 3 outputs. */
+    /* Scratch: the input, followed by one layer's output for the skip connection; two layers; and
+     * heads with 4 + 3 outputs. */
     return spin_mlp_team_create(((size_t)m->n_in + 3 * (size_t)m->width + 7) * MLP_BLOCK,
                                 &base->team);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Writes v, then sin(2^k v) and cos(2^k v) for each frequency, of one of `width` values; a value is
- * `step` floats apart from the next. */
+/* Writes the encoding of v, which is one of `width` values with interleaved encodings: v, then
+ * sin(2^k v) and cos(2^k v) for each frequency k. Channels are `step` floats apart. */
 static void encode(float v, int frequencies, int width, size_t step, float *out)
 {
     out[0] = v;
@@ -251,8 +258,8 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
     }
 }
 
-/* Computes the inputs that depend on time. The time network runs on a block, of which only the
- * first point is used. */
+/* Computes the inputs that depend on time. The time network evaluates a block of points, but only
+ * the first point is used. */
 static void encode_time(struct model *m, float time)
 {
     float *in = m->inputs + m->n_time, *middle = in + (1 + 2 * m->frequencies) * MLP_BLOCK;
@@ -268,8 +275,9 @@ static void encode_time(struct model *m, float time)
         m->inputs[i] = last[i * MLP_BLOCK];
 }
 
-/* The screw motion of a twist: p' = R p + T, the matrix exponential. The method adds a constant to
- * every component after the division, so w is not of unit length and R not quite a rotation. */
+/* Moves p by a screw motion, p' = R p + T, the matrix exponential of the twist (w, v). The method
+ * adds 1e-5 to every component after dividing by the angle, so w is not exactly of unit length and
+ * R not exactly a rotation. */
 static void move_by_screw(const double w_raw[3], const double v_raw[3], const float p[3],
                           float out[3])
 {
@@ -329,7 +337,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     float *b = a + (size_t)m->width * MLP_BLOCK, *head = b + (size_t)m->width * MLP_BLOCK;
     float *hidden;
 
-    for (int p = 0; p < MLP_BLOCK; p++) { /* the last block repeats its last point */
+    for (int p = 0; p < MLP_BLOCK; p++) { /* pad the last block with its last point */
         const float *xyz = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
 
         for (int c = 0; c < 3; c++)
@@ -356,7 +364,7 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -1,10 +1,10 @@
 /* E-D3DGS (Bae et al., ECCV 2024, "Per-Gaussian Embedding-Based Deformation"): a cloud of canonical
- * Gaussians, each with a learnt vector. Two networks, coarse and fine, turn that vector and one of
- * the time into residuals of the raw attributes; positions are not an input.
+ * Gaussians, each with a learnt vector. Two networks, coarse and fine, map this vector and a vector
+ * for the time to residuals of the raw attributes; positions are not an input.
  *
- * Training resizes the table of time vectors and fades the residuals in, both by the iteration, so
- * the number in the name of a save is part of the model. So are some options of the run, which only
- * cfg_args records. */
+ * As training proceeds, it enlarges the table of time vectors and fades in the residuals, so the
+ * result depends on the iteration, which only the name of the checkpoint's folder records. It also
+ * depends on some options of the run, which only cfg_args records. */
 #include "importers/lib/deform.h"
 
 #include <string.h>
@@ -29,7 +29,8 @@ static const char letters[N_STAGES] = {'c', 'f'}; /* in the names of a stage's t
 struct stage {
     bool used;
     int rows; /* size of the table after resizing for this stage */
-    /* Its first layer takes the embedding only; the contribution of the time is in its bias. */
+    /* The first layer has the embedding as its only input; its bias contains the contribution of
+     * the time. */
     struct mlp_net trunk;
     struct mlp_layer both; /* the first layer as stored, of [time, embedding] */
     float *bias;           /* [width] of the first layer at one time */
@@ -45,10 +46,10 @@ struct model {
     double shift; /* added to every time */
     struct stage stage[N_STAGES];
     bool used[N_HEADS];
-    float weight[N_HEADS];   /* of residuals */
+    float weight[N_HEADS];   /* factors on the residuals */
     size_t layer;            /* floats of the widest layer of a block */
     struct settings {        /* from cfg_args */
-        long long iteration; /* of the save */
+        long long iteration; /* of the checkpoint */
         double min_rows, max_rows, resized_until, deform_from;
         bool anneal, coarse_table, whole_table;
         double n_frames; /* 0: unknown */
@@ -59,11 +60,11 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    /* The network file itself, or in the folder of a save. */
+    /* The first bytes are those of the network file, also for the folder of a checkpoint. */
     if (spin_peek_says(peek, "feature_out_c.0.weight") ||
         spin_peek_says(peek, "feature_out_f.0.weight"))
         return 95;
-    /* An option of the method. */
+    /* gaussian_embedding_dim is an option of this method. */
     return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "gaussian_embedding_dim=")
                ? 90
                : 0;
@@ -71,7 +72,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* The iteration of the save, from the folder's name or else from option `iteration`. */
+/* Reads the iteration of the checkpoint from the name of its folder, else from option `iteration`.
+ */
 static spin_status read_iteration(struct spin_model *m, const char *save, long long *out)
 {
     const char *wanted = spin_model_option(m, "iteration"), *whole;
@@ -84,17 +86,18 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
     said = spin_model_iteration(asked);
     *out = named >= 0 ? named : said;
     if (*out < 0)
-        return spin_misuse("'%s' is not called iteration_<N>, and the model depends on N: give it "
+        return spin_misuse("'%s' is not called iteration_<N>, but the result depends on N: give N "
                            "with --iteration",
                            save);
     if (named >= 0 && said >= 0 && named != said)
-        return spin_misuse("--iteration %s, but '%s' is of iteration %lld", wanted, save, named);
+        return spin_misuse("--iteration is %s, but '%s' is of iteration %lld", wanted, save, named);
     return SPIN_OK;
 }
 
 static bool is_count(double x) { return x >= 1 && x <= MAX_ROWS && x == floor(x); }
 
-/* Training writes all options; each of these changes the result, so none may be missing. */
+/* Reads the options that affect the result. Training writes all options, so a missing one is an
+ * error. */
 static spin_status read_settings(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
@@ -124,7 +127,8 @@ static spin_status read_settings(struct model *m)
         const char *key = needed[i].key;
 
         if (!spin_cfg_get(cfg, key).at)
-            return spin_malformed("'%s' has no '%s', which changes the result", cfg->path, key);
+            return spin_malformed("'%s' has no option '%s', which affects the result", cfg->path,
+                                  key);
         SPIN_TRY(needed[i].flag ? spin_cfg_read_bool(cfg, key, needed[i].flag)
                                 : spin_cfg_read_number(cfg, key, needed[i].number));
     }
@@ -134,8 +138,9 @@ static spin_status read_settings(struct model *m)
     for (int i = 0; i < N_STAGES; i++)
         m->stage[i].used = !none[i];
     if (!is_count(s->min_rows) || !is_count(s->max_rows))
-        return spin_malformed("'%s': min_embeddings %g and max_embeddings %g, expected 1 to %d",
-                              cfg->path, s->min_rows, s->max_rows, MAX_ROWS);
+        return spin_malformed(
+            "'%s': min_embeddings is %g and max_embeddings is %g, expected 1 to %d", cfg->path,
+            s->min_rows, s->max_rows, MAX_ROWS);
     if (!s->whole_table && !(s->resized_until > 0))
         return spin_malformed("'%s': c2f_temporal_iter is %g, expected above 0", cfg->path,
                               s->resized_until);
@@ -179,12 +184,12 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
     }
     if (n == 2 * depth)
         return SPIN_OK;
-    return spin_malformed("%d tensors '%s*', of which 0, 2, 4, ... make %d layers: one is missing "
-                          "or there are unknown ones",
+    return spin_malformed("there are %d tensors '%s*', but only %d complete layers 0, 2, 4, ...: a "
+                          "tensor is missing or unknown",
                           n, stem, depth);
 }
 
-/* Splits off the columns of the first layer that take the embedding. */
+/* Copies the first layer to s->both and reduces it to the columns whose input is the embedding. */
 static spin_status split_first(struct model *m, struct stage *s)
 {
     struct mlp_layer *first = &s->trunk.layer[0];
@@ -213,8 +218,8 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     snprintf(key, sizeof key, "%s.0", stem);
     SPIN_TRY(spin_model_layer(&m->base, key, -1, -1, MLP_RELU, &s->trunk));
     if (first->n_in != m->n_time + m->n_embedding)
-        return spin_malformed("tensor '%s%s.weight' takes %d inputs, but 'weight' has %d columns "
-                              "and the cloud %d properties embedding_*",
+        return spin_malformed("tensor '%s%s.weight' has %d inputs, expected the %d columns of "
+                              "'weight' and the %d properties embedding_* of the cloud",
                               m->base.prefix, key, first->n_in, m->n_time, m->n_embedding);
     SPIN_TRY(spin_model_trunk(&m->base, stem, 2, first->n_out, &s->trunk));
     SPIN_TRY(check_trunk(&m->base, letter, s->trunk.n));
@@ -229,8 +234,8 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     return SPIN_OK;
 }
 
-/* The mean of the nonzero time offsets of training cameras, which the method adds to the time of
- * every view that it renders. */
+/* Loads the mean of the nonzero time offsets of training cameras; the method adds this mean to the
+ * time of every view that it renders. */
 static spin_status load_shift(struct model *m)
 {
     static const int64_t shape[2] = {-1, 1};
@@ -272,7 +277,8 @@ static spin_status load_network(struct spin_model *base)
                 spin_model_get(base, "feature_out_f.0.weight");
     }
     if (!found)
-        return spin_malformed("no tensor 'feature_out_c.0.weight', which E-D3DGS has");
+        return spin_malformed(
+            "there is no tensor 'feature_out_c.0.weight': this is not a network of E-D3DGS");
     SPIN_TRY(spin_model_keys(base, known));
     SPIN_TRY(spin_model_floats(base, "weight", 2, shape, &info, &m->table));
     if (info.shape[0] != (uint64_t)m->settings.max_rows || info.shape[1] < 1 ||
@@ -337,7 +343,7 @@ static void describe(const struct model *m)
                   s->n_frames);
     else
         spin_note(sequence,
-                  "cfg_args does not give the number of frames: frame i of n is at time i/n");
+                  "cfg_args does not contain the number of frames: frame i of n is at time i/n");
 }
 
 static spin_status open_model(void *self, const char *path)
@@ -396,7 +402,7 @@ static double resized(const struct model *m, int i, int n, int c)
            b.share * (double)t[(size_t)b.high * (size_t)m->n_time];
 }
 
-/* The fractional row of a time among n rows, reflected at both ends. */
+/* Maps a time to a fractional row of a table of n rows; times outside 0 to 1 are reflected. */
 static double place_of(double time, int n)
 {
     double last = n - 1, place;
@@ -491,8 +497,8 @@ static spin_status ed3dgs_frame(void *self, int frame, double time, unsigned col
 
 static const struct spin_plugin_option options[] = {
     {"iteration", "N",
-     "the save to read, by default the last; of a single save, its number if its folder's name "
-     "lacks it",
+     "the checkpoint to read (default: the last), or the iteration of a checkpoint whose folder "
+     "has another name",
      NULL},
     {"cfg-args", "FILE", "the cfg_args of the run, if there is none beside the model", NULL},
     {NULL, NULL, NULL, NULL},

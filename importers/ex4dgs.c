@@ -1,11 +1,11 @@
 /* Ex4DGS (Lee et al., NeurIPS 2024): static Gaussians that drift along lines, and dynamic ones
- * whose positions and rotations are interpolated between key frames and whose opacity is on between
+ * whose positions and rotations are interpolated between key frames and which are opaque between
  * two times.
  *
- * A run leaves a checkpoint and two PLYs, which differ in one number: the length of the clip that
- * drifts refer to is stored in the checkpoint, but taken from cfg_args for the PLYs. Like the
- * method's renderer, this importer prefers the checkpoint. Distance and shift of the key frames are
- * in the checkpoint too, but the kind of interpolation is in cfg_args only. */
+ * A run writes a checkpoint and two PLYs. For the duration over which static Gaussians drift, the
+ * checkpoint has its own value, and the PLYs rely on cfg_args. Like the method's renderer, this
+ * importer prefers the checkpoint. The checkpoint also contains the interval and the shift of the
+ * key frames; only cfg_args contains the kind of interpolation. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/keyframes.h"
@@ -14,13 +14,13 @@
 
 enum { N_ITEMS = 40, MOST_FRAMES = 1000000, MOST_KEYS = 1000000 };
 
-/* Values that can be drawn are far smaller, and sums of a few such values do not overflow a float.
- */
+/* Gaussians with larger values are dropped. Valid values are far smaller, and sums of a few values
+ * below this limit do not overflow a float. */
 #define LARGEST 1e18f
 
-/* 4D splats rotate along a chord instead of the method's arc: a segment is halved until the two are
- * within NEAR degrees, at most HALVINGS times. Segments that are fainter than LEAST_OPACITY
- * throughout are left out, as no renderer draws them. */
+/* 4D splats interpolate quaternions linearly (a chord), the method spherically (an arc). A segment
+ * is halved until chord and arc differ by at most NEAR degrees, but at most HALVINGS times.
+ * Segments whose opacity never reaches LEAST_OPACITY are dropped: no renderer draws them. */
 #define NEAR 0.1
 enum { HALVINGS = 3 };
 #define LEAST_OPACITY (1.0 / 255)
@@ -31,7 +31,7 @@ enum column {
     SCALE,    /* [3] logarithms */
     OPACITY,  /* logit */
     SH,       /* [(sh_degree+1)^2][3] */
-    DRIFT,    /* static: [3] over the whole clip */
+    DRIFT,    /* static: [3] displacement over `duration` frames */
     CENTRE,   /* dynamic: [2] times, in key frames */
     WIDTH,    /* dynamic: [2] logarithms, in key frames */
     N_COLUMNS
@@ -60,7 +60,7 @@ struct model {
     double shift;       /* frames from the first key frame to time 0 */
     double duration;    /* frames over which a static Gaussian moves by its drift */
     double frames;      /* of the clip: times run from 0 to frames - 1 */
-    double least_width; /* added to the widths of opacity's edges, in key frames */
+    double least_width; /* added to the widths of both edges of the opacity, in key frames */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -81,7 +81,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* The newest save with either PLY; if the other is missing, reading it reports that. */
+/* Finds the newest iteration_<N> with at least one of the two PLYs; read_parts() reports a missing
+ * one. */
 static spin_status newest_save(struct spin_model *m, const char *clouds, const char **out)
 {
     static const char *const files[] = {"point_cloud.ply", "dynamic_point_cloud.ply"};
@@ -98,8 +99,8 @@ static spin_status newest_save(struct spin_model *m, const char *clouds, const c
     return SPIN_OK;
 }
 
-/* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of them. In the
- * model's folder the newest save is chosen, and of its two forms the checkpoint. */
+/* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of the PLYs. In the
+ * model's folder the newest iteration is chosen, and its checkpoint rather than its PLYs. */
 static spin_status find_files(const char *path, struct model *m)
 {
     struct spin_model *base = &m->base;
@@ -125,7 +126,7 @@ static spin_status find_files(const char *path, struct model *m)
         return spin_model_join(base, &base->path, path, "%s", chkpnt);
     if (save)
         return spin_model_join(base, &base->path, clouds, "%s", save);
-    return spin_not_found("'%s' holds neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
+    return spin_not_found("'%s' contains neither chkpnt%s.pth nor point_cloud/iteration_%s", path,
                           wanted ? wanted : "<N>", wanted ? wanted : "<N>");
 }
 
@@ -189,31 +190,31 @@ static spin_status check_told(const struct model *m, const struct told *told)
 
     for (int i = 0; i < 4; i++) {
         if (all[i].missing)
-            return spin_not_found("'%s': no cfg_args beside it gives %s: use --%s", m->base.path,
-                                  all[i].key, all[i].option);
+            return spin_not_found("'%s': there is no cfg_args with %s beside the model: use --%s",
+                                  m->base.path, all[i].key, all[i].option);
     }
     return SPIN_OK;
 }
 
-/* Notes where cfg_args or options contradict the checkpoint, which decides. */
+/* Notes where cfg_args or options contradict the checkpoint, whose values are used. */
 static void note_differences(const struct model *m, double interval, double shift)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
 
     if (!isnan(interval) && interval != m->interval)
-        spin_note(
-            sequence,
-            "time_interval is %g in cfg_args and %g in the checkpoint: the checkpoint decides",
-            interval, m->interval);
+        spin_note(sequence,
+                  "time_interval is %g in cfg_args and %g in the checkpoint: the value in the "
+                  "checkpoint is used",
+                  interval, m->interval);
     if (!isnan(shift) && shift != m->shift)
         spin_note(sequence,
-                  "time_pad of cfg_args is a shift of %g frames, that of the checkpoint %g: the "
-                  "checkpoint decides",
+                  "time_pad in cfg_args implies a shift of %g frames, but the checkpoint has %g: "
+                  "the value in the checkpoint is used",
                   shift, m->shift);
     if (m->duration < m->frames + m->shift + 1)
         spin_note(sequence,
-                  "saved before training covered the whole clip: the checkpoint's duration is %g, "
-                  "that of a finished run %g",
+                  "the checkpoint was saved before training covered the whole clip: its duration "
+                  "is %g frames, that of a finished run %g",
                   m->duration, m->frames + m->shift + 1);
 }
 
@@ -233,8 +234,8 @@ static spin_status settle(struct model *m, const struct told *told)
     } else if (!(m->frames >= 1)) {
         m->frames = m->duration - m->shift - 1;
         spin_note(sequence,
-                  "cfg_args does not give the number of frames: %g by the checkpoint's duration; "
-                  "--duration overrides it",
+                  "cfg_args does not contain the number of frames: assumed %g, from the "
+                  "checkpoint's duration; --duration overrides this",
                   m->frames);
     }
     m->least_width = told->var_pad / m->interval / 2.36;
@@ -242,14 +243,14 @@ static spin_status settle(struct model *m, const struct told *told)
         !(m->duration >= 1 && m->duration <= MOST_FRAMES) ||
         !(m->frames >= 1 && m->frames <= MOST_FRAMES) ||
         !(m->least_width > 0 && m->least_width <= MOST_FRAMES))
-        return spin_malformed("'%s': key frames %g frames apart from frame %g on, %g frames, a "
-                              "duration of %g, var_pad %g: these settings are inconsistent",
+        return spin_malformed("'%s': inconsistent settings: key frames every %g frames from frame "
+                              "%g on, %g frames in the clip, duration %g, var_pad %g",
                               m->base.path, m->interval, -m->shift, m->frames, m->duration,
                               told->var_pad);
     if (m->is_chkpnt)
         note_differences(m, told->interval, shift);
     if (told->first > 0)
-        spin_note(sequence, "start_timestamp=%g: time 0 is that frame of the recording",
+        spin_note(sequence, "start_timestamp=%g: this frame of the recording is at time 0",
                   told->first);
     return SPIN_OK;
 }
@@ -269,8 +270,9 @@ static spin_status read_settings(struct model *m)
 
 /* ---- Columns --------------------------------------------------------------------------------- */
 
-/* Source of each column: item of the checkpoint's tuple for static and for dynamic Gaussians (0:
- * none), and property of the PLYs. SH are two items: degree 0, then all others. */
+/* The source of each column. still, moving: index in the checkpoint's tuple, for static and dynamic
+ * Gaussians (0: none); SH are two consecutive items, degree 0 and all others. tensor: name for
+ * messages. stem: property of the PLYs. */
 static const struct {
     size_t width;
     bool keyed;
@@ -294,7 +296,7 @@ static int item_of(const struct part *p, int column)
 
 static size_t n_sh(int degree) { return (size_t)((degree + 1) * (degree + 1)); }
 
-/* Floats per row. */
+/* Floats per row of a column. */
 static size_t width_of(const struct part *p, int column)
 {
     if (item_of(p, column) == 0)
@@ -314,7 +316,7 @@ static spin_status reserve(struct spin_model *m, struct part *p)
     return SPIN_OK;
 }
 
-/* The degree that has n SH, or -1. */
+/* The degree with n SH per colour channel, or -1. */
 static int degree_of(uint64_t n)
 {
     for (int d = 0; d <= 3; d++) {
@@ -355,7 +357,8 @@ static spin_status take_column(struct spin_model *m, const struct spin_value *mo
     return SPIN_OK;
 }
 
-/* Reads SH up to the degree `active`; training and drawing do not use higher ones yet. */
+/* Reads SH up to the degree `active`; higher degrees are stored, but training does not use them
+ * yet. */
 static spin_status take_sh(struct spin_model *m, const struct spin_value *model, int active,
                            struct part *p)
 {
@@ -385,7 +388,8 @@ static spin_status take_sh(struct spin_model *m, const struct spin_value *model,
     return SPIN_OK;
 }
 
-/* Before training creates dynamic Gaussians, all their tensors are empty, of any shape. */
+/* Checks a part without Gaussians: until training creates dynamic Gaussians, all their tensors are
+ * empty, of any shape. */
 static spin_status check_empty(const struct spin_value *model, const struct part *p)
 {
     for (int c = 0; c < N_COLUMNS; c++) {
@@ -399,8 +403,8 @@ static spin_status check_empty(const struct spin_value *model, const struct part
     return SPIN_OK;
 }
 
-/* Reads a part from the tuple of a checkpoint, with SH up to the degree `active`. n is 0 for a part
- * that training has not created yet. */
+/* Reads a part from the tuple of a checkpoint, with SH up to the degree `active`. A part that
+ * training has not created yet has n = 0. */
 static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value *model, int active,
                                   struct part *p)
 {
@@ -416,7 +420,8 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
     SPIN_TRY(spin_chkpnt_bind(&m->torch, place, item_name(p, "xyz", item, name), p->moving ? 3 : 2,
                               p->moving ? keyed : plain, &t));
     if (p->moving && t.shape[1] > MOST_KEYS)
-        return spin_malformed("%s has %llu key frames", name, (unsigned long long)t.shape[1]);
+        return spin_malformed("%s has %llu key frames, which is too many", name,
+                              (unsigned long long)t.shape[1]);
     p->n = (size_t)t.shape[0];
     p->n_keys = p->moving ? (int)t.shape[1] : 1;
     SPIN_TRY(take_sh(m, model, active, p));
@@ -507,8 +512,9 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* The method's rasteriser does not normalise static quaternions, so off unit length they do not
- * give a rotation: stores the ellipsoid that it draws instead. False if there is none. */
+/* Replaces scales and quaternion of a static Gaussian by those of the ellipsoid that the method's
+ * rasteriser draws: it does not normalise the quaternion, so the result is no rotation unless the
+ * length is 1. Returns false if there is no such ellipsoid. */
 static bool settle_shape(float log_scale[3], float quat[4])
 {
     double scale[3], raw[4], cov6[6], split[3], unit[4];
@@ -551,7 +557,8 @@ static bool settle_row(const struct part *p, size_t row)
 }
 
 /* Converts the rotations of static Gaussians to unit quaternions, with scales that give the
- * ellipsoids of the method's rasteriser. Removes rows that cannot be drawn and returns how many. */
+ * ellipsoids of the method's rasteriser. Drops rows that cannot be drawn and returns their number.
+ */
 static size_t clean(struct part *p)
 {
     size_t n_all = p->n;
@@ -613,7 +620,8 @@ static spin_status read_parts(struct model *m)
         SPIN_TRY(part_of_ply(&m->base, &m->moving));
     }
     if (m->still.n > 0 && m->moving.n > 0 && m->still.sh_degree != m->moving.sh_degree)
-        return spin_malformed("'%s': the SH of static Gaussians have degree %d, of dynamic ones %d",
+        return spin_malformed("'%s': the SH of static Gaussians have degree %d, those of dynamic "
+                              "ones %d, expected the same",
                               m->base.path, m->still.sh_degree, m->moving.sh_degree);
     m->sh_degree = m->still.n > 0 ? m->still.sh_degree : m->moving.sh_degree;
     n_all = m->still.n + m->moving.n;
@@ -652,15 +660,15 @@ static spin_status open_model(void *self, const char *path)
     spin_note(sequence, "times are frames, 0 to %g", m->frames - 1);
     if (!m->is_chkpnt)
         spin_note(sequence,
-                  "the PLYs of %s are read: the motion of static Gaussians is spread over %g "
-                  "frames, in the checkpoint over a few more",
+                  "read from the PLYs of %s, with which static Gaussians drift over %g frames; "
+                  "with the checkpoint, over a few more",
                   spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
         spin_note(sequence,
                   "4D splats are segments between key frames, with rotations within %g degrees of "
                   "the method's; segments fainter than 1/255 are left out",
                   NEAR);
-    spin_note(sequence, "trained with a filter of 0.1 square pixels that dims thin splats: drawn "
+    spin_note(sequence, "the method's filter of 0.1 square pixels dims thin splats: drawn "
                         "antialiased, which is similar");
     return SPIN_OK;
 }
@@ -676,7 +684,7 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
         return spin_not_found("'%s' has no time %g: its times are 0 to %g", m->base.path, time,
                               m->frames - 1);
     if (m->moving.n > 0 && (key < beside || key + 1 + beside >= m->moving.n_keys))
-        return spin_unsupported("'%s': time %g needs the key frames %g to %g, and there are %d",
+        return spin_unsupported("'%s': time %g needs the key frames %g to %g, but there are %d",
                                 m->base.path, time, key - beside, key + 1 + beside,
                                 m->moving.n_keys);
     *out = (struct keyframes){m->kind, (int)key, (at - key * m->interval) / m->interval,
@@ -719,7 +727,7 @@ static void put_moving(const struct model *m, const struct keyframes *at, unsign
     }
 }
 
-/* Copies a column that is constant in time, of both parts one after the other. */
+/* Copies a column that is constant in time: static Gaussians, then dynamic ones. */
 static void put_fixed(const struct model *m, int column, float *out)
 {
     const struct part *const parts[] = {&m->still, &m->moving};
@@ -769,7 +777,7 @@ struct piece {
 struct pieces {
     struct piece *piece;
     size_t n, capacity;
-    double worst; /* degrees */
+    double worst; /* largest error of a rotation, degrees */
 };
 
 static void turn_at(const struct model *m, const struct piece *p, double part, float out[4])
@@ -780,7 +788,7 @@ static void turn_at(const struct model *m, const struct piece *p, double part, f
                         out);
 }
 
-/* The chord of a segment's rotation: the quaternion at its middle, and the change from one end to
+/* The chord of a segment's rotation: the quaternion at the midpoint, and the change from one end to
  * the other. */
 static void chord_of(const struct model *m, const struct piece *p, float middle[4], float change[4])
 {
@@ -794,7 +802,7 @@ static void chord_of(const struct model *m, const struct piece *p, float middle[
     }
     if (spin_quat_norm(middle) > 1e-3)
         return;
-    turn_at(m, p, p->from, middle); /* opposite ends: the chord passes through 0 */
+    turn_at(m, p, p->from, middle); /* the ends are opposite, so the chord passes through 0 */
     memset(change, 0, 4 * sizeof *change);
 }
 
@@ -855,7 +863,7 @@ static spin_status add_piece(const struct model *m, struct pieces *all, struct p
     return SPIN_OK;
 }
 
-/* The earlier of the Gaussian's two times, in keys, if opacity jumps there; else NAN. */
+/* The earlier of the Gaussian's two times, in key frames, if its opacity jumps there; else NAN. */
 static double jump_of(const struct model *m, size_t row)
 {
     const float *centre = m->moving.column[CENTRE] + 2 * row;
@@ -888,7 +896,7 @@ static spin_status find_pieces(const struct model *m, int first, int last, struc
 
 static double time_of(const struct model *m, double key) { return key * m->interval - m->shift; }
 
-/* The time as a float; if `inside`, the first float after it. */
+/* The time rounded to a float or, if `inside`, the first float after the time. */
 static float cut_at(double time, bool inside)
 {
     float cut = (float)time;
@@ -896,7 +904,8 @@ static float cut_at(double time, bool inside)
     return inside && (double)cut <= time ? nextafterf(cut, SPIN_FOREVER) : cut;
 }
 
-/* The method's edges are exp(-x^2), without the factor 1/2 of a Gaussian. Widths may overflow. */
+/* The standard deviation of an edge of the window, in frames. The method's edges are exp(-x^2),
+ * without the factor 1/2 of a Gaussian. The exponential of the width may overflow. */
 static float sigma_of(const struct model *m, double log_width)
 {
     return (float)fmin((exp(log_width) + m->least_width) * m->interval / sqrt(2),
@@ -912,8 +921,8 @@ static void fill_window(const struct model *m, const struct piece *p, size_t i)
     double jump = jump_of(m, p->row), from = p->key + p->from, to = p->key + p->to;
     bool on = from >= jump;
 
-    /* The method measures both edges from the later time; the earlier one is where the segment is
-     * cut. */
+    /* The method measures both edges from the later time, so opacity jumps at the earlier one,
+     * where segments are cut: only those after the jump have a plateau between the two times. */
     s->plateaus[3 * i] = (float)time_of(m, on ? low : high);
     s->plateaus[3 * i + 1] = (float)time_of(m, high);
     s->plateaus[3 * i + 2] = sigma_of(m, (double)width[1]);
@@ -931,7 +940,8 @@ static void fill_piece(const struct model *m, const struct piece *p, size_t i)
     float *path = s->paths + 3 * (size_t)s->degree * i;
 
     s->times[i] = (float)time_of(m, p->key + u);
-    u = (s->times[i] + m->shift) / m->interval - p->key; /* of the rounded time */
+    u = (s->times[i] + m->shift) / m->interval -
+        p->key; /* u again, from the time as rounded to float */
     for (int axis = 0; axis < 3; axis++) {
         spin_keyframes_cubic(m->kind, p->key, places + axis, 3, c);
         s->centres[3 * i + (size_t)axis] = (float)(c[0] + u * (c[1] + u * (c[2] + u * c[3])));
@@ -995,7 +1005,8 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
     return SPIN_OK;
 }
 
-/* There are none if key frames are missing; frame() refuses just the times that need them. */
+/* Returns no 4D splats if key frames of the clip are missing; frame() refuses only the times that
+ * need them. */
 static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     struct model *m = self;
@@ -1012,8 +1023,8 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
             status = fill_splats(m, &all);
         free(all.piece);
         if (all.worst > NEAR)
-            spin_warn("'%s': rotations of 4D splats are up to %.2g degrees off between keys that "
-                      "differ too much; use --frames for exact ones",
+            spin_warn("'%s': rotations of 4D splats are up to %.2g degrees off where key frames "
+                      "differ much: use --frames for exact rotations",
                       m->base.path, all.worst);
     }
     *out = m->base.splats_4d.n > 0 ? &m->base.splats_4d : NULL;
@@ -1021,14 +1032,12 @@ static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **ou
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
     {"interp", "WORD",
-     "interpolation between key frames: linear, cube or pchip, instead of the value in cfg_args",
-     NULL},
-    {"interval", "N", "frames from one key frame to the next, instead of the value in cfg_args",
-     NULL},
-    {"time-pad", "N", "the option time_pad of the run, instead of the value in cfg_args", NULL},
-    {"duration", "N", "frames of the clip, instead of the value in cfg_args", NULL},
+     "interpolation between key frames: linear, cube or pchip (default: as in cfg_args)", NULL},
+    {"interval", "N", "frames from one key frame to the next (default: as in cfg_args)", NULL},
+    {"time-pad", "N", "the option time_pad of the run (default: as in cfg_args)", NULL},
+    {"duration", "N", "frames of the clip (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

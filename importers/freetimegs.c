@@ -3,8 +3,8 @@
  * Gaussian window in time, so they are 4D splats exactly.
  *
  * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities are per length of
- * the clip. The renderer keeps every splat at an opacity of at least 1e-4, which no rasteriser
- * draws; here splats below 1/255 are not shown. */
+ * the clip. The method's renderer raises every opacity to at least 1e-4, which no rasteriser draws;
+ * the importer hides splats with an opacity below 1/255. */
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
@@ -76,7 +76,8 @@ static float *column_of(struct model *m, int column)
                                 s->paths,   s->times,      s->sigmas}[column];
 }
 
-/* Durations are stored as logarithms of sigma and clamped to at least least_sigma. */
+/* Converts durations, which are stored as logarithms of sigma, clamps them to at least least_sigma,
+ * and describes the sequence. */
 static spin_status finish(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
@@ -102,11 +103,12 @@ static spin_status finish(struct model *m)
              m->moves ? "" : ", without motion");
     if (m->n_frames == 0)
         spin_note(sequence,
-                  "the file does not give the number of frames: assumed %d, as is usual; "
-                  "--n-frames overrides it",
+                  "the file does not contain the number of frames: assumed %d, the usual number; "
+                  "--n-frames overrides this",
                   USUAL_FRAMES);
     if (m->fps == 0)
-        spin_note(sequence, "the file does not give its frame rate: assumed 30 frames a second");
+        spin_note(sequence,
+                  "the file does not contain the frame rate: assumed 30 frames per second");
     if (n_short > 0)
         spin_note(sequence,
                   "%s a duration below %g of the clip, clamped to that as in the method's renderer",
@@ -117,10 +119,10 @@ static spin_status finish(struct model *m)
 
 /* ---- Checkpoint ------------------------------------------------------------------------------ */
 
-/* Settings that some writers store, at the top or in 'model_spec', and the only value that is
- * supported. */
+/* Settings that some writers store, at the top level or in 'model_spec'. Other values than these
+ * are refused. */
 static const struct {
-    const char *key, *value; /* NULL: must be off */
+    const char *key, *value; /* NULL: the setting must be off */
 } said[] = {{"time_units", "normalized"},
             {"duration_activation", "exp"},
             {"use_marginal_gating", NULL},
@@ -143,7 +145,7 @@ static spin_status check_said(const struct spin_value *root)
             return spin_unsupported("'%s' is '%.40s', expected '%s'", said[i].key,
                                     text ? text : "no text", said[i].value);
         if (v && !said[i].value && !is_off(v))
-            return spin_unsupported("'%s' is on, which is not supported", said[i].key);
+            return spin_unsupported("'%s' is enabled, which is not supported", said[i].key);
     }
     return SPIN_OK;
 }
@@ -170,13 +172,13 @@ static spin_status check_spec(const struct spin_value *spec)
     return check_said(spec);
 }
 
-/* Requires exactly the nine known names: one more means another model. */
+/* Refuses names other than the nine known ones: an additional one means another model. */
 static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
         !spin_value_get(splats, "velocities"))
-        return spin_unsupported("'splats' lacks times, durations or velocities: a checkpoint of "
-                                "gsplat without time, or of another method");
+        return spin_unsupported("'splats' lacks times, durations or velocities: this is a "
+                                "checkpoint of gsplat without time, or of another method");
     for (size_t i = 0; i < splats->n; i++) {
         const char *key = spin_value_text(splats->item[2 * i]);
         bool known = key && (strcmp(key, "sh0") == 0 || strcmp(key, "shN") == 0);
@@ -191,7 +193,7 @@ static spin_status check_names(const struct spin_value *splats)
     return SPIN_OK;
 }
 
-/* A tensor [n][width], or [n] for one of width 1. */
+/* Binds a tensor of this shape; [n][1] may also be stored as [n]. */
 static spin_status bind(struct model *m, const char *key, int n_dims, int64_t shape[3],
                         struct spin_array *out)
 {
@@ -326,11 +328,11 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     if (comment_of(ply, "fps"))
         SPIN_TRY(read_comment(ply, "fps", 0.001, 1e6, &m->fps));
     if (degree != floor(degree) || moves != floor(moves) || m->n_frames != floor(m->n_frames))
-        return spin_malformed("sh_degree, use_velocity and n_frames are not whole numbers");
+        return spin_malformed("sh_degree, use_velocity and n_frames must be whole numbers");
     if (floor_of >= 1 / 255.0)
         spin_note(m->base.sequence,
-                  "readers of the format show every Gaussian at an opacity of %g at all times, "
-                  "which is left out here",
+                  "readers of the format draw every Gaussian with an opacity of at least %g at all "
+                  "times, which is not imported",
                   floor_of);
     m->moves = moves != 0;
     *sh_degree = (int)degree;
@@ -368,7 +370,7 @@ static spin_status read_ply(struct model *m)
         for (int k = 0; k < columns[c].width && column_of(m, c); k++)
             target[n++] = (struct spin_ply_target){spin_ply_find(e, property_of[c][k]),
                                                    column_of(m, c) + k, (size_t)columns[c].width};
-    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then the other rows channel by channel */
+    for (size_t k = 0; k < 3 * n_sh; k++) { /* f_dc, then f_rest channel by channel */
         bool dc = k < 3;
         size_t channel = dc ? k : (k - 3) / (n_sh - 1), row = dc ? 0 : 1 + (k - 3) % (n_sh - 1);
         char name[24];
@@ -414,7 +416,7 @@ static spin_status open_model(void *self, const char *path)
 }
 
 static const struct spin_plugin_option options[] = {
-    {"n-frames", "N", "frames of the clip, if the file does not give them", NULL},
+    {"n-frames", "N", "frames of the clip (default: as in the file, else 300)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -4,10 +4,10 @@
  * Residuals are added after the activations, so the method's rasteriser gets quaternions that are
  * not of unit length: see spin_deform_shape().
  *
- * DASH (Chen et al., 2025): a descendant of Grid4D. A cloud of canonical Gaussians of which some
- * are dynamic; a 4-D hash grid and a network move and reshape those. As in the method's render
- * script, the heads for opacity and colour are stored but not used, and static Gaussians do not
- * change. */
+ * DASH (Chen et al., 2025): a descendant of Grid4D. A cloud of canonical Gaussians, some of which
+ * are dynamic; a 4-D hash grid and a network move and reshape the dynamic ones. As in the method's
+ * render script, the heads for opacity and colour are stored but not used, and static Gaussians do
+ * not change. */
 #include <string.h>
 
 #include "importers/lib/deform.h"
@@ -34,11 +34,11 @@ struct hash_model;
 struct hash_method {
     const char *name;              /* "Grid4D" */
     const char *extra;             /* an additional property of the cloud, or NULL */
-    const char *key;               /* a tensor of this method's grid only, */
-    const char *other_key, *other; /* and one of the other method, with the advice for it */
+    const char *key;               /* a tensor that only this method's grid has */
+    const char *other_key, *other; /* a tensor of the other method; advice for its runs */
     /* Loads the networks and sets layer and n_scratch; m is the importer's struct hash_model. */
     spin_status (*load)(struct hash_model *m);
-    /* Reads settings other than bound and scale_xyz; or NULL. */
+    /* Reads settings other than bound and scale_xyz; may be NULL. */
     spin_status (*settle)(struct hash_model *m);
 };
 
@@ -49,7 +49,7 @@ struct hash_model {
     const char *save; /* iteration_<N> */
     float *extra;     /* [n] the additional property of the cloud, or NULL */
     double bound, scale_xyz[3];
-    const struct spin_value *grid, *network; /* the saved pair, while it is read */
+    const struct spin_value *grid, *network; /* the two saved dicts; valid during load() */
     struct mlp_net trunk;                    /* may begin with a layer of the method's own */
     int width;
     struct mlp_net warp, rotation, scaling;
@@ -59,9 +59,9 @@ struct hash_model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* `key` is a tensor's name that only checkpoints of this method have in their first bytes; `option`
- * is the beginning of an option of its grid in cfg_args. The names of folders do not decide: all
- * descendants of Deformable-3D-Gaussians use the same. */
+/* `key`: a tensor name that occurs in the first bytes of this method's checkpoints only. `option`:
+ * the prefix of the grid options that this method writes to cfg_args. Folder names alone do not
+ * identify the method: all descendants of Deformable-3D-Gaussians use the same names. */
 static int hash_probe(const struct spin_peek *peek, const char *key, const char *option)
 {
     if (!peek->is_folder)
@@ -107,12 +107,14 @@ static spin_status read_settings(struct hash_model *m)
 
         snprintf(list, sizeof list, strchr(scale, ',') ? "[%.100s]" : "%.100s", scale);
         if (!spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, m->scale_xyz))
-            return spin_misuse("--scale-xyz '%s': expected a number or three", scale);
+            return spin_misuse(
+                "--scale-xyz '%s': expected one number, or three separated by commas", scale);
         return SPIN_OK;
     }
     s = spin_cfg_get(cfg, "scale_xyz");
     if (s.at && !spin_cfg_numbers(s, 3, m->scale_xyz))
-        return spin_malformed("'%s': scale_xyz is neither a number nor three of them", cfg->path);
+        return spin_malformed("'%s': scale_xyz is neither a number nor a list of three numbers",
+                              cfg->path);
     return SPIN_OK;
 }
 
@@ -140,9 +142,9 @@ static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t
                               (long long)offset[0]);
     for (int l = 0; l < *n_levels; l++) {
         if (offset[l + 1] <= offset[l] || (uint64_t)offset[l + 1] > n_rows)
-            return spin_malformed("tensor '%s': level %d has rows %lld to %lld of a table of %llu",
-                                  what, l, (long long)offset[l], (long long)offset[l + 1],
-                                  (unsigned long long)n_rows);
+            return spin_malformed(
+                "tensor '%s': level %d has rows %lld to %lld, but the table has %llu rows", what, l,
+                (long long)offset[l], (long long)offset[l + 1], (unsigned long long)n_rows);
     }
     return SPIN_OK;
 }
@@ -174,9 +176,9 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
         struct hash_level *level = &grid->level[l];
 
         if (!spin_grid_stored_level(l, n_dims, growth, base, level->scale, level->res))
-            return spin_malformed(
-                "tensors '%s.per_level_scale' and '.base_resolution' make no grid at level %d",
-                name, l);
+            return spin_malformed("tensors '%s.per_level_scale' and '.base_resolution' yield no "
+                                  "valid grid at level %d",
+                                  name, l);
         level->rows = (uint32_t)(offset[l + 1] - offset[l]);
         level->hashed = spin_grid_is_hashed(level->res, level->rows);
         level->table = table + (size_t)offset[l] * (size_t)grid->n_features;
@@ -207,10 +209,10 @@ static spin_status split(struct hash_model *m)
     m->network = spin_value_at(root, 1);
     if (root && root->kind == SPIN_VALUE_DICT)
         return spin_unsupported("the file has a single state dict, not a pair of grid and network: "
-                                "it is probably of Deformable-3D-Gaussians");
+                                "it is probably of Deformable 3D Gaussians");
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 ||
         m->grid->kind != SPIN_VALUE_DICT || m->network->kind != SPIN_VALUE_DICT)
-        return spin_malformed("the file does not have a pair of state dicts, grid and network");
+        return spin_malformed("the file does not contain a pair of state dicts, grid and network");
     if (spin_value_get(m->grid, method->other_key))
         return spin_unsupported("tensor '%s' belongs to a run of %s", method->other_key,
                                 method->other);
@@ -230,8 +232,8 @@ static spin_status load(struct spin_model *base)
     return m->method->load(m);
 }
 
-/* Opens the model's folder, or one of its deform.pth. bound and scale_xyz, which the tensors lack,
- * come from options or cfg_args. */
+/* Opens the model's folder, or one of its deform.pth. The tensors do not contain bound and
+ * scale_xyz: these are read from options or cfg_args. */
 static spin_status hash_open(struct hash_model *m, const char *path,
                              const struct hash_method *method)
 {
@@ -259,9 +261,9 @@ static spin_status hash_open(struct hash_model *m, const char *path,
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Samples one level at x in [0, 1]: features go to out[0], out[MLP_BLOCK], ... n_dims and
- * n_features are constants where it is inlined. Positions are rounded once, as in the method's
- * kernel. */
+/* Interpolates one level at x in [0, 1]^n_dims and writes the features to out[0], out[MLP_BLOCK],
+ * ... Callers pass constants for n_dims and n_features, so the compiler can unroll the inlined
+ * loops. As in the method's kernel, x * scale is rounded only once. */
 MLP_INLINE void hash_sample_level(const struct hash_level *level, int n_dims, int n_features,
                                   const float *x, float *out)
 {
@@ -322,8 +324,8 @@ static void hash_sample(const struct hash_grid *grid, const float *x, float *out
         hash_sample_levels(grid, 4, grid->n_features, x, out);
 }
 
-/* Computes the encoders' inputs: maps [-bound, bound] to [0, 1], and time to 0.05 .. 0.95.
- * Operations are in float and in the method's order. */
+/* Computes the inputs of the grids: maps positions from [-bound, bound] to [0, 1], and the time
+ * from [0, 1] to [0.05, 0.95]. Operations are in float and in the method's order. */
 static void hash_coordinates(const struct hash_model *m, const float p[3], float time, float out[4])
 {
     float bound = (float)m->bound;
@@ -337,7 +339,7 @@ static void hash_coordinates(const struct hash_model *m, const float p[3], float
 
 enum { XYZ, XYT, YZT, XZT, N_GRIDS };
 
-/* In the order of their features. */
+/* The grids, in the order in which the network receives their features. */
 static const struct {
     const char *name;
     int axis[3];
@@ -409,7 +411,7 @@ static spin_status grid4d_open_save(void *self, const char *path)
     static const struct hash_method method = {.name = "Grid4D",
                                               .key = "xyt_encoding.embeddings",
                                               .other_key = "xyzt_encoding.embeddings",
-                                              .other = "DASH, use --from dash",
+                                              .other = "DASH: use --from dash",
                                               .load = grid4d_load,
                                               .settle = settle};
 
@@ -418,8 +420,8 @@ static spin_status grid4d_open_save(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Computes the features of a block: those of space go to `space`, those of the three grids with
- * time, one after the other, to `moving`. */
+/* Computes the features of a block: those of the spatial grid go to `space`, those of the three
+ * grids with a time axis, one after the other, to `moving`. */
 static void sample(const struct deform_job *job, size_t first, int n, float *space, float *moving)
 {
     const struct grid4d_model *model = job->model;
@@ -503,15 +505,12 @@ static spin_status grid4d_frame(void *self, int frame, double time, unsigned col
     return spin_deform_frame(self, time, columns, DEFORM_MOVED, grid4d_evaluate, out);
 }
 
-/* Options of Grid4D; DASH has all but the first. */
+/* Options of Grid4D; DASH has all except the first. */
 static const struct spin_plugin_option options[] = {
-    {"directional", "BOOL", "the option of that name of the run, instead of the value in cfg_args",
-     NULL},
-    {"iteration", "N", "the save to read, a number or best; by default the last", NULL},
-    {"bound", "X", "half the side of the grids' bounding box, instead of the value in cfg_args",
-     NULL},
-    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run, instead of the value in cfg_args",
-     NULL},
+    {"directional", "BOOL", "the option directional of the run (default: as in cfg_args)", NULL},
+    {"iteration", "N", "the checkpoint to read, a number or best (default: the last)", NULL},
+    {"bound", "X", "half the side of the grids' bounding box (default: as in cfg_args)", NULL},
+    {"scale-xyz", "X[,Y,Z]", "the option scale_xyz of the run (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 
@@ -523,7 +522,7 @@ SPIN_MODEL_IMPORTER(grid4d, struct grid4d_model, grid4d_open_save, spin_model_cl
 /* ---- DASH ------------------------------------------------------------------------------------ */
 
 struct dash_model {
-    struct hash_model base; /* extra: not 0 for dynamic Gaussians; the trunk begins with d4_mlp */
+    struct hash_model base; /* extra: nonzero for dynamic Gaussians; the trunk begins with d4_mlp */
     struct hash_grid grid;
 };
 
@@ -555,7 +554,7 @@ static spin_status dash_open_save(void *self, const char *path)
                                               .extra = "dynamic",
                                               .key = "xyzt_encoding.embeddings",
                                               .other_key = "xyt_encoding.embeddings",
-                                              .other = "Grid4D, use --from grid4d",
+                                              .other = "Grid4D: use --from grid4d",
                                               .load = dash_load};
     struct hash_model *m = self;
     size_t n_dynamic = 0;
@@ -570,7 +569,7 @@ static spin_status dash_open_save(void *self, const char *path)
     iteration = spin_model_iteration(m->save);
     if (iteration >= 0 && iteration <= 2000)
         spin_note(m->base.sequence,
-                  "%s is probably a save of the first training stage, which works differently: the "
+                  "%s is probably of the first training stage, which renders differently: the "
                   "result may be wrong",
                   m->save);
     return SPIN_OK;

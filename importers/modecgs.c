@@ -1,9 +1,11 @@
-/* MoDec-GS (Kwak et al., CVPR 2025): anchors that spawn Gaussians, moved by two networks, one for
- * the anchors at the nearest canonical time and one for the spawned Gaussians.
+/* MoDec-GS (Kwak et al., CVPR 2025): anchors that spawn Gaussians at several offsets each. One
+ * network moves the anchors, at the nearest canonical time; a second one moves the spawned
+ * Gaussians, at the time of the frame.
  *
  * Only positions are imported: opacity, shape and colour of spawned Gaussians depend on the camera,
- * so there is no set of Gaussians per frame. Which offsets are alive depends on the camera too; all
- * are imported, or with --camera those that are alive for one of the given places. */
+ * so there is no set of Gaussians per frame. Whether the Gaussian at an offset is opaque also
+ * depends on the camera. All offsets are imported; with --camera, only those that are opaque from
+ * at least one of the given positions. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/hexplane.h"
 #include "io/npy.h"
@@ -13,7 +15,7 @@ enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_SEGMENTS = 4096 };
 
 enum { ANCHOR, FEATURE, OFFSETS, SCALING, N_HEADS };
 
-/* `flag` says whether a head is multiplied by the dynamics of its anchor. */
+/* If the option `flag` is set, the output of a head is multiplied by the dynamics of its anchor. */
 static const struct {
     const char *tensor, *flag;
 } heads[N_HEADS] = {
@@ -31,7 +33,7 @@ struct model {
     float *offset;               /* [n][n_offsets][3] */
     float *feature;              /* [n][n_features] */
     float *scaling;              /* [n][6] after exp */
-    float *dynamics;             /* [n][2] of the anchor, of its spawned Gaussians */
+    float *dynamics;             /* [n][2] factors of the anchor and of its spawned Gaussians */
     bool scaled[N_HEADS];        /* residuals are multiplied by the dynamics */
     float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;
@@ -41,8 +43,8 @@ struct model {
     struct mlp_net head[N_HEADS], move;
     struct mlp_net alive; /* opacity_mlp, loaded if there are cameras */
     struct camera_places cameras;
-    float *centre; /* [most][3] of the frame that was read last */
-    bool *kept;    /* [most] */
+    float *centre; /* [most][3] positions in the frame that was read last */
+    bool *kept;    /* [most] offsets to import in that frame */
 };
 
 static int probe(const struct spin_peek *peek)
@@ -74,9 +76,9 @@ static spin_status refuse(const struct cfg_args *cfg, const char *key, bool want
     return SPIN_OK;
 }
 
-/* How a stored dynamics value becomes a factor. */
+/* How to convert a stored dynamics value to a factor on residuals. */
 struct dynamics {
-    int type; /* 0: mask, 1 or 0; 1: mul */
+    int type; /* 0, "mask": a factor of 0 or 1; 1, "mul": the activated value */
     enum { SIGMOID, RELU, TANH } activation;
 };
 
@@ -90,7 +92,8 @@ static spin_status read_dynamics(const struct spin_model *m, const char *key, st
         return spin_unsupported("'%s': %s is neither 'mask' nor 'mul'", cfg->path, key);
     SPIN_TRY(spin_model_word(m, NULL, "dynamics_activation", "sigmoid|relu|tanh", &activation));
     if (activation < 0 && spin_cfg_get(cfg, "dynamics_activation").at)
-        return spin_unsupported("'%s': dynamics_activation is not known", cfg->path);
+        return spin_unsupported("'%s': dynamics_activation is none of sigmoid, relu and tanh",
+                                cfg->path);
     out->activation = activation < 0 ? SIGMOID : activation;
     return SPIN_OK;
 }
@@ -112,7 +115,7 @@ static spin_status read_settings(struct model *model)
     bool any = false;
 
     if (!cfg->path)
-        return spin_not_found("there is no cfg_args for '%s', which is required", model->base.path);
+        return spin_not_found("'%s': there is no cfg_args, which is required", model->base.path);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
     if (spin_cfg_get(cfg, "LGD_method").at &&
@@ -148,12 +151,12 @@ static spin_status count_columns(const struct spin_ply *ply, const struct spin_p
         n_feature = spin_model_count(e, "f_anchor_feat_");
 
     if (n_offset == 0 || n_feature == 0)
-        return spin_malformed("'%s': no properties 'f_offset_*' and 'f_anchor_feat_*', so these "
-                              "are not the anchors of MoDec-GS",
+        return spin_malformed("'%s': the properties 'f_offset_*' or 'f_anchor_feat_*' are missing: "
+                              "these are not the anchors of MoDec-GS",
                               ply->path);
     if (n_offset % 3 != 0 || n_offset > 3 * MAX_OFFSETS || n_feature > MAX_FEATURES)
-        return spin_malformed("'%s': %d properties f_offset_* and %d f_anchor_feat_*, expected a "
-                              "multiple of 3 up to %d and up to %d",
+        return spin_malformed("'%s' has %d properties f_offset_* and %d f_anchor_feat_*, expected "
+                              "a multiple of 3 up to %d, and 1 to %d",
                               ply->path, n_offset, n_feature, 3 * MAX_OFFSETS, MAX_FEATURES);
     model->n = (size_t)e->count;
     model->n_offsets = n_offset / 3;
@@ -220,7 +223,8 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
     return SPIN_OK;
 }
 
-/* Reads canonical_times.npy; without it, spaces as many times evenly as cfg_args says. */
+/* Reads canonical_times.npy. Without this file, spaces TIA_num_segments times evenly, a number from
+ * cfg_args. */
 static spin_status read_times(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
@@ -246,8 +250,8 @@ static spin_status read_times(struct model *model)
     return SPIN_OK;
 }
 
-/* The nearest canonical time; if that is later than `time`, the time one mean segment before it.
- * This is not the previous entry: training shifts the entries, so they are uneven. */
+/* Returns the nearest canonical time, minus the mean length of a segment if it is later than
+ * `time`. The difference is not always the previous entry, since training shifts the entries. */
 static float canonical_time(const struct model *model, float time)
 {
     int nearest = 0;
@@ -305,9 +309,9 @@ static spin_status open_network(struct model *model, const char *name,
 
 /* ---- opacity_mlp.pt -------------------------------------------------------------------------- */
 
-/* Reads storage `index`, finite floats: *count of them, or all if *count is 0. TorchScript numbers
- * storages in the order of their appearance: weight and bias of the first layer, then of the
- * second. */
+/* Reads *count floats from storage `index`, or all of them if *count is 0, and sets *count. All
+ * must be finite. TorchScript numbers storages in the order of their appearance: weight and bias of
+ * the first layer, then of the second. */
 static spin_status read_storage(struct model *model, const struct spin_zip *zip, int index,
                                 size_t *count, const float **out)
 {
@@ -326,7 +330,8 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
             m = &zip->member[i];
     }
     if (!m || m->size % 4 != 0 || m->size == 0 || (*count && m->size != 4 * (uint64_t)*count))
-        return spin_malformed("member 'data/%d' is missing or not of the size of its layer", index);
+        return spin_malformed("member 'data/%d' is missing, or its size does not match its layer",
+                              index);
     SPIN_TRY(spin_zip_read(zip, m, true, 1u << 24, &data, &owned));
     *count = (size_t)m->size / 4;
     status = alloc_floats(model, *count, 1, &values);
@@ -340,9 +345,9 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
     return SPIN_OK;
 }
 
-/* Reads Linear(A + 3 or A + 4, A) and Linear(A, offsets) of A features and the view, as saved by
- * torch.jit.trace(): a zip whose program is not read. Only the sign of the result matters, so the
- * tanh after it is omitted. */
+/* Reads the two layers of opacity_mlp: Linear(A + 3 or A + 4, A), whose inputs are A features and
+ * the view, and Linear(A, offsets). torch.jit.trace() saved them in a zip whose program is not
+ * read. Only the sign of the output matters, so the tanh after the last layer is omitted. */
 static spin_status read_layers(struct model *model, const struct spin_zip *zip)
 {
     struct mlp_layer *layer = model->alive.layer;
@@ -384,7 +389,7 @@ static spin_status read_opacity(struct model *model)
 enum {
     NETWORK = N_HEADS, /* scratch of either network; the N_HEADS parts before it are the deformed
                           attributes */
-    INPUT,             /* of opacity_mlp, as are the next two */
+    INPUT,             /* INPUT, LAYER and ALIVE: input, hidden layer and output of opacity_mlp */
     LAYER,
     ALIVE,
     CENTRE,   /* [MLP_BLOCK * n_offsets][3] */
@@ -392,7 +397,8 @@ enum {
     N_PARTS
 };
 
-/* Sets where each part begins, unless scratch is NULL; returns the number of floats of all. */
+/* Sets the start of each part in `scratch`, unless that is NULL; returns the number of floats of
+ * all parts. */
 static size_t split(const struct model *model, float *scratch, float *part[N_PARTS])
 {
     size_t global = spin_hex_scratch(&model->global), local = spin_hex_scratch(&model->local);
@@ -422,8 +428,8 @@ static spin_status open_model(void *self, const char *path)
             "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s", path,
             wanted ? wanted : "<N>",
             spin_model_search(path, "deformation.pth", &coarse)
-                ? "; with 'deformation.pth' alone it is a run of 4DGaussians, or of MoDec-GS "
-                  "without GLMD, which is not supported"
+                ? "; a run with 'deformation.pth' alone is of 4DGaussians, or of MoDec-GS without "
+                  "GLMD, which is not supported"
                 : "");
     SPIN_TRY(spin_model_cfg(base, path, base->path));
     SPIN_TRY(spin_camera_places_parse(spin_model_option(base, "camera"), &model->cameras));
@@ -446,8 +452,8 @@ static spin_status open_model(void *self, const char *path)
              model->n_segments);
     spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
     if (model->cameras.n == 0)
-        spin_note(sequence, "all offsets are imported, including those that are visible to no "
-                            "camera: give camera positions with --camera");
+        spin_note(sequence, "all offsets are imported, including those that no camera shows: "
+                            "select by camera positions with --camera");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
     return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
 }
@@ -519,7 +525,7 @@ static void find_alive(const struct model *model, size_t first, int n, float *co
             norm = sqrtf(norm);
             for (int d = 0; d < 3 && norm > 0; d++)
                 v[d * MLP_BLOCK] /= norm;
-            v[3 * MLP_BLOCK] = norm; /* used only by layers that are that wide */
+            v[3 * MLP_BLOCK] = norm; /* distance: an input only of layers with A + 4 inputs */
         }
         spin_mlp_run(&model->alive, part[INPUT], part[LAYER], part[ALIVE]);
         for (int p = 0; p < n; p++)
@@ -529,7 +535,7 @@ static void find_alive(const struct model *model, size_t first, int n, float *co
     }
 }
 
-/* Applies the second network, at the frame's own time. */
+/* Moves the spawned Gaussians by the second network, at the time of the frame. */
 static void move_centres(const struct job *job, size_t first, int n, float *const *part)
 {
     const struct model *model = job->model;
@@ -584,8 +590,9 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
     for (size_t i = 0; i < model->most; i++)
         n += model->kept[i];
     if (n == 0)
-        return spin_unsupported("'%s': no offset is opaque for --camera at time %g",
-                                model->base.path, time);
+        return spin_unsupported(
+            "'%s': no offset is opaque from the positions of --camera at time %g", model->base.path,
+            time);
     columns &= SPIN_COL_MEANS;
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     n = 0;
@@ -597,8 +604,9 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
-    {"camera", "X,Y,Z[;...]", "import only what is opaque from one of these positions", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
+    {"camera", "X,Y,Z[;...]", "import only points that are opaque from one of these positions",
+     NULL},
     {NULL, NULL, NULL, NULL},
 };
 

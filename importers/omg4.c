@@ -1,9 +1,9 @@
 /* OMG4 (Optimized Minimal 4D Gaussian Splatting), a compressed Realtime-4DGS, and its variant with
  * velocities, OMG4-FTGS: one pickle in an xz.
  *
- * Shapes are Huffman-coded indices into codebooks. Opacity and colour come from four small
- * networks, whose inputs are position, time and six numbers per Gaussian, so every time requires an
- * evaluation for the Gaussians shown then. 4D splats get the values at their own times. */
+ * Shapes are Huffman-coded indices into codebooks. Four small networks compute opacity and colour
+ * from position, time and six numbers per Gaussian, so each frame requires an evaluation for all
+ * visible Gaussians. 4D splats store the values at each Gaussian's own time. */
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/motion.h"
@@ -12,9 +12,10 @@
 #include "math/ntc.h"
 
 #define UNPACKED_LIMIT ((size_t)1 << 30)
-#define LEAST_WEIGHT 0.05 /* the rule of Realtime-4DGS */
+#define LEAST_WEIGHT 0.05 /* as in Realtime-4DGS */
 #define LEAST_WEIGHT_FTGS                                                                          \
-    (1.0 / 255)    /* its renderer has no rule; fainter Gaussians are never drawn */
+    (1.0 /                                                                                         \
+     255) /* the renderer of OMG4-FTGS has no threshold, but fainter Gaussians are invisible */
 #define SPREAD 1.2 /* range of initial times relative to the clip */
 
 enum {
@@ -42,11 +43,11 @@ static const struct {
 struct model {
     struct spin_model base;
     struct spin_pickle pickle; /* only during open() */
-    bool moving;               /* FTGS */
+    bool moving;               /* OMG4-FTGS: has velocities */
     struct clip_times times;
     size_t n;
     struct gaussian4d gaussians;
-    size_t *kept, n_kept; /* rows shown at the time that was read last */
+    size_t *kept, n_kept; /* rows visible at the time that was read last */
     float *app;           /* [n][6] of the rows of the file */
     bool has_looks;       /* the 4D splats have opacities and colours */
     struct mlp_net net[N_NETS];
@@ -84,7 +85,7 @@ struct huffman {
 
 #define MAX_CODE_BITS 63
 
-/* Labels of inner nodes and of the end mark; other leaves have labels >= 0. */
+/* Labels of inner nodes and of the end marker; all other leaves have labels >= 0. */
 enum { INNER = -1, END = -2 };
 
 static spin_status new_node(struct huffman *tree, uint32_t *out)
@@ -106,7 +107,7 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         uint32_t next = tree->node[at].child[side];
 
         if (tree->node[at].label != INNER)
-            return spin_malformed("one Huffman code is the beginning of another");
+            return spin_malformed("a Huffman code is a prefix of another");
         if (next == 0) {
             SPIN_TRY(new_node(tree, &next));
             tree->node[at].child[side] = next;
@@ -114,19 +115,19 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         at = next;
     }
     if (tree->node[at].label != INNER || tree->node[at].child[0] || tree->node[at].child[1])
-        return spin_malformed("two Huffman codes are equal, or one is the beginning of the other");
+        return spin_malformed("two Huffman codes are equal, or one is a prefix of the other");
     tree->node[at].label = label;
     return SPIN_OK;
 }
 
-/* Builds a tree from the table {label: (bits, code), ..., end mark: (bits, code)}; *tree must be
+/* Builds a tree from the table {label: (bits, code), ..., end marker: (bits, code)}; *tree must be
  * zeroed. */
 static spin_status huffman_build(const struct spin_value *table, struct huffman *tree)
 {
     uint32_t root;
 
     if (!table || table->kind != SPIN_VALUE_DICT || table->n == 0)
-        return spin_malformed("a Huffman table is not a dict, or empty");
+        return spin_malformed("a Huffman table is empty or not a dict");
     SPIN_TRY(new_node(tree, &root));
     for (size_t i = 0; i < table->n; i++) {
         const struct spin_value *key = table->item[2 * i], *entry = table->item[2 * i + 1];
@@ -147,8 +148,8 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
     return SPIN_OK;
 }
 
-/* Decodes n labels below n_labels. The end mark may be missing or truncated: only the number of
- * labels is checked. */
+/* Decodes n labels below n_labels. The end marker may be missing or truncated, so only the number
+ * of labels is checked. */
 static spin_status huffman_read(const struct huffman *tree, const struct spin_value *bytes,
                                 size_t n, uint64_t n_labels, uint32_t *out)
 {
@@ -171,21 +172,22 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
         if (label == END)
             break;
         if ((uint64_t)label >= n_labels)
-            return spin_malformed("label %lld, but the codebook has %llu entries", (long long)label,
-                                  (unsigned long long)n_labels);
+            return spin_malformed("label %lld is outside the codebook of %llu entries",
+                                  (long long)label, (unsigned long long)n_labels);
         if (found == n)
-            return spin_malformed("more than %zu labels", n);
+            return spin_malformed("the index has more than %zu labels", n);
         out[found++] = (uint32_t)label;
         at = 0;
     }
     if (found != n)
-        return spin_malformed("%zu labels, expected %zu", found, n);
+        return spin_malformed("the index has %zu labels, expected %zu", found, n);
     return SPIN_OK;
 }
 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
-/* A numpy array or torch tensor of floating-point numbers with all its data, else NULL. */
+/* Returns the array of a numpy array or torch tensor of floating-point numbers; NULL for other
+ * values, or if data are missing. */
 static const struct spin_array *as_array(const struct spin_value *v)
 {
     if (!v || v->kind != SPIN_VALUE_TENSOR || (v->tensor.kind != 'f' && v->tensor.kind != 'B') ||
@@ -256,7 +258,7 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
 
     if (!codes || !indices || !tables || indices->n != codes->n || tables->n != codes->n)
         return spin_malformed(
-            "'%s_code', '%s_index' and '%s_htable' are not three lists of one length", name, name,
+            "'%s_code', '%s_index' and '%s_htable' are not three lists of equal length", name, name,
             name);
     for (size_t i = 0; i < codes->n; i++) {
         const struct spin_array *book = as_array(spin_value_at(codes, i));
@@ -308,8 +310,8 @@ static spin_status load_net(struct model *m, int net)
     return SPIN_OK;
 }
 
-/* Writes sin and cos of 2^k pi x, k = 0..15. The argument is reduced in double, as the last one
- * reaches 10^5. */
+/* Writes sin and cos of 2^k pi x, k = 0..15. The angle is reduced in double, since it reaches 10^5
+ * at k = 15. */
 static void encode(float x, float *out)
 {
     for (int k = 0; k < OCTAVES; k++) {
@@ -334,7 +336,7 @@ enum {
 struct pass {
     struct model *m;
     double time;
-    bool own; /* evaluate each Gaussian at its own time instead */
+    bool own; /* evaluate each Gaussian at its own time, not at `time` */
     unsigned columns;
     struct spin_splats *out;
 };
@@ -344,8 +346,8 @@ static double time_of(const struct pass *p, size_t i)
     return p->own ? (double)p->m->base.splats_4d.times[i] : p->time;
 }
 
-/* The position that is an input of the networks: the Gaussian's own, or with FTGS that at the time.
- */
+/* The position that the networks receive: the centre of the Gaussian or, for OMG4-FTGS, its
+ * position at the time of evaluation. */
 static spin_vec3 place_of(const struct pass *p, size_t i)
 {
     const struct spin_splats_4d *s = &p->m->base.splats_4d;
@@ -503,16 +505,17 @@ static spin_status find_times(struct model *m)
     struct spin_model *base = &m->base;
     const char *asked = spin_model_option(base, "time-duration");
 
-    if (m->moving) /* FTGS: fixed in its code, and no formula uses it */
+    if (m->moving) /* OMG4-FTGS fixes the range in its code, and no formula uses it */
         return spin_run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_times(&base->settings, asked, base->splats_4d.times, m->gaussians.n, 1,
                                    SPREAD, &m->times));
     if (m->times.guessed)
-        spin_note(base->sequence,
-                  "time_duration is not in the file: assumed %g,%g, by the Gaussians' own times; "
-                  "colours and opacities depend on it: set it with --time-duration or --config",
-                  m->times.first, m->times.last);
+        spin_note(
+            base->sequence,
+            "time_duration is not in the file: assumed %g,%g, from the Gaussians' own times; "
+            "colours and opacities depend on this range: set it with --time-duration or --config",
+            m->times.first, m->times.last);
     return SPIN_OK;
 }
 
@@ -535,7 +538,7 @@ static spin_status find_file(struct spin_model *m, const char *path)
     }
     if (n_xz == 1)
         return spin_model_join(m, &m->path, path, "%s", best);
-    return spin_not_found("'%s' holds %s", path,
+    return spin_not_found("'%s' contains %s", path,
                           n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
 }
 
@@ -585,8 +588,8 @@ static spin_status open_model(void *self, const char *path)
     snprintf(m->base.sequence->variant, sizeof m->base.sequence->variant, "%s, %zu Gaussians",
              m->moving ? "OMG4-FTGS" : "OMG4", m->n);
     spin_note(m->base.sequence,
-              "opacity and colour are functions of position and time: 4D splats have those at "
-              "their own times; sample them with --frames or --times");
+              "opacity and colour depend on position and time: 4D splats store the values at each "
+              "Gaussian's own time; use --frames or --times for exact values");
     return SPIN_OK;
 }
 
@@ -647,7 +650,7 @@ static spin_status omg4_frame(void *self, int frame, double time, unsigned colum
 
 static const struct spin_plugin_option options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (the one beside the file)", NULL},
+    {"config", "FILE", "the training YAML (default: the one beside the file)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -25,8 +25,8 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Confidence, by the names in a folder, that it is a sequence of clouds: numbered files, a folder
- * per frame with the INRIA tree inside, or one model's tree. */
+/* The confidence that a folder is a sequence of clouds, by the names in it: numbered files, one
+ * folder per frame with the layout of INRIA's 3DGS, or a single model in this layout. */
 static int probe_folder(const struct spin_peek *peek)
 {
     int n_folders = 0;
@@ -72,8 +72,8 @@ static spin_status find_model(struct spin_model *m, const char *folder, const ch
     return spin_model_find(m, out, folder, "point_cloud.ply");
 }
 
-/* Finds at least one frame, in any order. In a folder: its files, else its model or save, else the
- * models in its numbered folders. */
+/* Finds the frames, in any order; none is an error. In a folder, the frames are its PLY files; else
+ * its model or newest checkpoint, as one frame; else the models in its numbered folders. */
 static spin_status find_files(struct spin_model *m, const char *path,
                               struct spin_file_sequence *seq)
 {
@@ -105,9 +105,9 @@ static spin_status find_files(struct spin_model *m, const char *path,
             SPIN_TRY(spin_file_sequence_add(seq, cloud, spin_path_number(names[i])));
     }
     if (seq->n_frames == 0)
-        return spin_not_found(
-            "'%s' holds neither PLY files nor folders with point_cloud/iteration_*/point_cloud.ply",
-            path);
+        return spin_not_found("'%s' contains neither PLY files nor folders with "
+                              "point_cloud/iteration_*/point_cloud.ply",
+                              path);
     return SPIN_OK;
 }
 
@@ -116,7 +116,7 @@ static spin_status find_files(struct spin_model *m, const char *path,
 /* Refuses 4D models, which are not the cloud of one frame. */
 static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_ply_element *e)
 {
-    /* A property's name, or with a * its beginning; the first match decides. */
+    /* Names of properties, or prefixes that end with *; the first match names the method. */
     static const struct {
         const char *name, *method, *use;
     } signs[] = {
@@ -142,7 +142,7 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
         if (signs[i].name[stem] ? spin_ply_has_prefix(e, prefix) : spin_ply_has(e, prefix))
             break;
     }
-    if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* plain points may have a t */
+    if (i == n || (i == n - 1 && !spin_gs_ply_any(e))) /* plain points may have a property t */
         return SPIN_OK;
     return spin_unsupported("'%s': property '%s' belongs to a 4D model, probably of %s, not to the "
                             "cloud of one frame%s",
@@ -195,7 +195,8 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
     if (spin_ply_is_antialiased(ply)) {
-        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
+        spin_note(sequence,
+                  "trained with an antialiasing rasteriser: the splats are drawn antialiased");
         sequence->antialias = true;
     }
     for (size_t i = 0; i < ply->n_comments; i++)
@@ -209,8 +210,9 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
         spin_warn("'%s': property 'filter_3D' (Mip-Splatting) is ignored", ply->path);
     }
     if (spin_ply_has(c->vertex, "embedding_0")) {
-        spin_note(sequence, "properties embedding_*, as E-D3DGS writes them: this is its canonical "
-                            "cloud, not a frame of the video; --from ed3dgs reads its network");
+        spin_note(sequence,
+                  "the properties embedding_* belong to the canonical cloud of E-D3DGS, which is "
+                  "not a frame of the video; --from ed3dgs reads it with its network");
         spin_warn("'%s': the canonical cloud of E-D3DGS is not a frame of the video", ply->path);
     }
     if (c->n_rest > 45) {
@@ -272,7 +274,7 @@ static spin_status open_frame(struct clip *clip, size_t i)
     } else {
         SPIN_TRY(compare_names(clip, ply, &c));
         if (c.sh_degree != clip->sh_degree)
-            spin_note(sequence, "the SH degree differs between frames: padded with zeros");
+            spin_note(sequence, "the SH degree differs between frames: missing SH are set to 0");
     }
     if (i == 0 || c.sh_degree > clip->sh_degree)
         clip->sh_degree = c.sh_degree;
@@ -324,7 +326,7 @@ static spin_status open_clip(void *self, const char *path)
     clip->sh_degree = -1;
     SPIN_TRY(find_files(&clip->base, path, &clip->files));
     if (clip->files.n_frames > INT_MAX)
-        return spin_unsupported("'%s' holds too many files", path);
+        return spin_unsupported("'%s' contains too many files", path);
     SPIN_TRY(spin_file_sequence_sort(&clip->files, clip->base.sequence));
     for (size_t i = 0; i < clip->files.n_frames; i++)
         SPIN_TRY(open_frame(clip, i));

@@ -6,11 +6,11 @@
  * otherwise a note names the assumption.
  *
  * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS that turns long-lived Gaussians into
- * static ones during training. A checkpoint has both: those of Realtime-4DGS, and 3-D ones that are
- * permanent.
+ * static ones during training. A checkpoint contains two halves: the Gaussians of Realtime-4DGS,
+ * and permanent 3-D ones.
  *
- * The PLY that a run also writes looks like a cloud of 3DGS but is not one: it has only the dynamic
- * half, every Gaussian at its own time. */
+ * A run of Hybrid 3D-4DGS also writes a PLY that looks like a cloud of 3DGS, but contains only the
+ * dynamic half, with every Gaussian at its own time. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
@@ -19,7 +19,7 @@
 
 /* The method's renderer skips Gaussians whose weight in time is not above this. */
 #define LEAST_WEIGHT 0.05
-/* Mapped pages are released after so many rows. */
+/* Number of rows after which mapped pages of the file are released. */
 #define PAGE_ROWS 4096
 /* Initial times are drawn from the clip extended by 10% at both ends. */
 #define SPREAD 1.2
@@ -47,7 +47,7 @@ struct rows {
     const char *who;                           /* prefix of their names in messages, or NULL */
     const struct spin_value *part[R4_N_PARTS]; /* NULL: missing */
     bool swapped;                              /* SH are [N][3][K] */
-    bool masked;                               /* followed by a fork's mask */
+    bool masked;                               /* a mask that a fork appends follows the parts */
     bool moving;                               /* gaussian_dim 4: has t and scaling_t */
     double iteration;                          /* -1: unknown */
     /* The data. */
@@ -61,7 +61,7 @@ struct rows {
     float *column[R4_N_PARTS];
 };
 
-/* How rows become Gaussians. */
+/* Variants of the conversion of rows to Gaussians. */
 struct reading {
     bool older;      /* 4-D rotations follow the convention before 2024-09 */
     bool transposed; /* 3-D rotations are inverted */
@@ -70,9 +70,9 @@ struct reading {
 
 /* ---- Parts ----------------------------------------------------------------------------------- */
 
-/* Location of each part: its item in the tuples of a 4-D and of a 3-D model (-1: none), its key in
- * a fork's dict, which is the attribute of the class, and its key in loaded_pth. width: floats per
- * row; 0: not read as a column. */
+/* Where each part is stored. item, item3: index in the tuple of a 4-D and of a 3-D model (-1:
+ * none). attribute: key in the dict of a fork, which is the name of the class's attribute. loaded:
+ * key in loaded_pth. width: floats per row; 0: not read as a column. */
 static const struct {
     const char *name;
     int item, item3;
@@ -108,7 +108,7 @@ static bool r4_lacks(const struct rows *r, enum part part)
     return !v || v->kind == SPIN_VALUE_NONE || spin_chkpnt_is_empty(v);
 }
 
-/* Takes the parts from the first 19 items of a 4-D model's tuple. */
+/* Sets the parts from the first 19 items of a 4-D model's tuple. */
 static void r4_items(const struct spin_value *model, struct rows *r)
 {
     r->moving = true;
@@ -124,15 +124,15 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
         return SPIN_OK;
     }
     if (m->n != 12 && m->n != 13)
-        return spin_unsupported(
-            "the model has %zu items and Realtime-4DGS has 19 (or 12): it is a model of %s", m->n,
-            spin_chkpnt_maker(m->n));
+        return spin_unsupported("the model has %zu items, expected the 19 (or 12) of "
+                                "Realtime-4DGS: this is a model of %s",
+                                m->n, spin_chkpnt_maker(m->n));
     for (int p = 0; p < R4_N_PARTS; p++)
         r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
     return SPIN_OK;
 }
 
-/* Takes the parts from a fork's dict. */
+/* Sets the parts from a fork's dict. */
 static void take_attributes(const struct spin_value *m, struct rows *r)
 {
     double dim = 4;
@@ -143,8 +143,8 @@ static void take_attributes(const struct spin_value *m, struct rows *r)
         r->part[p] = all[p].attribute ? spin_value_get(m, all[p].attribute) : NULL;
 }
 
-/* Takes the parts from the dict that training reads as loaded_pth, whose keys begin with `prefix`:
- * features have their last two axes swapped, and there are no degrees. */
+/* Sets the parts from the dict that training reads as loaded_pth, whose keys begin with `prefix`.
+ * The last two axes of its features are swapped, and it does not contain SH degrees. */
 static void r4_loaded(const struct spin_value *dict, const char *prefix, struct rows *r)
 {
     r->swapped = true;
@@ -174,7 +174,7 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
         return SPIN_OK;
     }
     if (!is_kind(root, SPIN_VALUE_TUPLE) || root->n != 2)
-        return spin_malformed("the checkpoint holds %s, expected (model, iteration)",
+        return spin_malformed("the checkpoint contains %s, expected a tuple (model, iteration)",
                               spin_chkpnt_kind(root));
     spin_value_number(spin_value_at(root, 1), &r->iteration);
     if (is_kind(m, SPIN_VALUE_DICT) && spin_value_get(m, "_xyz")) {
@@ -182,7 +182,7 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
         return SPIN_OK;
     }
     if (!is_kind(m, SPIN_VALUE_TUPLE) || !is_kind(spin_value_at(root, 1), SPIN_VALUE_INT))
-        return spin_malformed("the checkpoint holds %s and %s, expected a tuple and an int",
+        return spin_malformed("the checkpoint contains %s and %s, expected a tuple and an int",
                               spin_chkpnt_kind(m), spin_chkpnt_kind(spin_value_at(root, 1)));
     return take_tuple(m, r);
 }
@@ -238,16 +238,18 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
 
 /* ---- Degrees --------------------------------------------------------------------------------- */
 
-/* The spatial degree for a number of SH, and whether SH of the cosines follow; false for a number
- * that no setting yields. */
+/* Derives the spatial degree from the number of SH, and whether they include SH of the cosines of
+ * time. Returns false for a number that no setting of the method yields. */
 static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
         int n = (d + 1) * (d + 1);
-        /* Allocated when neither option is set; SH beyond the spatial ones are never used. */
+        /* Numbers of SH that training allocates with its default options; those beyond the spatial
+         * SH are never used. */
         static const int unused[] = {1, 6, 16, 33};
 
-        if (n_sh == 16 && told != 2 && d == 2) /* 16 is degree 3, unless cfg_args says otherwise */
+        if (n_sh == 16 && told != 2 &&
+            d == 2) /* 16 SH are of degree 3, or of 2 if cfg_args has sh_degree=2 */
             continue;
         if (n_sh == n || n_sh == 3 * n || n_sh == unused[d]) {
             *degree = d;
@@ -276,7 +278,7 @@ static spin_status find_degrees(struct rows *r, double told)
 
     if (!sh_to_degree(r->n_sh, told, &most, &in_time))
         return spin_malformed(
-            "features_dc and features_rest have %d rows of SH together, which no degree has",
+            "features_dc and features_rest have %d rows of SH together, which matches no SH degree",
             r->n_sh);
     if (r->swapped) {
         r->degree = most;
@@ -296,8 +298,8 @@ static spin_status find_degrees(struct rows *r, double told)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads all tensors; SH if `with_sh`, with the SH degree of cfg_args as a hint. Having no rows is
- * not an error. */
+/* Reads all tensors, and the SH if `with_sh`. The sh_degree of cfg_args decides where a number of
+ * SH fits two degrees. A checkpoint without rows is not an error. */
 static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 {
     static const int64_t places[2] = {-1, 3};
@@ -333,7 +335,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 
 /* ---- Gaussians ------------------------------------------------------------------------------- */
 
-/* The slice of a row with rot_4d, the same at any time. */
+/* Computes the slice of a row with rot_4d, whose shape is the same at all times. */
 static void r4_slice(const struct rows *r, size_t i, bool older, spin_slice *out)
 {
     double left[4], right[4], scale[4], a[16];
@@ -365,15 +367,15 @@ static float *add_row(struct spin_model *m, const struct rows *r, size_t i, size
         log_scale[k] = r->column[R4_SCALING][3 * i + (size_t)k];
         quat[k + 1] = reading->transposed ? -quat[k + 1] : quat[k + 1];
     }
-    /* Without rot_4d the exponential is the variance itself. */
+    /* Without rot_4d, exp(scaling_t) is the variance, not the standard deviation. */
     return spin_gaussian4d_add(
         m, gaussians, row, r->column[R4_XYZ] + 3 * i, r->moving ? r->column[R4_T][i] : 0, logit,
         still, r->moving ? exp(r->column[R4_SCALING_T][i]) + reading->extra : HUGE_VAL, log_scale,
         quat);
 }
 
-/* Adds all rows, numbered from `row` on. Nonfinite ones are counted as dropped; static ones are
- * permanent. Returns how many are nearly transparent. */
+/* Adds all rows, numbered from `row` on; static ones are permanent. Rows with nonfinite values are
+ * dropped and counted. Returns the number of rows with an opacity below SPIN_FAINT. */
 static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
                      const struct reading *reading, struct gaussian4d *gaussians)
 {
@@ -396,7 +398,7 @@ static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
         if (!to || r->n_sh == 0)
             continue;
         memcpy(to, sh, width * sizeof *sh);
-        if (r->degree_t > 0) /* [16] rows per cosine */
+        if (r->degree_t > 0) /* 16 SH per cosine */
             memcpy(s->sh_cos + 2 * (to - s->sh), sh + width,
                    (size_t)r->degree_t * width * sizeof *sh);
     }
@@ -425,8 +427,8 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
 
     if (times->guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: assumed %g,%g, by the Gaussians' own "
-                  "times%s; set it with --time-duration or --config",
+                  "time_duration is not in the run's folder: assumed %g,%g, from the Gaussians' "
+                  "own times%s; set it with --time-duration or --config",
                   times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence,
@@ -466,7 +468,7 @@ static int realtime_probe(const struct spin_peek *peek)
 
         for (size_t i = 0; peek->names && peek->names[i]; i++)
             found = found || spin_chkpnt_iteration(peek->names[i]) >= 0;
-        /* Plain 3DGS and its descendants save such checkpoints too, beside their clouds. */
+        /* Plain 3DGS and its descendants also save checkpoints, beside their clouds. */
         return found ? (spin_peek_has(peek, "point_cloud") ? 20 : 70) : 0;
     }
     if (begins_like_ours(peek))
@@ -476,7 +478,7 @@ static int realtime_probe(const struct spin_peek *peek)
 
 /* ---- Shapes ---------------------------------------------------------------------------------- */
 
-/* Median of the largest standard deviation in space over at most a few thousand Gaussians. */
+/* The median, over at most MOST Gaussians, of the largest standard deviation in space. */
 static double median_extent(const struct rows *rows, bool older)
 {
     enum { MOST = 4096 };
@@ -499,8 +501,8 @@ static double median_extent(const struct rows *rows, bool older)
     return sqrt(extent[n_used / 2]);
 }
 
-/* Under the wrong convention the long time axis of static Gaussians points into space, so the right
- * one has the smaller ellipsoids. */
+/* Under the wrong convention, the long time axis of static Gaussians points into space, so the
+ * right convention yields smaller ellipsoids. */
 static spin_status choose_convention(struct realtime_model *m)
 {
     enum { AUTO, TODAY, OLDER };
@@ -521,15 +523,15 @@ static spin_status choose_convention(struct realtime_model *m)
     else if (hint != m->reading.older)
         spin_note(sequence,
                   "the sizes of the Gaussians suggest the other convention of rotations (median "
-                  "%.3g; %.3g with the one asked for)",
+                  "%.3g; %.3g with the requested one)",
                   hint ? older : today, hint ? today : older);
     return SPIN_OK;
 }
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Whether this is a checkpoint of OMG4 with networks: these then give colours and opacities, and
- * the SH and opacities stored here are obsolete. */
+/* Whether this is a checkpoint of OMG4 with networks. The networks then compute colours and
+ * opacities, and the stored SH and opacities are obsolete. */
 static bool is_stale(const struct rows *r)
 {
     const struct spin_value *groups = spin_value_get(r->part[R4_OPTIMIZER], "param_groups");
@@ -550,15 +552,14 @@ static void realtime_describe(const struct realtime_model *m)
     char iteration[48];
 
     if (m->stale)
-        spin_note(sequence,
-                  "a checkpoint of OMG4, which lacks the networks for colours and opacities: only "
-                  "the geometry is imported; import comp.xz for the rest");
+        spin_note(sequence, "this checkpoint of OMG4 lacks the networks for colours and opacities: "
+                            "only the geometry is imported; import comp.xz for all attributes");
     r4_note(r, &m->times, sequence);
     if (r->masked)
-        spin_note(sequence, "the mask of a fork (its last item) is ignored");
-    /* Caused by lost gradients in training (issue 50 upstream). */
+        spin_note(sequence, "the last item of the model, the mask of a fork, is ignored");
+    /* Upstream issue 50: training can lose the gradients of these SH. */
     if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
-        spin_note(sequence, "all temporal SH are 0: colours do not change");
+        spin_note(sequence, "all temporal SH are 0: colours do not change over time");
     sequence->continuous = r->moving;
     sequence->counts = r->moving ? NULL : &m->base.splats_4d.n;
     if (m->stale) {
@@ -611,9 +612,9 @@ static spin_status realtime_open_run(void *self, const char *path)
 
     SPIN_TRY(spin_chkpnt_find(base, path));
     if (!base->path)
-        return spin_not_found("'%s' holds no chkpnt<N>.pth", path);
+        return spin_not_found("'%s' contains no chkpnt<N>.pth", path);
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
-    SPIN_TRY(spin_model_config(base)); /* its errors are not those of the checkpoint */
+    SPIN_TRY(spin_model_config(base)); /* errors name other files than the checkpoint */
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
     m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
@@ -630,11 +631,10 @@ static spin_status realtime_open_run(void *self, const char *path)
 
 static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
+    {"config", "FILE", "the training YAML (default: the one beside the checkpoint)", NULL},
     {"convention", "WORD", "convention of rotations: auto, today, or older (before 2024-09)",
      "auto"},
-    {"cull", "RULE", "leave out Gaussians by time (weight below 0.05), or none: not sliced",
-     "time"},
+    {"cull", "RULE", "Gaussians that a frame omits: by time (weight below 0.05), or none", "time"},
     {NULL, NULL, NULL, NULL},
 };
 
@@ -654,7 +654,7 @@ enum { MOVING, STILL, N_HALVES };
 struct hybrid_model {
     struct spin_model base;
     struct rows half[N_HALVES];
-    struct gaussian4d gaussians; /* of both halves, rows numbered consecutively */
+    struct gaussian4d gaussians; /* of both halves, with consecutive row numbers */
     size_t n_moving;             /* dynamic ones among them */
     double ratio;                /* the data set's times over the file's */
     struct clip_times times;
@@ -664,8 +664,8 @@ struct hybrid_model {
 
 static int hybrid_probe(const struct spin_peek *peek)
 {
-    /* Groups of a checkpoint's optimiser, or two options of cfg_args, of which one is the method's
-     * own. */
+    /* Recognises parameter groups in the optimiser of a checkpoint, or two options in cfg_args that
+     * only this method combines. */
     if (spin_peek_says(peek, "static_xyz") && spin_peek_says(peek, "scaling_t"))
         return 95;
     return peek->is_folder && spin_peek_says(peek, "from3dgs=") &&
@@ -796,7 +796,7 @@ static spin_status hybrid_open_run(void *self, const char *path)
     base->splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(base, path));
     if (!base->path)
-        return spin_not_found("'%s' holds no chkpnt<N>.pth%s", path,
+        return spin_not_found("'%s' contains no chkpnt<N>.pth%s", path,
                               spin_model_holds(path, "point_cloud")
                                   ? "; its point_cloud.ply cannot replace it: it has only the "
                                     "dynamic half, without times and with wrong rotations"
@@ -817,7 +817,7 @@ static spin_status hybrid_open_run(void *self, const char *path)
 
 static const struct spin_plugin_option hybrid_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
-    {"config", "FILE", "the training YAML (the one beside the checkpoint)", NULL},
+    {"config", "FILE", "the training YAML (default: the one beside the checkpoint)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

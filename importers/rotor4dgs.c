@@ -1,9 +1,9 @@
 /* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors.
  *
  * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales the shape.
- * Colours do not change in time. The method's renderer culls next to nothing, so every slow
- * Gaussian is in every frame with an opacity of nearly 0; here those that are invisible in 8-bit
- * images are left out. */
+ * Colours do not change in time. The method's renderer culls hardly any Gaussians, so slow ones are
+ * in every frame, even with an opacity of nearly 0. The importer omits Gaussians that are invisible
+ * in 8-bit images. */
 #include <ctype.h>
 
 #include "importers/lib/chkpnt.h"
@@ -12,9 +12,10 @@
 
 /* 3DGS renderers skip fainter Gaussians. */
 #define LEAST_OPACITY (1.0 / 255)
-/* The rule of the method's renderer: 0.5 dt^2 / variance below 16. */
+/* The threshold of the method's renderer, which draws Gaussians with 0.5 dt^2 / variance below 16.
+ */
 #define FAR_WEIGHT 1.1253517471925912e-7 /* exp(-16) */
-/* The rule of Realtime-4DGS. */
+/* The threshold of Realtime-4DGS. */
 #define BELL_WEIGHT 0.05
 
 struct model {
@@ -58,7 +59,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-/* Keys have one of several prefixes; that of quats1 is used for all. */
+/* Keys begin with one of several prefixes; the prefix of quats1 is used for all keys. */
 static spin_status find_prefix(struct spin_model *m)
 {
     const struct spin_value *d = m->tensors;
@@ -73,12 +74,12 @@ static spin_status find_prefix(struct spin_model *m)
         if (spin_text_ends(key, "quats1") && strlen(key) < 256)
             return spin_model_text(m, &m->prefix, "%.*s", (int)strlen(key) - 6, key);
     }
-    return spin_unsupported(splatfacto
-                                ? "'pipeline' holds an ordinary splatfacto model, which has no time"
-                                : "'pipeline' has no tensor whose name ends in 'quats1'");
+    return spin_unsupported(
+        splatfacto ? "'pipeline' contains an ordinary splatfacto model, which has no time"
+                   : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
-/* Binds the tensor prefix + key of that shape, of floating-point numbers. */
+/* Binds the tensor prefix + key, which must have this shape and contain floating-point numbers. */
 static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
                         struct spin_array *out)
 {
@@ -227,7 +228,7 @@ static spin_status note_transform(struct spin_model *m)
     SPIN_TRY(spin_model_find(m, &path, folder, "../dataparser_transforms.json"));
     if (path && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
         spin_note(m->sequence, "dataparser_transforms.json moves and scales the scene: positions "
-                               "are in that space, not in the data set's");
+                               "are in this space, not in that of the data set");
     return SPIN_OK;
 }
 
@@ -255,7 +256,7 @@ static void describe(const struct model *m)
              "4D-Rotor-Gaussians%s, %zu Gaussians, SH degree %d", step, m->n, m->sh_degree);
     if (m->times.guessed)
         spin_note(sequence,
-                  "the range of times is not in the checkpoint: assumed %g,%g, by the Gaussians' "
+                  "the range of times is not in the checkpoint: assumed %g,%g, from the Gaussians' "
                   "own times; set it with --time-range",
                   m->times.first, m->times.last);
 }
@@ -271,7 +272,8 @@ static spin_status open_checkpoint(struct model *m)
     spin_value_number(spin_value_get(base->torch.root, "step"), &m->step);
     base->tensors = spin_value_get(base->torch.root, "pipeline");
     if (!base->tensors || base->tensors->kind != SPIN_VALUE_DICT)
-        return spin_malformed("the checkpoint has no dict 'pipeline', which nerfstudio's have");
+        return spin_malformed(
+            "the checkpoint has no dict 'pipeline', so it is not one of nerfstudio");
     SPIN_TRY(find_prefix(base));
     SPIN_TRY(count_rows(m));
     SPIN_TRY(bind_sh(m));
@@ -298,7 +300,7 @@ static spin_status open_model(void *self, const char *path)
 static const struct spin_plugin_option options[] = {
     {"time-range", "A,B", "first and last time of the clip, as in the data set's file", NULL},
     {"cull", "RULE",
-     "leave out Gaussians by opacity (below 1/255), by time (weight below 0.05), or none",
+     "Gaussians that a frame omits: by opacity (below 1/255), by time (weight below 0.05), or none",
      "opacity"},
     {NULL, NULL, NULL, NULL},
 };

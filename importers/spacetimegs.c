@@ -1,12 +1,12 @@
 /* SpacetimeGaussians (Li et al., CVPR 2024), lite and full: Gaussians on cubic paths, with
- * quaternions that change linearly and a Gaussian window in time, all of them present at every
- * time: 4D splats.
+ * quaternions that change linearly and a Gaussian window in time, which 4D splats represent
+ * exactly.
  *
  * The window is exp(-x^2), without the factor 1/2, and its width is stored as a logarithm. Colours
  * of the lite model are RGB, not SH. Gaussians of the full model have no colours: its rasteriser
  * blends nine features, and a network computes the colour of a pixel from these and from the ray.
- * Imported is the colour of a pixel that only one Gaussian covers, as SH of degree 1 fitted to the
- * colours for given cameras. */
+ * For each Gaussian, the importer computes the colour of a pixel that only this Gaussian covers,
+ * for each of several cameras, and fits SH of degree 1 to these colours. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
@@ -39,11 +39,11 @@ static const struct group {
     {"trbf_scale", {0, 0}, WIDTH}, {"motion_", {9, 9}, MOTION},
     {"opacity", {0, 0}, LOGIT},    {"scale_", {3, 3}, SCALE},
     {"rot_", {4, 4}, TURN},        {"omega_", {4, 4}, CHANGE},
-    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: none */
+    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: lite has none */
 };
 enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 35 };
 
-/* The network of the full model makes the colour of a pixel:
+/* The network of the full model computes the colour of a pixel:
  *
  *     ending(base + W2 relu(W1 [view, time, origin of the ray, direction of the ray]))
  *
@@ -70,7 +70,8 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    /* A cloud, or the folder of one save. The confidence must exceed the 90 of the PLY importer. */
+    /* A cloud, or the folder of one checkpoint. The confidence must exceed the 90 of the PLY
+     * importer. */
     if (spin_peek_says(peek, "property float trbf_center") &&
         spin_peek_says(peek, "property float motion_8") &&
         spin_peek_says(peek, "property float omega_3"))
@@ -78,7 +79,7 @@ static int probe(const struct spin_peek *peek)
     if (!peek->is_folder && spin_peek_says(peek, "mlp1.weight") &&
         spin_peek_says(peek, "mlp2.weight") && spin_text_ends(peek->path, ".pt"))
         return 80;
-    /* An option of the method. */
+    /* trbfslinit is an option of this method. */
     return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "trbfslinit=") ? 90 : 0;
 }
 
@@ -93,9 +94,9 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     m->full = n_t > 0;
     m->width = m->full ? FULL_WIDTH : LITE_WIDTH;
     if (spin_model_count(e, "f_rest_") > 0)
-        return spin_unsupported("'%s': properties f_rest_*: a fork of SpacetimeGaussians with SH, "
-                                "which is not supported",
-                                ply->path);
+        return spin_unsupported(
+            "'%s' has properties f_rest_*: forks of SpacetimeGaussians with SH are not supported",
+            ply->path);
     if (!(n_dc == 3 && n_t == 0) && !(n_dc == 6 && n_t == 3))
         return spin_malformed(
             "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
@@ -124,8 +125,8 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     if (n == 0)
         return;
     spin_note(m->base.sequence,
-              "%zu properties that SpacetimeGaussians lacks, the first is '%s': this may be a fork "
-              "with another meaning",
+              "%zu properties do not belong to SpacetimeGaussians, the first is '%s': in the run "
+              "of a fork, others may have another meaning",
               n, first);
     spin_warn("'%s': property '%s' does not belong to SpacetimeGaussians and is ignored", ply->path,
               first);
@@ -146,7 +147,7 @@ static spin_status read_cloud(struct model *m)
         int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
 
         if (n > 0 && found != n)
-            return spin_malformed("'%s': %d properties %s*, expected %d as SpacetimeGaussians has",
+            return spin_malformed("'%s': %d properties %s*, expected the %d of SpacetimeGaussians",
                                   ply->path, found, g->name, n);
         for (int i = 0; n >= 0 && i < (n > 0 ? n : 1); i++) {
             char name[32];
@@ -166,7 +167,7 @@ static spin_status read_cloud(struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* K of a source_path that ends in colmap_<K>, the first frame of the run; else -1. */
+/* The number K of the run's first frame, from a source_path that ends in colmap_<K>; else -1. */
 static long first_frame(struct cfg_span path)
 {
     const char *at = path.end;
@@ -209,9 +210,10 @@ static spin_status read_ending(struct model *m)
     if (ending >= 0)
         return SPIN_OK;
     return spin_unsupported(
-        "'%s': a full model, and %s%s the ending of its colours: give --rgb-function sandwich "
+        "'%s': the output function of this full model is unknown, since %s%s: give --rgb-function "
+        "sandwich "
         "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
-        m->base.path, cfg->path ? "no known 'rgbfunction' gives, in " : "no cfg_args says",
+        m->base.path, cfg->path ? "there is no known 'rgbfunction' in " : "there is no cfg_args",
         cfg->path ? cfg->path : "");
 }
 
@@ -258,13 +260,16 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
     enum { AUTO, VIEWS, BASE };
     int rule;
     bool base, views;
-    const char *lack = "was asked for", *cloud = m->base.path;
+    const char *lack = "as requested", *cloud = m->base.path;
 
     SPIN_TRY(spin_option_word(m->base.values, "colour", "auto|views|base", &rule));
     base = rule == BASE;
     views = rule == VIEWS;
     if (!m->full)
-        return views ? spin_misuse("--colour views: '%s' is of a lite model", cloud) : SPIN_OK;
+        return views ? spin_misuse(
+                           "--colour views: '%s' is a lite model, which has no network for colours",
+                           cloud)
+                     : SPIN_OK;
     SPIN_TRY(read_ending(m));
     if (!base) {
         SPIN_TRY(find_cameras(path, save, m));
@@ -274,19 +279,19 @@ static spin_status settle_colours(const char *path, const char *save, struct mod
         if (base && views)
             return spin_not_found("--colour views: '%s': %s", cloud, lack);
         if (base)
-            spin_warn("'%s': base colours only, as %s", cloud, lack);
+            spin_warn("'%s': only base colours are imported: %s", cloud, lack);
     }
     if (base)
         spin_note(m->base.sequence,
-                  "full model: its network computes the colours of pixels from blended features "
-                  "and the ray; imported are the base colours, to which it adds (%s)",
+                  "full model: only the base colours are imported, without the contribution of the "
+                  "network (%s)",
                   lack);
     else
-        spin_note(m->base.sequence,
-                  "full model: its network computes the colours of pixels from blended features "
-                  "and the ray; imported is the colour of a pixel that only one Gaussian covers, "
-                  "for %d cameras, as SH of degree 1",
-                  m->cameras.n);
+        spin_note(
+            m->base.sequence,
+            "full model: its network computes colours per pixel; imported are SH of degree 1, "
+            "fitted to the colours of pixels that a single Gaussian covers, for %d cameras",
+            m->cameras.n);
     return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
 }
 
@@ -332,11 +337,11 @@ static void fill_row(struct model *m, size_t i)
     memcpy(s->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
     if (spin_quat_norm(turn) > 0)
         memcpy(s->spins + 4 * i, change, 4 * sizeof *row);
-    else /* of length 0: the rotation is constant, as the method draws it */
+    else /* length 0: as in the method's renderer, the rotation is constant */
         turn = spin_quat_norm(change) > 0 ? change : unturned;
     memcpy(s->quats + 4 * i, turn, 4 * sizeof *row);
     s->logit_opacities[i] = row[LOGIT];
-    /* Clamped, as the narrowest and the widest windows exceed the range of float. */
+    /* Clamped, since the narrowest and the widest windows are outside the range of float. */
     s->sigmas[i] =
         (float)fmin(fmax(exp((double)row[WIDTH]) / sqrt(2), 1e-37), (double)SPIN_FOREVER);
     for (size_t c = 0; c < 3; c++)
@@ -366,8 +371,8 @@ static spin_status fill_splats(struct model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Finds the cloud and the network beside it. `path` is a folder with saves, a save, or one of the
- * two files. */
+/* Finds the cloud and the network beside it. `path` is a folder with checkpoints, a checkpoint, or
+ * one of the two files. */
 static spin_status find_files(const char *path, struct model *m, const char **save)
 {
     const char *wanted = spin_model_option(&m->base, "iteration");
@@ -414,12 +419,12 @@ static void describe(const struct model *m)
         snprintf(from, sizeof from, ", the first is frame %ld of the video", first);
     if (m->duration > 0)
         spin_note(sequence,
-                  "the run has %g frames%s; frame i of them is at time i/%g: for a data set of "
-                  "just these frames use --frame-times unit",
+                  "the run has %g frames%s; frame i is at time i/%g; for a data set with only "
+                  "these frames use --frame-times unit",
                   m->duration, from, m->duration);
     else
-        spin_note(sequence, "the number of frames is not in a cfg_args, 50 are usual: frame i of n "
-                            "is at time i/n; set it with --duration");
+        spin_note(sequence, "no cfg_args contains the number of frames (usually 50): frame i of n "
+                            "is at time i/n; set n with --duration");
     if (m->n_dropped > 0) {
         spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
@@ -485,10 +490,10 @@ static void solve3(double a[3][3], double b[3][3])
     }
 }
 
-/* Fits SH of degree 1 by least squares: colour = mean colour + slope (d - mean d), with two
- * regularisers. The term (slope mean d)^2 has the weight of all cameras and keeps degree 0 near the
- * mean colour, because some viewers show degree 0 only. The other keeps slopes small where rays
- * differ by less than about `least` (radians), as they would be noise there. */
+/* Fits SH of degree 1 by least squares: colour = mean colour + slope . (d - mean d), with two
+ * regularisers. (slope . mean d)^2, weighted like all cameras together, keeps degree 0 near the
+ * mean colour, because some viewers draw degree 0 only. least^2 slope^2 keeps the slope small if
+ * the rays differ by less than about `least` radians, where the slope would be noise. */
 static void fit(const struct means *m, float sh[12])
 {
     const double least = 1e-2;
@@ -496,7 +501,8 @@ static void fit(const struct means *m, float sh[12])
 
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            a[i][j] = m->dd[i][j]; /* d d^T is not subtracted, as the first regulariser adds it */
+            a[i][j] = m->dd[i][j]; /* mean d mean d^T is not subtracted: the first regulariser would
+                                      add it again */
             slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
         }
         a[i][i] += least * least;
@@ -596,7 +602,8 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     return spin_model_check(m->base.path, time, SPIN_COL_SH, out);
 }
 
-/* Colours of the network hold at one time only, so there are no 4D splats with it. */
+/* Colours computed by the network are valid at one time only, so models that use it have no 4D
+ * splats. */
 static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     const struct model *m = self;
@@ -606,15 +613,14 @@ static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d
 }
 
 static const struct spin_plugin_option options[] = {
-    {"iteration", "N", "the save to read; by default the last", NULL},
-    {"duration", "N", "frames that the run was trained on, instead of the value in cfg_args", NULL},
+    {"iteration", "N", "the checkpoint to read (default: the last)", NULL},
+    {"duration", "N", "frames that the run was trained on (default: as in cfg_args)", NULL},
     {"colour", "auto|views|base",
      "full model: colours of its network for the cameras, or base colours only", "auto"},
-    {"camera", "X,Y,Z[;...]", "full model: positions of cameras, instead of those in cameras.json",
+    {"camera", "X,Y,Z[;...]", "full model: positions of cameras (default: those in cameras.json)",
      NULL},
     {"rgb-function", "NAME",
-     "full model: sandwich, sandwichnoact or sandwichnoactss, instead of the value in cfg_args",
-     NULL},
+     "full model: sandwich, sandwichnoact or sandwichnoactss (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -1,4 +1,4 @@
-/* .splat4d of adamraudonis/splats4D: a file with a clip whose frames all have the same splats. Only
+/* .splat4d of adamraudonis/splats4D: a clip in one file, with the same splats in every frame. Only
  * one group of frames is in memory at a time. */
 #include <string.h>
 

@@ -2,11 +2,11 @@
  * functions here open and read a file of each format; the decoders are in src/formats.
  *
  * SPZ: most files do not record their axes. splat-transform and our exporter write those of the
- * training; Niantic's library writes right, up, back if told the axes of its input. --axes decides
- * for files that do not record them.
+ * training; Niantic's library writes right, up, back if told the axes of its input. --axes applies
+ * to files that do not record them.
  *
  * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x
- * right, y down, z forward: --axes gltf undoes the half turn about z that exporters make. */
+ * right, y down, z forward: --axes gltf undoes the half turn about z that exporters apply. */
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
@@ -17,21 +17,22 @@
 
 /* Contents of a file. */
 struct opened {
-    size_t n_frames;                /* 1 unless it is a clip */
-    size_t n;                       /* splats per frame */
-    int sh_degree;                  /* the largest that read() returns */
-    bool antialias;                 /* trained for antialiased drawing */
-    bool has_axes;                  /* the file records its axes: */
-    double axes[4];                 /* rotation w x y z from them to the run's */
-    const char *note[4];            /* guesses and losses, each noted once; NULL: none */
-    const char *folder;             /* of loose files (SOG); or NULL */
+    size_t n_frames;     /* 1 unless it is a clip */
+    size_t n;            /* splats per frame */
+    int sh_degree;       /* the largest that read() returns */
+    bool antialias;      /* trained for antialiased drawing */
+    bool has_axes;       /* the file records its axes */
+    double axes[4];      /* if has_axes: rotation w x y z from the file's axes to the run's */
+    const char *note[4]; /* guesses and losses, each noted once; NULL: none */
+    const char *folder;  /* folder of the loose files (SOG), or NULL */
     struct spin_gs_glb_scene scene; /* of a GLB */
 };
 
 struct clip {
     struct spin_model base; /* canonical: a frame in the axes of its file */
     const struct format *format;
-    const double *turn; /* to the run's axes, for files that do not record theirs; NULL: none */
+    const double
+        *turn; /* rotation to the run's axes, for files that do not record their axes; NULL: none */
     struct spin_file_sequence files;
     int n_frames, sh_degree;
     int *numbers;   /* [n_frames] */
@@ -39,7 +40,7 @@ struct clip {
     size_t *counts; /* [n_frames] */
 
     /* The open file. */
-    size_t file, within; /* SIZE_MAX: none; the frame of it to read */
+    size_t file, within; /* index of the file (SIZE_MAX: none); its frame to read */
     struct spin_map map;
     struct opened opened;
 };
@@ -55,7 +56,8 @@ struct format {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Confidence by file names; low in the folder of a run, which has clouds of its own. */
+/* Confidence by file names; low in the folder of a run, whose point clouds are more likely the
+ * input. */
 static int probe_names(const struct spin_peek *peek, const char *suffix)
 {
     int named = spin_file_named(peek, suffix);
@@ -113,7 +115,8 @@ static spin_status reserve_frames(struct clip *clip, size_t n)
     return spin_model_alloc(&clip->base, n, sizeof *clip->counts, (void **)&clip->counts);
 }
 
-/* Numbers and times of the frames of a single file; its own numbers only if they increase. */
+/* Sets numbers and times of the frames of a single file. Frame numbers in the file are used only if
+ * they increase. */
 static void describe_clip(const struct clip *clip, struct spin_sequence_info *sequence)
 {
     bool numbered = true;
@@ -144,12 +147,13 @@ static void note_file(struct clip *clip, size_t file)
     const struct opened *f = &clip->opened;
 
     if (file > 0 && f->sh_degree != clip->sh_degree)
-        spin_note(sequence, "the SH degree differs between frames: padded with zeros");
+        spin_note(sequence, "the SH degree differs between frames: missing SH are set to 0");
     for (size_t i = 0; i < sizeof f->note / sizeof *f->note; i++)
         if (f->note[i])
             spin_note(sequence, "%s", f->note[i]);
     if (f->antialias && !sequence->antialias)
-        spin_note(sequence, "trained with an antialiasing rasteriser: drawn antialiased");
+        spin_note(sequence,
+                  "trained with an antialiasing rasteriser: the splats are drawn antialiased");
     sequence->antialias = sequence->antialias || f->antialias;
     clip->sh_degree = f->sh_degree > clip->sh_degree ? f->sh_degree : clip->sh_degree;
 }
@@ -164,7 +168,7 @@ static spin_status look_at_files(struct clip *clip, size_t *n_all)
         if (i == 0)
             SPIN_TRY(reserve_frames(clip, n_files > 1 ? n_files : clip->opened.n_frames));
         if (n_files > 1 && clip->opened.n_frames > 1)
-            return spin_malformed("'%s' holds a clip of %zu frames: import it on its own",
+            return spin_malformed("'%s' contains a clip of %zu frames: import this file on its own",
                                   clip->files.frame[i].path, clip->opened.n_frames);
         for (size_t f = 0; f < clip->opened.n_frames; f++) {
             const struct spin_gs_glb_frame *of = clip->opened.scene.frame;
@@ -233,8 +237,9 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(open_file(clip, file));
     clip->within = (size_t)frame - file;
-    status = clip->within < clip->opened.n_frames ? clip->format->read(clip, columns, raw)
-                                                  : spin_fail(SPIN_E_IO, "it changed");
+    status = clip->within < clip->opened.n_frames
+                 ? clip->format->read(clip, columns, raw)
+                 : spin_fail(SPIN_E_IO, "the file changed while it was being read");
     if (status != SPIN_OK)
         return fail_file(clip, file, status);
     if (raw->n != clip->counts[frame] || raw->sh_degree > clip->sh_degree)
@@ -258,7 +263,8 @@ static spin_status open_splat(struct clip *clip)
     clip->opened.note[0] = "the format has no view-dependent colour";
     clip->opened.n = clip->map.size / SPIN_SPLAT_ROW;
     if (clip->map.size % SPIN_SPLAT_ROW != 0)
-        return spin_malformed("%zu bytes are not a multiple of %d", clip->map.size, SPIN_SPLAT_ROW);
+        return spin_malformed("the file has %zu bytes, expected a multiple of %d", clip->map.size,
+                              SPIN_SPLAT_ROW);
     return SPIN_OK;
 }
 
@@ -316,8 +322,7 @@ SPIN_MODEL_IMPORTER(ksplat, struct clip, open_ksplat_clip, close_clip,
 
 static const struct spin_plugin_option spz_options[] = {
     {"axes", "source|rub",
-     "axes of files that do not record theirs; rub: right, up, back, half a turn about x",
-     "source"},
+     "axes of files that do not record them: as trained, or rub (right, up, back)", "source"},
     {0},
 };
 
@@ -334,7 +339,7 @@ static spin_status open_spz(struct clip *clip)
     if (header.sh_degree > 3)
         out->note[0] = "SH degree 4 is cut to degree 3";
     if (!out->has_axes)
-        out->note[1] = "the file does not record its axes: see --axes";
+        out->note[1] = "the file does not record its axes: --axes selects them";
     return out->has_axes ? spin_spz_axes(header.axes, out->axes) : SPIN_OK;
 }
 
@@ -394,8 +399,8 @@ static spin_status read_sog(struct clip *clip, unsigned columns, struct spin_spl
     return spin_sog_read(clip->map.data, clip->map.size, clip->opened.folder, columns, out);
 }
 
-/* A zip with images and a meta.json, the folder of both, or a meta.json with the bounds of
- * positions. */
+/* Recognises a zip with images and a meta.json, a folder with both, or a meta.json with the bounds
+ * of positions. */
 static int sog_probe(const struct spin_peek *peek)
 {
     bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");
@@ -429,8 +434,7 @@ SPIN_MODEL_IMPORTER(
 
 static const struct spin_plugin_option gltf_options[] = {
     {"axes", "gltf|source",
-     "axes of the file; gltf: x left, y up, z forward, half a turn about z from those of a run",
-     "gltf"},
+     "axes of the file: gltf (x left, y up, z forward), or source (as trained)", "gltf"},
     {0},
 };
 
@@ -444,11 +448,11 @@ static spin_status open_glb(struct clip *clip)
     out->sh_degree = out->scene.sh_degree;
     out->antialias = out->scene.antialias;
     if (out->scene.linear)
-        out->note[0] = "colours are of linear light: they are not converted";
+        out->note[0] = "colours are stored in linear light and not converted";
     if (out->scene.moves)
-        out->note[1] = "animations that move or fade nodes are left out";
+        out->note[1] = "animations that move or fade nodes are ignored";
     if (out->scene.others)
-        out->note[2] = "meshes that are not splats are left out";
+        out->note[2] = "meshes that are not splats are ignored";
     return SPIN_OK;
 }
 

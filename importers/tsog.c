@@ -14,7 +14,8 @@ struct tsog_model {
     size_t *counts; /* [n_frames] splats per frame */
 };
 
-/* Recognises the profile, or the extension, since images of older files have arbitrary names. */
+/* Recognises the extension, or the name of the profile in meta.json. Names of images do not
+ * identify the format: in older files they are arbitrary. */
 static int probe(const struct spin_peek *peek)
 {
     bool zip = spin_zip_looks_like(peek->head, peek->n_head);

@@ -1,13 +1,13 @@
-/* 4DAnyone: synchronous videos that a network generated from one.
+/* 4DAnyone: synchronous videos that a network generated from a single video.
  *
  *     cameras.json                    camera_model, cameras[]: camera_id, K, image_width,
  *                                     image_height, camera_to_world (OpenCV's axes), video
  *     metadata.json                   output.fps (may be missing)
  *     videos/dense/00.mp4 ...         the videos, as named by `video`
- *     images/00/000000.png ...        their frames, read instead of them where they exist
+ *     images/00/000000.png ...        frames of a video, read instead of the video if they exist
  *
- * World: y up, unchanged. videos/sparse and skeletons are not views. The files do not hold out any
- * camera. */
+ * World: y up, unchanged. videos/sparse and skeletons are not views. The data set itself holds out
+ * no camera. */
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 
@@ -48,7 +48,8 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     int64_t id;
 
     if (!spin_json_integer(spin_json_get(json, "camera_id"), &id) || id != place)
-        return spin_malformed("its 'camera_id' is not %lld, its index", (long long)place);
+        return spin_malformed("its 'camera_id' is not %lld, its index in the list",
+                              (long long)place);
     SPIN_TRY(read_size(json, &out->camera));
     SPIN_TRY(spin_views_matrix(spin_json_get(json, "K"), "K", 3, k));
     SPIN_TRY(spin_views_intrinsics(k, "K", &out->camera));
@@ -80,7 +81,7 @@ static spin_status read_cameras(void *model, const spin_json *root, struct spin_
     if (!kind || strcmp(kind, "OPENCV") != 0)
         return spin_unsupported("'camera_model' is '%s', expected OPENCV", kind ? kind : "");
     if (!spin_json_is_array(list) || n == 0)
-        return spin_malformed("no list 'cameras', or an empty one");
+        return spin_malformed("list 'cameras' is missing or empty");
     SPIN_TRY(spin_model_alloc(m, n, sizeof *camera, (void **)&camera));
     for (size_t i = 0; i < n; i++) {
         SPIN_TRY_IN(read_camera(m, spin_json_at(list, i), (int64_t)i, &camera[i]), "camera %zu", i);
@@ -102,7 +103,7 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     SPIN_TRY(spin_views_read_json(m->path, "metadata.json", read_metadata, m, out, &found));
     if (!found)
         spin_rig_note(m, NULL, out);
-    spin_note(out, "the world of the data set has y up (spin-export --up y)");
+    spin_note(out, "the y axis of the data set's world points up: use spin-export --up y");
     return SPIN_OK;
 }
 

@@ -3,10 +3,10 @@
  *     sparse/0/{cameras,images,points3D}.{bin,txt}, images/
  *         one model; each image is one frame
  *     the same, images/<camera>/<number>.png ...
- *         FreeTimeGS: each image of the model stands for a camera, whose frames are in the folder
- *         of its name
+ *         FreeTimeGS: each image of the model is a camera, with its frames in the folder of that
+ *         name
  *     frame000001/{sparse/0, images}, frame000002/...
- *         3DGStream: one folder per frame, the model of the first is used for all
+ *         3DGStream: one folder per frame; the model of the first folder is used for all frames
  *
  * Binary files are little-endian and packed; they are preferred to text files, as in the methods.
  * A pose is w2c in OpenCV's axes: R(q) p + t.
@@ -43,9 +43,9 @@ struct image {
 struct colmap {
     struct spin_model base;
     const char *images; /* folder */
-    bool by_name;       /* times of one model's images follow their names */
+    bool by_name;       /* time of an image: by the order of names, not of the file */
     bool centre;        /* move principal points to the image centre */
-    int hold;           /* hold out each hold-th; 0: none; -1: the default of the layout */
+    int hold; /* hold out every hold-th image or camera; 0: none; -1: the default of the layout */
     const char *sparse; /* folder of the model's files */
     bool binary;
     struct lens *lens;
@@ -70,8 +70,8 @@ static int probe(const struct spin_peek *peek)
     return frames ? 50 : 0;
 }
 
-/* Parameters of camera models: indices of fx, fy, cx, cy; those from `distortion` on must be 0. A
- * model that is never a pinhole has distortion -1. */
+/* Camera models: the number n of parameters and the indices of fx, fy, cx and cy. Parameters from
+ * index `distortion` on must be 0; it is -1 for models that are never a pinhole. */
 static const struct {
     const char *name;
     int n, fx, fy, cx, cy, distortion;
@@ -93,8 +93,8 @@ enum { N_MODELS = sizeof models / sizeof *models };
 
 /* ---- Bytes and words ------------------------------------------------------------------------- */
 
-/* A binary or text file; for text, `word` is the rest of the current line, which is split in place.
- */
+/* A binary or text file that is being read. For text, `word` is the rest of the current line, which
+ * is split in place. */
 struct source {
     bool binary;
     char *at, *end, *word;
@@ -128,7 +128,7 @@ static spin_status take_count(struct source *s, size_t smallest, const char *wha
     SPIN_TRY(take_bits(s, 8, out));
     if (*out > (uint64_t)(s->end - s->at) / smallest)
         return spin_malformed(
-            "its header announces %llu %s, more than the remaining %zu bytes hold",
+            "its header announces %llu %s, more than fit into the remaining %zu bytes",
             (unsigned long long)*out, what, (size_t)(s->end - s->at));
     return SPIN_OK;
 }
@@ -292,7 +292,7 @@ static const struct lens *find_lens(const struct colmap *m, int id)
     return NULL;
 }
 
-/* Sets the pose from a translation and a quaternion w, x, y, z of any length but 0. */
+/* Sets the pose from a translation and a quaternion w, x, y, z of any nonzero length. */
 static spin_status fill_pose(const double q[4], const double t[3], double m[12])
 {
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
@@ -308,8 +308,8 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     return spin_views_check_pose(m, "the pose");
 }
 
-/* Reads the name: the rest of the line, or a text that ends with 0; in binary files also skips the
- * image's points. */
+/* Reads the name: the rest of the line or, in binary files, a text that ends with 0. In binary
+ * files also skips the image's points. */
 static spin_status take_name(struct source *s, const char **name)
 {
     const char *end;
@@ -344,7 +344,8 @@ static spin_status read_image(struct colmap *m, struct source *s, int *id)
     if (!lens)
         return spin_malformed("there is no camera %d", image.lens_id);
     if (!spin_views_is_safe_name(name))
-        return spin_malformed("its name is '%.80s', expected one below the images", name);
+        return spin_malformed("its name is '%.80s', expected a path below the folder of images",
+                              name);
     image.camera = lens->camera;
     SPIN_TRY(fill_pose(image.q, image.t, image.camera.w2c));
     SPIN_TRY(spin_model_text(&m->base, &image.name, "%s", name));
@@ -355,7 +356,8 @@ static spin_status read_image(struct colmap *m, struct source *s, int *id)
 
 /* ---- Points ---------------------------------------------------------------------------------- */
 
-/* Keeps a sample of the points, to detect cameras that look the wrong way. */
+/* Reads a point, and keeps it if it belongs to the sample with which warn_behind() detects wrong
+ * poses. */
 static spin_status read_point(struct colmap *m, struct source *s, int *id)
 {
     uint64_t bits, n_track;
@@ -396,8 +398,9 @@ static void warn_behind(const struct colmap *m)
             behind = w[8] * p[0] + w[9] * p[1] + w[10] * p[2] + w[11] <= 0;
         }
         if (behind) {
-            spin_warn("'%s': all points are behind the camera of image '%s'", m->sparse,
-                      m->image[i].name);
+            spin_warn("'%s': all points are behind the camera of image '%s': its pose may be "
+                      "wrong, or in OpenGL's axes",
+                      m->sparse, m->image[i].name);
             return;
         }
     }
@@ -469,7 +472,7 @@ static spin_status find_sparse(struct colmap *m, const char *folder)
                           folder);
 }
 
-/* By name without extension: the methods choose held-out images in this order. */
+/* Compares names without extension: the methods choose held-out images in this order. */
 static int by_name(const void *a, const void *b)
 {
     const char *x = ((const struct image *)a)->name, *y = ((const struct image *)b)->name;
@@ -534,8 +537,8 @@ static spin_status has_frames(const char *folder, bool *out)
     return SPIN_OK;
 }
 
-/* In a data set of FreeTimeGS each image of the model stands for a camera, whose frames are in the
- * folder of that image or in a folder of that name. */
+/* In a data set of FreeTimeGS, each image of the model is a camera, whose frames are in the folder
+ * of the image or in a folder with its name. Sets *found to whether all these folders exist. */
 static spin_status find_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
                                 bool *found)
 {
@@ -547,7 +550,8 @@ static spin_status find_folders(struct colmap *m, const char *images, struct spi
     return SPIN_OK;
 }
 
-/* Folders with other names are assigned to the cameras in the order of both. */
+/* Assigns folders with other names to the cameras, both in the order of their names, if there are
+ * as many. */
 static spin_status pair_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
                                 bool *found)
 {
@@ -575,7 +579,7 @@ static spin_status pair_folders(struct colmap *m, const char *images, struct spi
     return SPIN_OK;
 }
 
-/* *out: the cameras, each with its folder; NULL when each image is a frame. */
+/* Sets *out to the cameras, each with its folder of frames; to NULL if each image is a frame. */
 static spin_status find_rig(struct colmap *m, const char *images, struct spin_rig_camera **out)
 {
     struct spin_rig_camera *c;
@@ -590,7 +594,8 @@ static spin_status find_rig(struct colmap *m, const char *images, struct spin_ri
         SPIN_TRY(spin_model_text(&m->base, &c[i].name, "%.*s", (int)camera_part(name), name));
     }
     if (spin_rig_sort(m->sparse, c, m->n_images) != SPIN_OK)
-        return SPIN_OK; /* equal names: a folder has several images of the model */
+        return SPIN_OK; /* two cameras have the same name: a folder contains several images of the
+                           model */
     SPIN_TRY(find_folders(m, images, c, &found));
     if (!found)
         SPIN_TRY(pair_folders(m, images, c, &found));
@@ -621,8 +626,8 @@ static spin_status read_rig(struct colmap *m, struct spin_rig_camera *c, const c
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* The numbers in the names are the camera ids if they are distinct; else the indices by name are.
- */
+/* Camera ids are the numbers in the names of the images if these are distinct, else the indices of
+ * the images in the order of their names. */
 static spin_status camera_ids(struct colmap *m, int **out)
 {
     int *sorted;
@@ -640,7 +645,8 @@ static spin_status camera_ids(struct colmap *m, int **out)
     return SPIN_OK;
 }
 
-/* Adds a view of each image, found in `folder`; row < 0: each image is a row of its own. */
+/* Adds a view for each image of the model, whose file is below `folder`, in the given row. If row
+ * is below 0, each image gets a row of its own. */
 static spin_status add_views(struct colmap *m, const char *folder, const int *ids, int row,
                              int number, struct spin_views *out)
 {
@@ -665,7 +671,8 @@ static spin_status add_views(struct colmap *m, const char *folder, const int *id
     return SPIN_OK;
 }
 
-/* Checks that the images exist and scales all cameras to them, by the images of the first frame. */
+/* Checks that all images exist, and scales the cameras to the sizes of the images of the first
+ * frame. */
 static spin_status fit_views(const struct colmap *m, struct spin_views *out, size_t first)
 {
     SPIN_TRY(spin_views_check_images(out, first));
@@ -703,7 +710,7 @@ static spin_status read_frames(struct colmap *m, const char *path, struct spin_v
                                   spin_frame_number(names[i]));
     }
     if (spin_model_option(&m->base, "time"))
-        return spin_misuse("option 'time' is for one model, not for frame folders");
+        return spin_misuse("option 'time' applies to a single model, not to frame folders");
     if (kept == 0)
         return spin_not_found("'%s' has neither 'sparse' nor frame folders", path);
     for (size_t f = 0; f < kept; f++) {
@@ -772,15 +779,15 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
 }
 
 static const struct spin_plugin_option options[] = {
-    {"images", "FOLDER", "where the images are, such as images_2", "images"},
+    {"images", "FOLDER", "the folder of the images, such as images_2", "images"},
     {"time", "RULE",
-     "one model: frame and time i/n of an image by its index in the file, or by its name; "
-     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (file; of "
-     "FreeTimeGS unit)",
+     "single model: order of the images, at times i/n, as in the file (file) or by name (name); "
+     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (default: file; "
+     "for FreeTimeGS: unit)",
      NULL},
     {"hold", "N",
-     "hold out each N-th image or camera by name, the first included; 0: none (8; with frame "
-     "folders only the first)",
+     "hold out every N-th image or camera by name, including the first; 0: none (default: 8; with "
+     "frame folders: only the first camera)",
      NULL},
     {"principal", "RULE", "principal point: file, or centre as in the methods' readers", "file"},
     {NULL, NULL, NULL, NULL},

@@ -6,10 +6,10 @@
  *     frames/0000/images/cam00.png    as StreamRF extracts them
  *     cam00.mp4 ...                   the videos themselves, when no frames were extracted
  *
- * Rows of poses_bounds belong to the existing cameras sorted by number, not to the number in the
- * name. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back], the centre, and a column of
- * height, width and focal length of the full-size video. World: LLFF's, unchanged, as in
- * 4DGaussians and Deformable-3DGS. */
+ * Row i of poses_bounds belongs to the i-th existing camera in the order of their numbers, not to
+ * the camera with number i. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back], the centre,
+ * and a column of height, width and focal length of the full-size video. World: LLFF's, unchanged,
+ * as in 4DGaussians and Deformable-3DGS. */
 #include <ctype.h>
 #include <strings.h>
 
@@ -108,7 +108,7 @@ static spin_status add_folder(struct set *set, const char *folder, int camera, i
     return SPIN_OK;
 }
 
-/* folder/name/images, or folder/name if there is no such folder. */
+/* Sets *out to folder/name/images, or to folder/name if the former does not exist. */
 static spin_status images_folder(struct set *set, const char *folder, const char *name,
                                  const char **out)
 {
@@ -117,7 +117,8 @@ static spin_status images_folder(struct set *set, const char *folder, const char
                                      : spin_model_join(&set->base, out, folder, "%s", name);
 }
 
-/* Refuses empty folders, which an interrupted extraction leaves behind. */
+/* Adds the images of one camera. Refuses an empty folder, which an interrupted extraction leaves
+ * behind. */
 static spin_status add_camera_folder(struct set *set, const char *name)
 {
     size_t before = set->n;
@@ -127,7 +128,7 @@ static spin_status add_camera_folder(struct set *set, const char *name)
     SPIN_TRY(add_folder(set, folder, camera_number(name), -1));
     if (spin_path_is_folder(folder) && set->n == before)
         return spin_not_found(
-            "folder '%s' holds no images: their extraction may have been interrupted", folder);
+            "folder '%s' contains no images: their extraction may have been interrupted", folder);
     return SPIN_OK;
 }
 
@@ -174,7 +175,7 @@ static spin_status add_video_frames(struct set *set, char **names)
     return SPIN_OK;
 }
 
-/* Uses the first of the three layouts that has images; else the videos. */
+/* Finds images in the first of the three layouts that contains any, else uses the videos. */
 static spin_status find_images(struct set *set)
 {
     const char *folder = set->base.path, *images, *frames;
@@ -240,8 +241,8 @@ static spin_status list_numbers(struct set *set, bool cameras, int **out, size_t
     return SPIN_OK;
 }
 
-/* Rows of poses_bounds belong to the cameras with images; if there are fewer of those, to the
- * videos. */
+/* Assigns the rows of poses_bounds to the cameras with images. If these are not as many as the
+ * rows, but the videos are, assigns the rows to the videos. */
 static spin_status match_cameras(struct set *set)
 {
     size_t n = 0;
@@ -290,7 +291,7 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
     return spin_views_check_intrinsics(out);
 }
 
-/* Scales every camera to its first image. */
+/* Converts all rows of poses_bounds, and scales each camera to the size of its first image. */
 static spin_status read_cameras(struct set *set)
 {
     bool differs = false;
@@ -317,7 +318,7 @@ static spin_status read_cameras(struct set *set)
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Each camera must have every frame once, from the first on; only the last ones may be missing, as
+/* Checks that each camera has each frame once. Only frames at the end may be missing, since
  * programs that extract frames disagree on their number. */
 static spin_status check_rows(struct set *set)
 {
@@ -368,8 +369,8 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
         SPIN_TRY(spin_views_add(out, &view));
     }
     if (set->n != set->n_rows * set->n_cameras)
-        spin_warn("'%s': %zu images of %zu cameras in %zu frames: some are missing", set->base.path,
-                  set->n, set->n_cameras, set->n_rows);
+        spin_warn("'%s': %zu images for %zu cameras and %zu frames: some images are missing",
+                  set->base.path, set->n, set->n_cameras, set->n_rows);
     return SPIN_OK;
 }
 

@@ -10,7 +10,7 @@
  *                                     instead of the first two: moving cameras, an entry per frame
  *
  * A pose is w2c = [R | T] in OpenCV's axes. Distortion is refused: EasyVolcap undistorts images and
- * then uses another K, which the files lack. The files do not hold out any camera.
+ * then uses another K, which the files do not contain. The data set itself holds out no camera.
  *
  * Times are k/(n-1), as in FreeTimeGS on these sets. EasyVolcap itself uses k/n. */
 #include "importers/lib/views_rig.h"
@@ -48,13 +48,13 @@ static spin_status set_value(spin_json *object, const char *key, spin_json *valu
 {
     if (spin_json_get(object, key)) {
         spin_json_free(value);
-        return spin_malformed("'%.40s' occurs twice", key);
+        return spin_malformed("key '%.40s' occurs twice", key);
     }
     return spin_json_set(object, key, value) == 0 ? SPIN_OK
                                                   : spin_malformed("'%.40s' cannot be stored", key);
 }
 
-/* Strips quotes; "" if they do not match. */
+/* Strips quotes; returns "" if they do not match. */
 static const char *plain_text(char *text)
 {
     size_t n = strlen(text);
@@ -108,8 +108,9 @@ static spin_status take_below(struct reader *r, char *line)
         return SPIN_OK;
     if ((strcmp(line, "rows") != 0 && strcmp(line, "cols") != 0) ||
         !spin_views_is_number(value, &number))
-        return spin_malformed("'%.40s: %.40s' is none of rows, cols, dt d or f, and data", line,
-                              value);
+        return spin_malformed(
+            "'%.40s: %.40s' is not an entry of a matrix, expected rows, cols, dt (d or f) or data",
+            line, value);
     return set_value(r->value, line, spin_json_number_value(number));
 }
 
@@ -158,7 +159,7 @@ static spin_status parse(struct reader *r, char *text)
         while (n > 0 && strchr(" \t\r", line[n - 1]))
             line[--n] = '\0';
         if (number == 1 && strcmp(line, "%YAML:1.0") != 0 && strcmp(line, "%YAML 1.0") != 0)
-            return spin_malformed("its first line is not '%%YAML:1.0'");
+            return spin_malformed("the first line is not '%%YAML:1.0'");
         if (number > 1 && strcmp(line, "---") != 0)
             SPIN_TRY_IN(take_line(r, line), "line %d", number);
     }
@@ -182,7 +183,8 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
     SPIN_TRY(spin_map_open(out->path, &map));
     SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
-    status = memchr(text, '\0', map.size) ? spin_malformed("it is not text") : parse(&r, text);
+    status =
+        memchr(text, '\0', map.size) ? spin_malformed("the file is not text") : parse(&r, text);
     return spin_fail_context(status, "cannot read '%s'", out->path);
 }
 
@@ -336,14 +338,14 @@ static spin_status read_names(const struct pair *p, const spin_json **names, siz
     *names = spin_json_get(p->intri.json, "names");
     *n = spin_json_length(*names);
     if (!spin_json_is_array(*names) || *n == 0)
-        return spin_malformed("'%s' has no list 'names', or an empty one", p->intri.path);
+        return spin_malformed("list 'names' of '%s' is missing or empty", p->intri.path);
     if (other && spin_json_length(other) != *n)
-        return spin_malformed("'%s' has %zu 'names', and '%s' %zu", p->intri.path, *n,
-                              p->extri.path, spin_json_length(other));
+        return spin_malformed("'%s' has %zu entries in 'names', but '%s' has %zu", p->intri.path,
+                              *n, p->extri.path, spin_json_length(other));
     return SPIN_OK;
 }
 
-/* Reads static cameras, which are all in two files. */
+/* Reads static cameras; one pair of files contains all of them. */
 static spin_status read_still(struct set *set, const struct pair *p)
 {
     const spin_json *names;
@@ -444,8 +446,8 @@ static spin_status read_set(struct set *set, struct spin_views *out)
                  : read_folders(set, cameras));
     SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
     spin_rig_note(&set->base, NULL, out);
-    spin_note(out, "FreeTimeGS uses the time i/(n-1) on such sets, EasyVolcap itself i/n "
-                   "(--data-from easyvolcap:time=count)");
+    spin_note(out, "on such data sets FreeTimeGS uses times i/(n-1) and EasyVolcap i/n: for the "
+                   "latter use --data-from easyvolcap:time=count");
     if (set->coloured)
         spin_note(out, "the colour matrices 'ccm' of the cameras are not applied");
     return SPIN_OK;

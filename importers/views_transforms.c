@@ -9,10 +9,10 @@
  * unless its images are named cam<NN>. Images with alpha are composited when they are read, over
  * the colour of --background; D-NeRF's own training uses white.
  *
- * transforms.json contains all images. Held out are those in its lists test_filenames and
- * val_filenames, else the first of several cameras, else (one camera, or no times) each 8th image.
- * Without times every image is a camera of its own. Poses are used as stored: applied_transform was
- * applied to them before, and nerfstudio's own centring is left out.
+ * transforms.json contains all images. Those in its lists test_filenames and val_filenames are held
+ * out. Without lists, the first of several cameras is held out; with one camera or without times,
+ * every 8th image. Without times every image is a camera of its own. Poses are used as stored:
+ * applied_transform was applied to them before, and nerfstudio's own centring is left out.
  *
  * 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
  * wrong sign unless the camera's right axis is perpendicular to its position; pose=4dgaussians
@@ -37,10 +37,10 @@ struct split {
     struct spin_model *m; /* path: the folder */
     const struct options *options;
     const spin_json *root; /* valid while the file is read */
-    int id;                /* of its camera if images are not named cam<NN> */
+    int id;                /* camera id of images that are not named cam<NN> */
     bool test;
-    bool all;              /* it is transforms.json */
-    bool has_lists, timed; /* of transforms.json: it lists held-out images; a frame has a time */
+    bool all;              /* the file is transforms.json */
+    bool has_lists, timed; /* transforms.json: lists held-out images; has frames with a time */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -52,8 +52,7 @@ static int probe(const struct spin_peek *peek)
 {
     if (spin_peek_has(peek, TRAIN))
         return 90;
-    return spin_peek_has(peek, ALL) ? 60
-                                    : 0; /* tools leave it beside the files of another data set */
+    return spin_peek_has(peek, ALL) ? 60 : 0; /* some tools write it beside another data set */
 }
 
 /* ---- One camera ------------------------------------------------------------------------------ */
@@ -93,12 +92,12 @@ static spin_status check_lens(const struct split *s, const spin_json *frame)
     if (model && strcmp(model, "OPENCV") != 0 && strcmp(model, "PINHOLE") != 0 &&
         strcmp(model, "SIMPLE_PINHOLE") != 0 && strcmp(model, "perspective") != 0)
         return spin_unsupported(
-            "'camera_model' is '%s', expected a pinhole camera: undistort first", model);
+            "'camera_model' is '%s', expected a pinhole camera: undistort the images first", model);
     return SPIN_OK;
 }
 
-/* Reads the size from the file, checked against the image if the frame has its own or is the first;
- * else from the image. */
+/* Reads the size from the JSON file. For the first frame, and for frames with a size of their own,
+ * checks it against the image. Without w and h, reads the size of the image. */
 static spin_status read_size(const struct split *s, const spin_json *frame, size_t index,
                              const char *path, struct spin_camera *camera)
 {
@@ -174,7 +173,7 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
 
 /* ---- One frame ------------------------------------------------------------------------------- */
 
-/* Finds the image by its name, else by its name with the ending. */
+/* Finds the image by its name, else by its name with the extension of option `ending`. */
 static spin_status find_image(const struct split *s, const char *name, char **out)
 {
     const char *path;
@@ -186,7 +185,7 @@ static spin_status find_image(const struct split *s, const char *name, char **ou
     return SPIN_OK;
 }
 
-/* "images/cam07_0001" is camera 7; else all images of the file are one camera. */
+/* "images/cam07_0001" is camera 7; images with other names are of camera s->id. */
 static int camera_of(const struct split *s, const char *name)
 {
     const char *at = strstr(spin_path_name(name), "cam");
@@ -206,7 +205,8 @@ static const char *without_dot(const char *name)
     return name;
 }
 
-/* Whether the list `key` of transforms.json has an image. */
+/* Whether the list `key` of transforms.json contains an image. Sets s->has_lists if the list is not
+ * empty. */
 static bool lists(struct split *s, const char *key, const char *name)
 {
     const spin_json *list = spin_json_get(s->root, key);
@@ -228,7 +228,7 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
     const spin_json *time = spin_json_get(frame, "time");
 
     if (!name)
-        return spin_malformed("no text 'file_path'");
+        return spin_malformed("'file_path' is missing or not a string");
     if (!spin_views_is_safe_name(name))
         return spin_malformed("'file_path' is '%s', expected a path below the folder", name);
     if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
@@ -275,7 +275,7 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
 /* Times closer than this fraction of the range are one frame: files are written with six digits. */
 #define SAME_TIME 1e-6
 
-/* Rows are the distinct times, in order; times are then scaled by the rule. */
+/* Numbers the rows, which are the distinct times in order, then scales the times by the rule. */
 static spin_status set_rows(struct spin_model *m, struct spin_views *views, size_t first,
                             enum time_rule rule)
 {
@@ -323,7 +323,8 @@ static int by_path(const void *a, const void *b)
     return strcmp((*x)->path, (*y)->path);
 }
 
-/* Holds out views of transforms.json if it has no lists, or by option `hold`. */
+/* Chooses the held-out views of transforms.json by option `hold`, or by default if it has no lists.
+ */
 static spin_status hold_out(const struct split *s, struct spin_views *views, size_t first)
 {
     size_t n = views->n - first, hold = s->options->hold < 0 ? 8 : (size_t)s->options->hold;
@@ -384,7 +385,7 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
 
     SPIN_TRY(read_options(m->values, &o));
     if (spin_model_option(m, one ? "test-file" : "hold"))
-        return spin_misuse("option '%s' is for '%s', and the data set has '%s'",
+        return spin_misuse("option '%s' applies to '%s', but the data set has '%s'",
                            one ? "test-file" : "hold", one ? TRAIN : ALL, one ? ALL : TRAIN);
     if (one) {
         SPIN_TRY(all_views(&train, out));
@@ -402,12 +403,13 @@ static const struct spin_plugin_option options[] = {
     {"time", "RULE", "file: as stored; max: divided by the largest; unit: first 0, last 1", "file"},
     {"test-file", "NAME", "the file of held-out images (transforms_val.json in some data sets)",
      "transforms_test.json"},
-    {"ending", "TEXT", "extension that image names in the file lack", ".png"},
-    {"pose", "RULE", "right; 4dgaussians: with the sign of the translation's x as in 4DGaussians",
+    {"ending", "TEXT", "extension of the images, if their names in the file lack it", ".png"},
+    {"pose", "RULE",
+     "right: correct poses; 4dgaussians: with the wrong sign of the translation's x of 4DGaussians",
      "right"},
     {"hold", "N",
-     "transforms.json: hold out each N-th image by name, the first included; 0: none (its lists; "
-     "without, the first of several cameras or each 8th image)",
+     "transforms.json: hold out every N-th image by name, including the first; 0: none (default: "
+     "the lists in the file, else the first of several cameras, else every 8th image)",
      NULL},
     {NULL, NULL, NULL, NULL},
 };

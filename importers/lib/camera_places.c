@@ -21,7 +21,7 @@ spin_status spin_camera_places_parse(const char *text, struct camera_places *out
         if (n >= 100 || !spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, xyz))
             return spin_misuse("--camera '%.*s': expected X,Y,Z", (int)n, at);
         if (out->n == CAMERA_PLACES_MOST)
-            return spin_misuse("--camera: more than %d places", CAMERA_PLACES_MOST);
+            return spin_misuse("--camera: more than %d positions", CAMERA_PLACES_MOST);
         for (int d = 0; d < 3; d++)
             out->place[out->n][d] = (float)xyz[d];
         out->n++;

@@ -10,10 +10,11 @@ struct camera_places {
     float place[CAMERA_PLACES_MOST][3]; /* world units */
 };
 
-/* Parses the value of --camera, "X,Y,Z" or several separated by ";"; NULL: none. SPIN_E_USAGE. */
+/* Parses the value of --camera: "X,Y,Z", or several positions separated by ";". NULL yields no
+ * positions. Errors are SPIN_E_USAGE. */
 spin_status spin_camera_places_parse(const char *text, struct camera_places *out);
 
-/* Reads the distinct "position" values of the list `path`, in order; of more than
- * CAMERA_PLACES_MOST, that many evenly spaced. At least one; SPIN_E_MALFORMED names the file and
- * the entry. */
+/* Reads the distinct "position" values of the list in the file `path`, in order. If there are more
+ * than CAMERA_PLACES_MOST, evenly spaced ones are chosen. A list without positions is an error;
+ * SPIN_E_MALFORMED names the file and the entry. */
 spin_status spin_camera_places_load(const char *path, struct camera_places *out);

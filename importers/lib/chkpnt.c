@@ -56,7 +56,8 @@ spin_status spin_chkpnt_find(struct spin_model *m, const char *path)
     if (!name)
         return SPIN_OK;
     if (best)
-        spin_note(m->sequence, "'%s' is read; chkpnt_best.pth exists too: name it to import it",
+        spin_note(m->sequence,
+                  "'%s' is read; to import chkpnt_best.pth instead, give that file as the input",
                   name);
     return spin_model_join(m, &m->path, path, "%s", name);
 }
@@ -100,11 +101,12 @@ spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, con
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 || !m ||
         m->kind != SPIN_VALUE_TUPLE || !number || number->kind != SPIN_VALUE_INT)
         return spin_malformed(
-            "the checkpoint holds %s with %s and %s, expected a tuple with a tuple and an int",
+            "the checkpoint contains %s with %s and %s, expected a tuple with a tuple and an int",
             spin_chkpnt_kind(root), spin_chkpnt_kind(m), spin_chkpnt_kind(number));
     if (m->n != n_items)
-        return spin_unsupported("the model has %zu items and %s has %zu: it is a model of %s", m->n,
-                                method, n_items, spin_chkpnt_maker(m->n));
+        return spin_unsupported(
+            "the model has %zu items, but that of %s has %zu: this is a model of %s", m->n, method,
+            n_items, spin_chkpnt_maker(m->n));
     *model = m;
     *iteration = number->number;
     return SPIN_OK;
@@ -115,9 +117,9 @@ spin_status spin_chkpnt_bind(struct spin_torch *torch, const struct spin_value *
 {
     SPIN_TRY(spin_torch_tensor_of(torch, v, what, n_dims, shape, out));
     if (out->kind != 'f' && out->kind != 'B')
-        return spin_malformed("%s does not hold floating-point numbers", what);
+        return spin_malformed("%s does not contain floating-point numbers", what);
     if (out->count > out->storage_count)
-        return spin_malformed("%s has %llu elements, its storage %llu", what,
+        return spin_malformed("%s has %llu elements, but its storage has %llu", what,
                               (unsigned long long)out->count,
                               (unsigned long long)out->storage_count);
     return SPIN_OK;

@@ -51,7 +51,8 @@ void spin_deform_shape(const struct deform_job *job, size_t first, int n, const 
 
 /* ---- Saves ----------------------------------------------------------------------------------- */
 
-/* The last cloud and the last network must be of the same save, or the user must choose one. */
+/* Refuses a model whose last cloud and last network are of different checkpoints: the user must
+ * choose one. */
 static spin_status check_newest(struct spin_model *m, const char *path, const char *clouds,
                                 const char *deforms, const char *found)
 {
@@ -65,9 +66,9 @@ static spin_status check_newest(struct spin_model *m, const char *path, const ch
         return spin_not_found("'%s' has no iteration_<N> with deform.pth", deforms);
     if (strcmp(cloud, deform) == 0)
         return SPIN_OK;
-    return spin_malformed("'%s': the last cloud is %s but the last network is %s; %s%s", path,
+    return spin_malformed("'%s': the last cloud is of %s, but the last network of %s: %s%s", path,
                           cloud, deform,
-                          found ? "choose one with --iteration; both have "
+                          found ? "choose a checkpoint with --iteration; complete is "
                                 : "the folders are of two runs or half copied",
                           found ? found : "");
 }

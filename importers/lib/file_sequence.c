@@ -82,7 +82,7 @@ spin_status spin_file_sequence_find(struct spin_model *m, const char *path, cons
     }
     SPIN_TRY(spin_file_sequence_list(m, path, suffix, seq));
     if (seq->n_frames == 0)
-        return spin_not_found("'%s' holds no %s files", path, suffix);
+        return spin_not_found("'%s' contains no %s files", path, suffix);
     return SPIN_OK;
 }
 
@@ -93,7 +93,7 @@ spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const
 
     SPIN_TRY(spin_file_sequence_find(m, path, suffix, &files));
     if (files.n_frames > 1)
-        return spin_unsupported("'%s' holds %zu clips: give one of the files", path,
+        return spin_unsupported("'%s' contains %zu clips: give one of the files", path,
                                 files.n_frames);
     *out = files.frame[0].path;
     return SPIN_OK;
@@ -126,7 +126,7 @@ spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
     }
     if (n_numbered < seq->n_frames)
         return spin_malformed("'%s' has no frame number in its name, but '%s' has: a folder must "
-                              "hold the frames of one clip only",
+                              "contain the frames of one clip only",
                               f[0].path, spin_path_name(f[seq->n_frames - 1].path));
     for (size_t i = 1; i < seq->n_frames; i++) {
         if (f[i].number == f[i - 1].number)
@@ -136,8 +136,8 @@ spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
     missing = (long long)f[seq->n_frames - 1].number - f[0].number + 1 - (long long)seq->n_frames;
     for (size_t i = 1; missing > 0 && i < seq->n_frames; i++) {
         if (f[i].number > f[i - 1].number + 1) {
-            spin_note(sequence, "frame numbers have gaps: %lld missing, the first is %d", missing,
-                      f[i - 1].number + 1);
+            spin_note(sequence, "frame numbers have gaps: %lld are missing, the first is %d",
+                      missing, f[i - 1].number + 1);
             break;
         }
     }

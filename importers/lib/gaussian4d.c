@@ -8,7 +8,7 @@ spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, 
     return spin_model_alloc(m, n, sizeof *g->row, (void **)&g->row);
 }
 
-/* Far below the largest float: positions move, and later code squares them. */
+/* Whether values are far below the largest float: positions move, and later code squares them. */
 static bool all_sane(const double *values, int n)
 {
     for (int i = 0; i < n; i++) {
@@ -67,8 +67,8 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
                   spin_text_share(g->n_dropped, n, "Gaussian", "is", "are", (char[96]){0}), why);
     if (n_faint > 0.99 * (double)n)
         spin_note(sequence,
-                  "nearly all opacities are below %g: training saved this just after it had reset "
-                  "them; positions are not affected",
+                  "nearly all opacities are below %g: the file was saved just after training had "
+                  "reset opacities; positions are not affected",
                   SPIN_FAINT);
     return SPIN_OK;
 }

@@ -3,7 +3,7 @@
 
 #include "math/plane.h"
 
-/* The axes of the columns and the rows of a plane; 3 is time. */
+/* The axes of the columns and the rows of each plane; axis 3 is time. */
 static const int hex_axes[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 /* ---- Loading --------------------------------------------------------------------------------- */
@@ -54,7 +54,7 @@ static spin_status load_plane(struct spin_model *m, int scale, int p, struct hex
         if (n == 0 || n > HEX_MAX_SIZE || (*size && (uint64_t)*size != n))
             return spin_malformed("tensor '%s%s' has %llu samples along %c, expected %s%d",
                                   m->prefix, key, (unsigned long long)n, "xyzt"[hex_axes[p][i]],
-                                  *size ? "as the planes before it " : "1 to ",
+                                  *size ? "as in previous planes " : "1 to ",
                                   *size ? *size : HEX_MAX_SIZE);
         *size = (int)n;
     }
@@ -72,7 +72,8 @@ static spin_status load_planes(struct spin_model *m, struct hexplane *hex)
         if (n == 0)
             return SPIN_OK;
         if (hex->n_scales == HEX_MAX_SCALES)
-            return spin_unsupported("more than %d scales of planes", HEX_MAX_SCALES);
+            return spin_unsupported("the network has more than %d scales of planes",
+                                    HEX_MAX_SCALES);
         if (n != 6)
             return spin_malformed("'%sgrid.grids.%d' has %d planes, expected 6", m->prefix,
                                   hex->n_scales, n);
@@ -93,7 +94,8 @@ static spin_status check_box(const struct spin_model *m, const char *key, const 
     return SPIN_OK;
 }
 
-/* The input has F = channels x scales features, or 3 F when they are encoded: grid_pe > 1. */
+/* Loads feature_out. Its input has F = channels x scales features, or 3 F if they are encoded,
+ * which grid_pe > 1 indicates. */
 static spin_status load_feature(struct spin_model *m, double grid_pe, struct hexplane *hex)
 {
     int n_features = hex->channels * hex->n_scales;
@@ -106,11 +108,11 @@ static spin_status load_feature(struct spin_model *m, double grid_pe, struct hex
         return SPIN_OK;
     if (first->n_in != 3 * n_features)
         return spin_malformed(
-            "tensor '%sfeature_out.0.weight' takes %d features, but the planes give %d", m->prefix,
-            first->n_in, n_features);
+            "tensor '%sfeature_out.0.weight' has %d inputs, but the planes have %d features",
+            m->prefix, first->n_in, n_features);
     if (!(grid_pe > 1))
-        return spin_unsupported("tensor '%sfeature_out.0.weight' takes encoded features, but no "
-                                "cfg_args gives grid_pe: use --grid-pe",
+        return spin_unsupported("tensor '%sfeature_out.0.weight' has encoded features as its "
+                                "input, but no cfg_args contains grid_pe: use --grid-pe",
                                 m->prefix);
     hex->grid_pe = grid_pe;
     return SPIN_OK;

@@ -1,7 +1,7 @@
-/* Small networks of foreign methods, evaluated for blocks of points.
+/* Small networks of other methods, evaluated for blocks of points.
  *
- * The activations of a block are stored by channel, [channel][MLP_BLOCK]: the loops below go over
- * points, so a layer is a broadcast and a multiply-add whatever its width. */
+ * The activations of a block are stored by channel, [channel][MLP_BLOCK]: inner loops run over
+ * points, so a layer of any width consists of broadcasts and multiply-adds. */
 #pragma once
 
 #include "spin.h"
@@ -28,23 +28,25 @@ struct mlp_layer {
 /* A network; n is 0 if there is none. */
 struct mlp_net {
     int n;
-    int again; /* this layer takes the network's input, then the last output; 0: none */
+    int again; /* index of a layer with a skip connection, whose input is the network's input
+                  followed by the previous layer's output; 0: none */
     bool half; /* the output of each layer is rounded to half precision */
     struct mlp_layer layer[MLP_MAX_LAYERS];
 };
 
-/* Outputs of the last layer; floats of a block of the widest layer or input. */
+/* Number of outputs of the last layer; floats of a block of the widest layer or input. */
 int spin_mlp_n_out(const struct mlp_net *net);
 size_t spin_mlp_widest(const struct mlp_net *net);
 
-/* Runs all layers over a block, alternating between a and b, and returns the one with the last
- * result. `in` may be a or b, else it is not changed; the first result goes to a unless `in` is a.
- * b may be NULL for a single layer with `in` != a. With `again`, `in` is neither and has space for
- * one layer's output behind it. */
+/* Runs all layers over a block, writing results to a and b in turn, and returns the one that
+ * contains the last result. The first result is written to a or, if `in` is a, to b. `in` may be a
+ * or b; otherwise it is not changed. b may be NULL for a single layer if `in` is not a. For a
+ * network with a skip connection (`again`), `in` must be neither a nor b, and must have space for
+ * one layer's output behind the input. */
 float *spin_mlp_run(const struct mlp_net *net, float *in, float *a, float *b);
 
-/* Evaluates points first .. first + n - 1, n at most MLP_BLOCK; `scratch` is not shared with other
- * threads. */
+/* Evaluates points first .. first + n - 1, n at most MLP_BLOCK; `scratch` belongs to the calling
+ * thread. */
 typedef void (*mlp_block_fn)(void *context, size_t first, int n, float *scratch);
 
 struct mlp_team {

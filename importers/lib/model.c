@@ -133,7 +133,7 @@ spin_status spin_model_there(spin_status status, const char **out)
     return status;
 }
 
-/* Takes ownership of a malloc() block, which is freed with the model, or now on failure. */
+/* Takes ownership of a malloc() block: it is freed with the model, or at once on failure. */
 static spin_status keep(struct spin_model *m, void *block)
 {
     struct spin_model_block *b;
@@ -342,7 +342,7 @@ spin_status spin_model_newest(struct spin_model *m, const char *path, const char
         if (step_of(names[i]) > (best ? step_of(best) : -1))
             best = names[i];
     return best ? spin_model_join(m, &m->path, folder, "%s", best)
-                : spin_not_found("'%s' holds no %s", folder, called);
+                : spin_not_found("'%s' contains no %s", folder, called);
 }
 
 spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
@@ -411,7 +411,8 @@ spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *s
     return file ? spin_cfg_open(file, &m->settings.cfg) : SPIN_OK;
 }
 
-/* Opens the file of --config. One without any known key would have no effect, so it is refused. */
+/* Opens the file of --config. A file without any known key would have no effect, so it is refused.
+ */
 static spin_status open_config(struct spin_model *m, const char *path)
 {
     static const char *const keys[] = {"time_duration", "frame_ratio", "compute_cov3D_python"};
@@ -436,7 +437,8 @@ spin_status spin_model_config(struct spin_model *m)
     if (config)
         return open_config(m, config);
     SPIN_TRY(spin_model_names(m, folder, &names, &n));
-    for (size_t i = 0; i < n; i++) { /* training writes none there, but users may add a copy */
+    for (size_t i = 0; i < n;
+         i++) { /* training writes no YAML config here, but users may copy one in */
         const char *dot = strrchr(names[i], '.');
 
         if (!dot || (strcmp(dot, ".yaml") != 0 && strcmp(dot, ".yml") != 0))
@@ -560,7 +562,7 @@ spin_status spin_model_dict(struct spin_model *m)
 {
     m->tensors = m->torch.root;
     if (!m->tensors || m->tensors->kind != SPIN_VALUE_DICT)
-        return spin_malformed("the file does not have a state dict");
+        return spin_malformed("the file does not contain a state dict");
     return SPIN_OK;
 }
 
@@ -575,9 +577,9 @@ spin_status spin_model_keys(const struct spin_model *m, const char *const *stems
                           strncmp(key + n, *stem, strlen(*stem)) == 0))
             stem++;
         if (!*stem)
-            return spin_unsupported("tensor '%.80s' does not belong to this method: the run may be "
-                                    "of one derived from it",
-                                    key ? key : "");
+            return spin_unsupported(
+                "tensor '%.80s' does not belong to this method: the run may be of a derived method",
+                key ? key : "");
     }
     return SPIN_OK;
 }
@@ -620,7 +622,7 @@ spin_status spin_model_layer(struct spin_model *m, const char *key, int n_in, in
     char name[200];
 
     if (net->n == MLP_MAX_LAYERS)
-        return spin_unsupported("more than %d layers", MLP_MAX_LAYERS);
+        return spin_unsupported("the network has more than %d layers", MLP_MAX_LAYERS);
     snprintf(name, sizeof name, "%s.weight", key);
     SPIN_TRY(spin_model_floats(m, name, 2, shape, &info, &weight));
     if (info.shape[0] == 0 || info.shape[1] == 0 || info.shape[0] > MLP_MAX_WIDTH ||

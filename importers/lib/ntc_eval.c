@@ -60,7 +60,7 @@ static spin_status ntc_word(const spin_json *object, const char *key, const char
     if (!text && !needed)
         return SPIN_OK;
     if (!text)
-        return spin_malformed("no text '%s'", key);
+        return spin_malformed("'%s' is missing or not a string", key);
     if (strcmp(text, word) != 0 && strcmp(text, other) != 0)
         return spin_unsupported("'%s' is '%s', expected %s", key, text, word);
     return SPIN_OK;
@@ -220,7 +220,8 @@ spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struc
     n->shape = shape;
     SPIN_TRY(spin_file_head(path, head, sizeof head, &n_head));
     if (!spin_zip_looks_like(head, n_head))
-        return spin_unsupported("'%s' is not a zip, as PyTorch writes it since version 1.6", path);
+        return spin_unsupported("'%s' is not a zip file, as PyTorch writes since version 1.6",
+                                path);
     SPIN_TRY(spin_torch_open(path, &torch));
     status = ntc_fill(path, &torch, n);
     spin_torch_close(&torch);

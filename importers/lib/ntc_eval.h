@@ -1,8 +1,8 @@
 /* The network of one frame of 3DGStream, NTC.pth: reading it, and evaluating it at points.
  *
  * Parameters, features and activations are rounded to half precision as in tiny-cuda-nn
- * (NVlabs/tiny-cuda-nn 6ee3546); sums are in float. The result differs from a GPU's no more than
- * those of two GPUs do. */
+ * (NVlabs/tiny-cuda-nn 6ee3546); sums are in float. Results differ from those of a GPU no more than
+ * the results of two GPUs differ. */
 #pragma once
 
 #include "importers/lib/mlp_eval.h"
@@ -24,9 +24,9 @@ struct ntc_shape {
 /* The network of one frame. */
 struct ntc {
     const struct ntc_shape *shape;
-    float low[3], high[3]; /* bounding box in which it is defined */
+    float low[3], high[3]; /* bounding box in which the network is defined */
     float *parameters;     /* as in the file, rounded to half */
-    struct mlp_net net;    /* the matrices among them */
+    struct mlp_net net;    /* its layers point into `parameters` */
 };
 
 /* The configuration that upstream ships: 16 levels of 4 features, 2^15 entries. */
@@ -39,7 +39,7 @@ spin_status spin_ntc_open_config(const char *path, struct ntc_shape *s);
 
 void spin_ntc_free(struct ntc *n);
 
-/* On failure there is nothing to free. */
+/* Reads NTC.pth. On failure, there is nothing to free. */
 spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struct ntc *n);
 
 /* Encodes a point of the unit cube into a column of a block [n_in][MLP_BLOCK], the input of the
@@ -47,6 +47,6 @@ spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struc
 void spin_ntc_encode(const struct ntc *n, const float x[3], float *out);
 
 /* Moves `count` Gaussians, at most MLP_BLOCK, to the next frame: mu += d, q = unit(q) * unit(r).
- * Outside the bounding box it only normalises q. SH are not rotated: upstream computes that but
- * discards it. scratch: three times spin_mlp_widest(). */
+ * Outside the bounding box only q is normalised. SH are not rotated: upstream computes rotated SH
+ * but discards them. scratch: three times spin_mlp_widest(). */
 void spin_ntc_apply(const struct ntc *n, int count, float *means, float *quats, float *scratch);

@@ -32,8 +32,8 @@ static const char *cfg_skip_text(const char *at, const char *end)
     return NULL;
 }
 
-/* The comma or bracket that ends the value beginning at `at`; NULL if brackets or quotes do not
- * match. The character `stop`, ':' or '=', ends it too. */
+/* Returns the comma, the bracket or the character `stop` (':', '=' or 0 for none) that ends the
+ * value at `at`; NULL if brackets or quotes do not match. */
 static const char *cfg_skip(const char *at, const char *end, char stop)
 {
     char open[CFG_MAX_DEPTH];
@@ -66,7 +66,7 @@ static const char *cfg_skip(const char *at, const char *end, char stop)
     return depth == 0 ? at : NULL;
 }
 
-/* Reads the next "name<mark>value" of a list and moves *at behind it. False at the end. */
+/* Reads the next "name<mark>value" of a list and moves *at behind it. Returns false at the end. */
 static bool cfg_next(const char **at, const char *end, char mark, struct cfg_span *name,
                      struct cfg_span *value)
 {
@@ -85,7 +85,7 @@ static bool cfg_next(const char **at, const char *end, char mark, struct cfg_spa
             *at = last < end ? last + 1 : end;
             return true;
         }
-        *at = stop < end ? stop + 1 : end; /* **{...}: names that are not identifiers */
+        *at = stop < end ? stop + 1 : end; /* skip **{...}, whose names are not identifiers */
     }
     return false;
 }
@@ -344,8 +344,8 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
 }
 
 /* Guesses the clip's times from the central 98% of the Gaussians' own, rounded. Methods initialise
- * times over a range `spread` times as long as the clip, so the guess is narrowed by that about its
- * middle. */
+ * times over a range `spread` times as long as the clip, so the guess is narrowed by this factor
+ * about its midpoint. */
 static spin_status guess_times(const float *time, size_t n, double spread, struct clip_times *out)
 {
     double low, high, half, step;

@@ -4,16 +4,16 @@
 
 #include "io/file.h"
 
-/* cfg_args: what the descendants of 3DGS write beside a model, the repr of an argparse Namespace.
+/* cfg_args, which the descendants of 3DGS write beside a model: Python's repr of an argparse
+ * Namespace.
  *
  *     Namespace(sh_degree=3, ..., grid_args={'bound': 1.6}, no_do=True, ...)
  *
- * Values are Python literals. They are looked up in the text, as spans of it, and never evaluated.
- */
+ * Values are Python literals. They are returned as spans of the file's text and never evaluated. */
 #define CFG_MAX_BYTES (1u << 20)
 
 struct cfg_span {
-    const char *at, *end; /* a value; at == NULL: there is none */
+    const char *at, *end; /* start and end of a value; at is NULL without one */
 };
 
 struct cfg_args {
@@ -33,13 +33,14 @@ struct cfg_span spin_cfg_item(struct cfg_span dict, const char *key);
 
 bool spin_cfg_number(struct cfg_span s, double *out);
 
-/* A number, or a list or tuple of exactly n of them; a single number is used for all. */
+/* Parses a list or tuple of exactly n numbers, or a single number, which is stored n times. */
 bool spin_cfg_numbers(struct cfg_span s, int n, double *out);
 
-/* True, False, None (false), or a number, of which 0 is false. */
+/* Parses True, False, None (false) or a number (0 is false). */
 bool spin_cfg_bool(struct cfg_span s, bool *out);
 
-/* Reads an option: one of another kind is an error; if it is missing, `out` keeps its value. */
+/* Reads an option of cfg_args. A value of another type is an error; if the option is missing, *out
+ * keeps its value. */
 spin_status spin_cfg_read_bool(const struct cfg_args *cfg, const char *key, bool *out);
 
 spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, double *out);
@@ -59,7 +60,7 @@ struct clip_times {
 };
 
 /* The value of the first "key: value" at any depth, since forks nest sections differently. *next is
- * the line after it. */
+ * set to the start of the following line. */
 struct cfg_span spin_yaml_find(const struct run_config *s, const char *key, const char **next);
 
 bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback);
@@ -73,8 +74,8 @@ void spin_yaml_close(struct run_config *s);
  * else 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
-/* The clip's times: `asked` ("A,B"), else time_duration of the YAML, else a guess. `time` are the
- * Gaussians' own, in the file's unit, which is the data set's divided by `ratio`; `spread` is the
- * length of their initial range relative to the clip. */
+/* Finds the clip's times: `asked` ("A,B" or NULL), else time_duration of the YAML, else a guess
+ * from the n times of the Gaussians. The Gaussians' times are those of the data set divided by
+ * `ratio`. Methods initialise them over a range that is `spread` times as long as the clip. */
 spin_status spin_run_config_times(const struct run_config *s, const char *asked, const float *time,
                                   size_t n, double ratio, double spread, struct clip_times *out);

@@ -27,8 +27,9 @@ spin_status spin_views_check_pose(const double m[12], const char *what)
         }
     }
     if (!(worst <= VIEWS_ROTATION_TOLERANCE))
-        return spin_malformed("the rotation in %s is not orthonormal: off by %.2g, allowed %g",
-                              what, worst, VIEWS_ROTATION_TOLERANCE);
+        return spin_malformed(
+            "the rotation in %s is not orthonormal: it deviates by %.2g, the limit is %g", what,
+            worst, VIEWS_ROTATION_TOLERANCE);
     determinant = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
                   m[2] * (m[4] * m[9] - m[5] * m[8]);
     if (determinant < 0)
@@ -85,8 +86,8 @@ spin_status spin_views_read_json(const char *folder, const char *name,
     if (found && !*found)
         return SPIN_OK;
     SPIN_TRY(spin_json_load(path, &root));
-    status =
-        spin_json_is_object(root) ? read(context, root, out) : spin_malformed("not a JSON object");
+    status = spin_json_is_object(root) ? read(context, root, out)
+                                       : spin_malformed("it is not a JSON object");
     return spin_fail_context(status, "cannot read '%s'", path);
 }
 
@@ -149,7 +150,7 @@ static spin_status views_fit(struct spin_camera *c, const char *path, int width,
 
     if (fabs(c->width - expected) > fmax(0.01 * c->width, 0.5 + 0.5 * c->width / c->height))
         return spin_malformed(
-            "image '%s' has %d x %d pixels, which is another shape than the camera's %d x %d", path,
+            "image '%s' has %d x %d pixels, another aspect ratio than the camera's %d x %d", path,
             width, height, c->width, c->height);
     c->width = width;
     c->height = height;

@@ -32,11 +32,11 @@ spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, c
                               c->name);
     SPIN_TRY(spin_file_sequence_list(m, folder, "", &c->frames));
     if (c->frames.n_frames == 0)
-        return spin_not_found("folder '%s' holds no images", folder);
+        return spin_not_found("folder '%s' contains no images", folder);
     return spin_file_sequence_sort(&c->frames, &unused);
 }
 
-/* Frames are named "00.mp4#<frame>", images that are decoded on demand. */
+/* Lists the frames as paths "00.mp4#<frame>", images that are decoded on demand. */
 spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const char *file,
                           const char *instead)
 {
@@ -53,8 +53,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
                 instead, file, instead);
     SPIN_TRY(spin_video_info(file, &width, &height, &n, NULL));
     if (width != c->camera.width || height != c->camera.height)
-        return spin_malformed("video '%s' has %d x %d pixels, its camera %d x %d", file, width,
-                              height, c->camera.width, c->camera.height);
+        return spin_malformed("video '%s' has %d x %d pixels, but its camera has %d x %d", file,
+                              width, height, c->camera.width, c->camera.height);
     if (n < 1 || n > INT_MAX)
         return spin_malformed("video '%s' has %lld frames", file, (long long)n);
     SPIN_TRY(spin_file_sequence_reserve(m, &c->frames, (size_t)n));
@@ -67,8 +67,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Number of frames that all cameras have. A camera that lacks one in the middle is refused, since
- * its later images would be of other times. */
+/* Number of frames that all cameras have. A camera that lacks a frame before its end is refused,
+ * since its later images would get wrong times. */
 static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t *n_rows)
 {
     size_t fewest = 0, most = 0;
@@ -89,8 +89,9 @@ static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t 
         }
     }
     if (*n_rows < c[most].frames.n_frames)
-        spin_warn("'%s' has %zu frames and '%s' %zu: the first %zu of all cameras are read",
-                  c[fewest].where, *n_rows, c[most].where, c[most].frames.n_frames, *n_rows);
+        spin_warn(
+            "'%s' has %zu frames and '%s' has %zu: the first %zu frames of each camera are read",
+            c[fewest].where, *n_rows, c[most].where, c[most].frames.n_frames, *n_rows);
     return SPIN_OK;
 }
 
@@ -169,7 +170,7 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
 
     if (rate > 0)
         spin_note(out,
-                  "times of the data set follow the rule '%s'; it has %.6g frames a second "
+                  "times of the data set follow the rule '%s'; its frame rate is %.6g per second "
                   "(spin-export --fps %.6g)",
                   rule, rate, rate);
     else

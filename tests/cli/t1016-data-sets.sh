@@ -47,9 +47,9 @@ while read -r name folder importer note; do
     run "$bin/spin-export" "$work/$name-better.spin" --to images --views all -o "$work/$name-images"
     is "$code $(ls "$work/$name-images" | grep -c png)" "0 9" "$name: every view of it is drawn"
 done <<SETS
-films 4danyone_mini/clip 4danyone has y up (spin-export --up y)
+films 4danyone_mini/clip 4danyone points up: use spin-export --up y
 folders easyvolcap_mini/scene easyvolcap its frame rate is unknown
-rgba freetimegs_mini/scene colmap 30 frames a second
+rgba freetimegs_mini/scene colmap its frame rate is 30 per second
 SETS
 run "$bin/spin-eval" "$work/folders-better.spin" --json --dynamic masks
 is "$code" 0 "masks are found"

@@ -215,7 +215,7 @@ warns "half of the scales small"
 of 4dg --frames 2
 warns "a sound run of 4DGaussians"
 of guess --from 4dgaussian --frames 2
-warns "no cfg_args" "'$work/guess/point_cloud/iteration_14000/deformation.pth': no cfg_args beside it, the method's defaults are assumed"
+warns "no cfg_args" "'$work/guess/point_cloud/iteration_14000/deformation.pth': there is no cfg_args beside this file: the method's defaults are assumed"
 save=point_cloud/iteration_14000
 of other --frames 2
 warns "a table of another save" \
@@ -227,7 +227,7 @@ of more --frames 2
 warns "bytes behind a storage" \
     "'$work/more/$save/deformation.pth': storage 'data/${member##*/}' has 5 bytes more than its elements need"
 cloud=point_cloud/iteration_12000/point_cloud.ply
-base="base colours only, as there is no cameras.json: give positions with --camera"
+base="only base colours are imported: there is no cameras.json: give positions with --camera"
 of fork --times 0.5
 warns "a fork's columns" "'$work/fork/$cloud': property 'mine_0' does not belong to SpacetimeGaussians and is ignored" \
     "'$work/fork/$cloud': $base"
@@ -237,13 +237,13 @@ warns "values that are not finite, times outside" "'$work/nan/$cloud': $base" \
     "2 of 4 times are outside the time range of the run, 0 to 0.95, such as 1.5"
 of bare --times 0,1 --colour auto
 warns "no network" \
-    "'$work/bare/$cloud': base colours only, as there is no point_cloud.pt beside the cloud"
+    "'$work/bare/$cloud': only base colours are imported: there is no point_cloud.pt beside the cloud"
 of bare --times 0,1 --colour base
 warns "base colours that were asked for"
 of kind --frames 2
 set --
 for kind in $kinds; do
-    set -- "$@" "'$work/kind/cfg_args' says $kind, but the network in '$(find "$work/kind" -name '*.pth' | tail -n 1)' is of the other kind: the network decides"
+    set -- "$@" "'$work/kind/cfg_args' has $kind, which does not match the network in '$(find "$work/kind" -name '*.pth' | tail -n 1)': the value is ignored"
 done
 warns "cfg_args of another kind" "$@"
 
@@ -251,7 +251,7 @@ warns "cfg_args of another kind" "$@"
 
 with() { run "$bin/spin-import" --info fixtures/splats/splat --data "$work/$1" --pair order; }
 with missing
-warns "images are missing" "'$work/missing': 17 images of 5 cameras in 4 frames: some are missing"
+warns "images are missing" "'$work/missing': 17 images for 5 cameras and 4 frames: some images are missing"
 with focal
 warns "focal lengths differ" \
     "'$work/focal': focal lengths differ between cameras; each keeps its own, other readers use the first for all"
@@ -366,8 +366,8 @@ warns "a splat far away" \
     "frame 1: a splat is at 3000: from here on, positions are rounded to steps of 1/2048"
 of sequence --data "$work/missing"
 run "$bin/spin-export" "$work/x.spin" --to images --size 40x30 -o "$work/images"
-warns "frames without a test view" "'$work/missing': 17 images of 5 cameras in 4 frames: some are missing" \
-    "2 of 4 frames have no such view in the data set: nothing is rendered"
+warns "frames without a test view" "'$work/missing': 17 images for 5 cameras and 4 frames: some images are missing" \
+    "2 of 4 frames were not rendered: the data set has no view of them"
 mv "$work/data" "$work/gone"
 run "$bin/spin-export" "$in" --to images --size 40x30 --range 0:1 -o "$work/images2"
 warns "a data set that is gone" \

@@ -219,7 +219,7 @@ static void test_folders(const char *root)
     run_close(&run);
     ok(model_open("3dgstream", folder, init, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
            run.sequence.numbers[0] == 0,
-       "give it with --init");
+       "give the cloud with --init");
     run_close(&run);
     init[1] = path_in(root, "manifest");
     ok(model_open("3dgstream", folder, init, &run) != SPIN_OK &&

@@ -20,7 +20,7 @@ static void test_set(const char *folder, const char *name, const spin_json *mani
         return;
     check_rig(&views, &npz, manifest, "time", name);
     check_rig_colours(&views, &npz, manifest);
-    ok(strstr(views.notes, "y up") && strstr(views.notes, "--fps 30"),
+    ok(strstr(views.notes, "points up") && strstr(views.notes, "--fps 30"),
        "%s: the notes say which axis is up and the frames a second", name);
     spin_npz_close(&npz);
     spin_views_free(&views);
@@ -171,8 +171,8 @@ static void test_lies(void)
          "image size",
          "a height of 0"},
         {{NULL, NULL, NULL, "\"image_width\": 8, \"image_height\": 8", NULL},
-         "another shape",
-         "pictures of another shape"},
+         "another aspect ratio",
+         "pictures of another aspect ratio"},
         {{NULL, NULL, NULL, NULL, "../01.mp4"}, "below the folder", "a film that climbs out"},
         {{NULL, NULL, NULL, NULL, "/01.mp4"}, "below the folder", "a film with an absolute name"},
         {{NULL, NULL, NULL, NULL, "01.png"}, "expected a video", "a film that is a picture"},
@@ -232,7 +232,7 @@ static void test_films(void)
     text = spin_json_text(root, false);
     remove(path_in(folder, "cameras.json"));
     make_text(folder, "cameras.json", text);
-    set_refused(folder, NULL, "its camera 34 x", "a film of another size");
+    set_refused(folder, NULL, "its camera has 34 x", "a film of another size");
     free(text);
     spin_json_set_number(camera, "image_width", 32);
     text = spin_json_text(root, false);

@@ -195,7 +195,7 @@ static void test_lies(const char *root)
          "planes that contradict each other"},
         {NETWORK, "put " NET "grid.grids.0.2 1 5 6 6", "grids.0.2", "planes of different channels"},
         {NETWORK, "put " NET "grid.grids.0.0 1 4 0 6", "along y", "a plane without rows"},
-        {NETWORK, "put " NET "feature_out.0.weight 16 9", "9 features",
+        {NETWORK, "put " NET "feature_out.0.weight 16 9", "has 9 inputs",
          "a first layer that does not fit the planes"},
         {NETWORK, "put " NET "pos_deform.3.weight 5 16", "pos_deform.3.weight",
          "a head with too many outputs"},
@@ -206,7 +206,7 @@ static void test_lies(const char *root)
         {NETWORK, "drop " NET "grid.grids.0.0", "grids.0.0", "no planes"},
         {NETWORK, "drop " NET "grid.grids.0.0; put feature_out_c.0.weight 16 9", "E-D3DGS",
          "a network of E-D3DGS"},
-        {NETWORK, "pair", "not have a state dict", "a pair instead of a state dict"},
+        {NETWORK, "pair", "not contain a state dict", "a pair instead of a state dict"},
     };
     const char *deform[] = {"deform", "position,scale,rotation,opacity,sh", NULL};
     const char *folder = path_in(root, "coarse_and_fine"), *model, *save;

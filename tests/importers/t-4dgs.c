@@ -142,7 +142,8 @@ static void test_fixture(const char *folder, const char *name)
     ok(run.sequence.continuous && run.sequence.half_open && run.sequence.time_first == 0 &&
            run.sequence.time_last < duration && duration - run.sequence.time_last < 1e-6,
        "%s: any time before %g", name, duration);
-    ok(strstr(run.sequence.notes, "weights of ") && strstr(run.sequence.notes, "clamps colours"),
+    ok(strstr(run.sequence.notes, "weight is at least ") &&
+           strstr(run.sequence.notes, "clamps colours"),
        "%s: what differs is said", name);
     ok(spin_importer_find(file, NULL, false, &found) == SPIN_OK && found == run.importer,
        "%s: the file alone is recognised", name);

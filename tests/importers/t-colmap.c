@@ -159,7 +159,8 @@ static void test_text(void)
         spin_views_free(&views);
     }
     make_images(folder, "images_2", 4, 4);
-    set_refused(folder, "colmap:images=images_2", "another shape", "images of another shape");
+    set_refused(folder, "colmap:images=images_2", "another aspect ratio",
+                "images of another aspect ratio");
     set_refused(folder, "colmap:images=../x", "'images'", "a folder that climbs out");
     set_refused(folder, "colmap:hold=-2", "'hold'", "a hold below 0");
     set_refused(folder, "colmap:time=x", "'time'", "an unknown time rule");
@@ -225,9 +226,9 @@ static void test_binary(const char *root)
          "quaternion", "a quaternion of 0"},
         {"images.bin", 44, 8, "\0\0\0\0\0\0\xf0\x7f", "not finite", "an infinite translation"},
         {"images.bin", 72, 2, "..", "is missing", "another name"},
-        {"images.bin", 72, 3, "../", "below the images", "a name that climbs out"},
-        {"images.bin", 72, 1, "/", "below the images", "an absolute name"},
-        {"points3D.bin", 0, 8, "\xff\xff\0\0\0\0\0\0", "points, more than the remaining",
+        {"images.bin", 72, 3, "../", "below the folder of images", "a name that climbs out"},
+        {"images.bin", 72, 1, "/", "below the folder of images", "an absolute name"},
+        {"points3D.bin", 0, 8, "\xff\xff\0\0\0\0\0\0", "points, more than fit into the remaining",
          "more points than bytes"},
         {"points3D.bin", 8 + 43, 8, "\xff\xff\0\0\0\0\0\0", "places of a point",
          "a point seen more often than there are bytes"},
@@ -289,7 +290,8 @@ static void test_lies(void)
         {lenses, "1 1 0 0 0 0 0 1\n\n", "the camera's id", "a number too few"},
         {lenses, "1 1 0 0 nan 0 0 0 1 a.png\n\n", "QZ", "NaN in a quaternion"},
         {lenses, "1 0 0 0 0 0 0 0 1 a.png\n\n", "quaternion", "a quaternion of 0"},
-        {lenses, "1 1 0 0 0 0 0 0 1 ../a.png\n\n", "below the images", "a name that climbs out"},
+        {lenses, "1 1 0 0 0 0 0 0 1 ../a.png\n\n", "below the folder of images",
+         "a name that climbs out"},
         {lenses, "1 1 0 0 0 0 0 0 5 a.png\n\n", "no camera 5", "a camera that is not there"},
         {lenses, "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 0 0 0 1 a.png\n", "two images called",
          "two images of one name"},

@@ -125,7 +125,7 @@ static void test_networks(const char *model)
         {NETWORK, "drop gaussian_warp.weight", "gaussian_warp", "neither kind of motion"},
         {NETWORK, "put branch_w.weight 3 32; put branch_w.bias 3", "branch_w",
          "both kinds of motion"},
-        {NETWORK, "put linear.6.weight 32 116", "an earlier layer takes the input again",
+        {NETWORK, "put linear.6.weight 32 116", "an earlier layer has the skip connection",
          "two wide layers"},
         {NETWORK, "put linear.2.weight 32 31", "linear.2.weight",
          "a chain of widths that is broken"},

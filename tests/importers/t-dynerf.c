@@ -243,7 +243,7 @@ static void test_lies(void)
         {14, -3, "focal", "a negative focal length"},
         {9, 8.5, "image size", "half a pixel"},
         {9, 1e9, "image size", "an absurd size"},
-        {9, 12, "another shape", "images of another shape"},
+        {9, 12, "another aspect ratio", "images of another aspect ratio"},
     };
     double rows[3 * N_COLUMNS];
     const char *folder = make_set(0, 8, 6);

@@ -183,7 +183,8 @@ static void test_lies(void)
         {HEAD "names: 3\n" K_A B_IN, EXTRI, "'names'", "names that are a number"},
         {HEAD "names:\n" K_A B_IN, EXTRI, "'names'", "no name among the names"},
         {HEAD "names:\n  - \"a\"\n  - \"a\"\n" K_A, EXTRI, "two cameras", "a name twice"},
-        {HEAD "names:\n- \"a\"\n" K_A, EXTRI, "has 1 'names', and", "a camera of one file only"},
+        {HEAD "names:\n- \"a\"\n" K_A, EXTRI, "1 entries in 'names', but",
+         "a camera of one file only"},
         {HEAD "names:\n  - \"a\"\n  - \"../b\"\n" K_A, EXTRI, "folder's name",
          "a name that climbs out"},
         {HEAD "names:\n  - \"a\"\n  - \"c\"\n" K_A, EXTRI, "images/c", "a camera without pictures"},
@@ -192,7 +193,7 @@ static void test_lies(void)
         {HEAD NAMES "K_a:" MATRIX(3, 3, "10, 0, 4, 0, 11, 3, 0, 0") B_IN, EXTRI, "8 numbers",
          "K of eight numbers"},
         {HEAD NAMES "K_a:" MATRIX(9, 1, "10, 0, 4, 0, 11, 3, 0, 0, 1") B_IN, EXTRI, "9 x 1",
-         "K of another shape"},
+         "K of another aspect ratio"},
         {HEAD NAMES "K_a:" MATRIX(3, 3, "10, 0, 4, 0, .nan, 3, 0, 0, 1") B_IN, EXTRI, "'.nan, 3",
          "K with NaN as YAML writes it"},
         {HEAD NAMES "K_a:" MATRIX(3, 3, "10, 0, 4, 0, inf, 3, 0, 0, 1") B_IN, EXTRI, "'inf, 3",
@@ -207,8 +208,8 @@ static void test_lies(void)
         {HEAD NAMES "K_a:" MATRIX(3, 3, "10, 0, 9, 0, 11, 3, 0, 0, 1") B_IN, EXTRI,
          "principal point", "a principal point outside"},
         {HEAD NAMES K_A "H_a: 6\n" B_IN, EXTRI, "'H_a' and 'W_a'", "a height without a width"},
-        {HEAD NAMES K_A "H_a: 8\nW_a: 8\n" B_IN, EXTRI, "another shape",
-         "pictures of another shape"},
+        {HEAD NAMES K_A "H_a: 8\nW_a: 8\n" B_IN, EXTRI, "another aspect ratio",
+         "pictures of another aspect ratio"},
         {HEAD NAMES K_A "H_a: 6\nW_a: 8.5\n" B_IN, EXTRI, "image size", "half a pixel"},
         {HEAD NAMES K_A "D_a:" MATRIX(5, 1, "0, 0, 0, 0, 0.1") B_IN, EXTRI, "distortion of 0.1",
          "distortion"},
@@ -230,12 +231,14 @@ static void test_lies(void)
         {HEAD NAMES "K_a\n" B_IN, EXTRI, "is not a key", "a line without a colon"},
         {HEAD "  - \"a\"\n", EXTRI, "does not belong to", "a text that belongs to no list"},
         {HEAD "a: 1\n  rows: 3\n", EXTRI, "does not belong to", "rows that belong to no matrix"},
-        {HEAD "a: !!opencv-matrix\n  dt: i\n", EXTRI, "is none of rows", "a matrix of integers"},
-        {HEAD "a: !!opencv-matrix\n  rows: x\n", EXTRI, "is none of rows",
+        {HEAD "a: !!opencv-matrix\n  dt: i\n", EXTRI, "is not an entry of a matrix",
+         "a matrix of integers"},
+        {HEAD "a: !!opencv-matrix\n  rows: x\n", EXTRI, "is not an entry of a matrix",
          "rows that are no number"},
         {HEAD "a: !!opencv-matrix\n  rows: 3\n  rows: 3\n", EXTRI, "'rows' occurs twice",
          "rows twice"},
-        {HEAD "a: !!opencv-matrix\n  data: 3\n", EXTRI, "is none of rows", "data that are no list"},
+        {HEAD "a: !!opencv-matrix\n  data: 3\n", EXTRI, "is not an entry of a matrix",
+         "data that are no list"},
         {HEAD NAMES K_A "x:" MATRIX(1, 1, "1, 2, 3\n  4"), EXTRI, "no matrix 'K_b'",
          "data over two lines are read"},
         {HEAD NAMES K_A "x: !!opencv-matrix\n  data: [1, 2\n", EXTRI, "cut short",
@@ -258,7 +261,7 @@ static void test_lies(void)
     remove(path_in(folder, "images/a/000005.png"));
     set_refused(folder, NULL, "an image is missing", "a camera that begins later");
     remove(path_in(folder, "images/a/000006.png"));
-    set_refused(folder, NULL, "holds no images", "a camera without pictures");
+    set_refused(folder, NULL, "contains no images", "a camera without pictures");
 }
 
 /* Only the last line's end may be missing. */

@@ -96,21 +96,23 @@ static void test_options(const char *fixture)
     static const struct {
         const char *cfg, *word, *what;
     } refused[] = {
-        {"Namespace(a=1)", "interp_type: use --interp", "cfg_args without the kind of curve"},
-        {"Namespace(interp_type='cube')", "time_interval: use --interval", "nor the interval"},
-        {"Namespace(interp_type='cube', time_interval=5)", "time_pad: use --time-pad",
-         "nor the pad"},
-        {"Namespace(interp_type='cube', time_interval=5, time_pad=3)", "duration: use --duration",
-         "nor the number of frames"},
+        {"Namespace(a=1)", "interp_type beside the model: use --interp",
+         "cfg_args without the kind of curve"},
+        {"Namespace(interp_type='cube')", "time_interval beside the model: use --interval",
+         "nor the interval"},
+        {"Namespace(interp_type='cube', time_interval=5)",
+         "time_pad beside the model: use --time-pad", "nor the pad"},
+        {"Namespace(interp_type='cube', time_interval=5, time_pad=3)",
+         "duration beside the model: use --duration", "nor the number of frames"},
         {CFG ", interp_type='cubic_diff')", "interp_type is 'cubic_diff'",
          "a curve that cannot be"},
         {CFG ", rot_interp_type='lerp')", "rot_interp_type is 'lerp'",
          "straight lines for rotations"},
         {CFG ", time_interval='x')", "'time_interval' is ''x''", "an interval that is no number"},
-        {CFG ", time_interval=0)", "these settings are inconsistent", "key frames at one place"},
-        {CFG ", time_pad=1e9)", "these settings are inconsistent", "a pad beyond measure"},
-        {CFG ", duration=-1)", "these settings are inconsistent", "a clip of -1 frames"},
-        {CFG ", var_pad=0)", "these settings are inconsistent", "edges without a width"},
+        {CFG ", time_interval=0)", "inconsistent settings", "key frames at one place"},
+        {CFG ", time_pad=1e9)", "inconsistent settings", "a pad beyond measure"},
+        {CFG ", duration=-1)", "inconsistent settings", "a clip of -1 frames"},
+        {CFG ", var_pad=0)", "inconsistent settings", "edges without a width"},
         {CFG, "cut short", "half a cfg_args"},
     };
     const char *all[] = {"interp", "cube",     "interval", "5", "time-pad",
@@ -144,18 +146,18 @@ static void test_options(const char *fixture)
     fails_with(FROM, bare, curve, "option 'interp' is 'spline'", "a curve that is none");
     fails_with(FROM, bare, word, "option 'interval' is '5x'", "an interval that is no number");
     fails_with(FROM, model, other, "iteration_7", "a save that is not there");
-    fails_with(FROM, bare, NULL, "no cfg_args beside it gives interp_type", "no cfg_args");
+    fails_with(FROM, bare, NULL, "there is no cfg_args with interp_type", "no cfg_args");
     for (size_t i = 0; i < sizeof refused / sizeof *refused; i++)
         fails(FROM, make_run(fixture, 30000, refused[i].cfg), refused[i].word, refused[i].what);
     ok(run_open(FROM, make_run(fixture, 5, CFG ", start_timestamp=151)"), &run) == SPIN_OK &&
-           strstr(run.sequence.notes, "time 0 is that frame"),
+           strstr(run.sequence.notes, "this frame of the recording is at time 0"),
        "a clip from the middle of a recording is noted");
     run_close(&run);
     fails_at(model, -0.5, "its times are 0 to 19", "a time before the clip");
     fails_at(model, 19.5, "its times are 0 to 19", "a time behind it");
     fails_at(model, NAN, "has no time nan", "a time that is no number");
     model = make_run(fixture, 5, CFG ", duration=60)");
-    fails_at(model, 59, "needs the key frames 12 to 15, and there are",
+    fails_at(model, 59, "needs the key frames 12 to 15, but there are",
              "a time for which key frames are missing");
     spin_json_number(spin_json_get(manifest, "keyframes"), &n_keys);
     spin_json_free(manifest);
@@ -192,7 +194,7 @@ static void test_saves(const char *fixture, const char *checkpoint)
        "of one iteration the checkpoint is");
     ok(strstr(run.sequence.notes, "time_interval is 5 in cfg_args and 10 in the checkpoint") &&
            strstr(run.sequence.notes,
-                  "time_pad of cfg_args is a shift of 13 frames, that of the checkpoint 12"),
+                  "time_pad in cfg_args implies a shift of 13 frames, but the checkpoint has 12"),
        "a cfg_args of another run is noted");
     run_close(&run);
     if (spin_folder_make(save) != SPIN_OK)
@@ -212,7 +214,7 @@ static void test_saves(const char *fixture, const char *checkpoint)
     copy_file(path_in(model, "point_cloud/iteration_30000/dynamic_point_cloud.ply"),
               path_in(save, "dynamic_point_cloud.ply"));
     fails(FROM, model, "iteration_40000/point_cloud.ply", "a save without its static half");
-    fails(FROM, new_folder(), "holds neither chkpnt<N>.pth nor point_cloud", "an empty folder");
+    fails(FROM, new_folder(), "contains neither chkpnt<N>.pth nor point_cloud", "an empty folder");
     fails("ply", path_in(model, "point_cloud/iteration_30000/point_cloud.ply"), "Ex4DGS",
           "importer ply does not take the static half for the whole");
     fails("ply", path_in(model, "point_cloud/iteration_30000/dynamic_point_cloud.ply"), "Ex4DGS",
@@ -225,12 +227,12 @@ static void test_saves(const char *fixture, const char *checkpoint)
     ok(spin_importer_find(path_in(model, "chkpnt5.pth"), NULL, false, &found) == SPIN_OK &&
            !strcmp(found->name, FROM),
        "so is the checkpoint");
-    fails(FROM, model, "no cfg_args beside it gives interp_type: use --interp",
+    fails(FROM, model, "there is no cfg_args with interp_type beside the model: use --interp",
           "but how to go between its keys is not in it");
     const char *cube[] = {"interp", "cube", NULL};
 
     ok(model_open(FROM, model, cube, &run) == SPIN_OK && run.sequence.time_last == 29 &&
-           strstr(run.sequence.notes, "30 by the checkpoint's duration"),
+           strstr(run.sequence.notes, "assumed 30, from the checkpoint's duration"),
        "the number of frames is");
     run_close(&run);
 }
@@ -402,13 +404,13 @@ static void test_checkpoints(void)
          "no static centres, but all else"},
         {2, {'t', STILL, 3, 0}, "features_dc (item 2)", "SH of another rank"},
         {3, {'t', STILL, 14, 3}, "has 14 rows of SH", "SH of no degree"},
-        {3, {'t', STILL, 8, 3}, "degree 2, of dynamic ones 3", "SH of two degrees"},
+        {3, {'t', STILL, 8, 3}, "degree 2, those of dynamic ones 3", "SH of two degrees"},
         {5, {'t', STILL, 3, 0}, "rotation (item 5)", "quaternions of three numbers"},
         {6, {'t', STILL + 1, 1, 0}, "opacity (item 6)", "another number of opacities"},
         {18, {'t', STILL, 2, 0}, "xyz_disp (item 18)", "a flat drift"},
         {19, {'t', 1, 0, 0}, "item 19 (duration) is a tensor", "a duration that is no int"},
-        {19, {'i', 0, 0, 0}, "these settings are inconsistent", "no duration"},
-        {20, {'i', 0, 0, 0}, "these settings are inconsistent", "no interval"},
+        {19, {'i', 0, 0, 0}, "inconsistent settings", "no duration"},
+        {20, {'i', 0, 0, 0}, "inconsistent settings", "no interval"},
         {21, {'n', 0, 0, 0}, "item 21 (time_shift) is None", "no shift"},
         {23,
          {'t', 0, 0, 0},
@@ -468,7 +470,8 @@ static void test_checkpoints(void)
     write_items(path, none, 28, 0);
     fails(FROM, folder, "Hybrid 3D-4DGS (--from hybrid4dgs)", "a checkpoint of another method");
     write_items(path, none, 27, 0);
-    fails(FROM, folder, "the model has 27 items and Ex4DGS has 40", "or of none that is known");
+    fails(FROM, folder, "the model has 27 items, but that of Ex4DGS has 40",
+          "or of none that is known");
     fails(FROM, "no/such.pth", "no/such.pth", "a missing file");
     spin_splats_free(&s);
 }

@@ -183,7 +183,7 @@ TAP_MAIN
     const char *root = check_fixture("freetimegs"), *plys = check_fixture("ftgs_ply"), *file = NULL;
 
     spin_log_set_level(-2);
-    fails(FROM, new_folder(), "holds no ckpt_<step>.pt", "a folder without checkpoints");
+    fails(FROM, new_folder(), "contains no ckpt_<step>.pt", "a folder without checkpoints");
     if (!root || !plys) {
         skip("freetimegs fixtures", "there are none here");
         return;

@@ -35,10 +35,11 @@ static const struct lie lies[] = {
      "resolutions of four axes"},
     {NETWORK, "drop gaussian_scaling.bias", "gaussian_scaling.bias", "a head without bias"},
     {NETWORK, "set xyt_encoding.embeddings 100 nan", "xyt_encoding.embeddings", "NaN in a table"},
-    {NETWORK, "set xyt_encoding.base_resolution 1 0", "make no grid", "a resolution of 0"},
-    {NETWORK, "set xyt_encoding.per_level_scale 2 1e6", "make no grid", "levels beyond all bounds"},
+    {NETWORK, "set xyt_encoding.base_resolution 1 0", "yield no valid grid", "a resolution of 0"},
+    {NETWORK, "set xyt_encoding.per_level_scale 2 1e6", "yield no valid grid",
+     "levels beyond all bounds"},
     {NETWORK, "swap", "swapped", "a swapped pair"},
-    {NETWORK, "pair", "Deformable-3D-Gaussians", "a single state dict"},
+    {NETWORK, "pair", "Deformable 3D Gaussians", "a single state dict"},
 };
 
 TAP_MAIN

@@ -28,7 +28,7 @@ static void test_folders(const char *fixture)
     copy_file(file, path_in(folder, "chkpnt20.pth"));
     ok(model_open(FROM, folder, duration, &run) == SPIN_OK && run.sequence.time_first == 0 &&
            run.sequence.time_last == 10 &&
-           strstr(run.sequence.notes, "'chkpnt100.pth' is read; chkpnt_best.pth exists too"),
+           strstr(run.sequence.notes, "'chkpnt100.pth' is read; to import chkpnt_best.pth instead"),
        "the largest number is read, and the best one is noted");
     run.importer->frame(run.self, 0, 3, run.sequence.columns, &a);
     run_close(&run);
@@ -54,7 +54,7 @@ static void test_folders(const char *fixture)
     ok(spin_importer_find(folder, NULL, false, &found) == SPIN_OK && !strcmp(found->name, FROM),
        "a run without its checkpoint is recognised, not taken for a cloud");
     fails(FROM, folder, "has only the dynamic half", "but refused");
-    fails(FROM, new_folder(), "holds no chkpnt<N>.pth", "an empty folder");
+    fails(FROM, new_folder(), "contains no chkpnt<N>.pth", "an empty folder");
     fails(FROM, "no/such.pth", "no/such.pth", "a missing file");
     fails("realtime4dgs", file, "Hybrid 3D-4DGS (--from hybrid4dgs)",
           "Realtime-4DGS says whose checkpoint it is");

@@ -56,7 +56,7 @@ static void test_lies(const char *original)
     model_fails(FROM, model, NULL, NULL, "no cfg_args", "no cfg_args");
     other = check_fixture("4dgaussian/coarse_and_fine/model");
     if (other)
-        model_fails(FROM, other, NULL, other, "4DGaussians", "a run of 4DGaussians");
+        model_fails(FROM, other, NULL, other, "4DGaussians", "is of 4DGaussians");
 }
 
 TAP_MAIN

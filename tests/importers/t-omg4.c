@@ -18,7 +18,7 @@ static void test_times(const char *folder)
     ok(run_open(FROM, folder, &run) == SPIN_OK && run.sequence.sh_degree == 3 &&
            run.sequence.time_first == 0 && run.sequence.time_last == 10 &&
            strstr(run.sequence.notes, "assumed 0,10") &&
-           strstr(run.sequence.notes, "opacities depend on it"),
+           strstr(run.sequence.notes, "opacities depend on this range"),
        "without a YAML the range of times is guessed, and the notes say so");
     ok(run.importer->frame(run.self, 0, 3, run.sequence.columns, &a) == SPIN_OK &&
            run.importer->frame(run.self, 0, 8, run.sequence.columns, &b) == SPIN_OK &&
@@ -134,7 +134,7 @@ static void test_xz(const char *file)
     free(bytes);
     free(zeros);
     fails(FROM, folder, path, "a folder with that file");
-    fails(FROM, new_folder(), "holds no comp.xz", "an empty folder");
+    fails(FROM, new_folder(), "contains no comp.xz", "an empty folder");
     /* Packed anew: the dictionary of the file is many times its size, and each reading makes one.
      */
     if (spin_xz_load(file, 1u << 30, &bytes, &n) != SPIN_OK)

@@ -274,7 +274,8 @@ static void test_lower_degree(void)
     write_ply(folder, "2.ply", names, 1, "1 2 3 4 5 6 7 -1 -1 -1 1 0 0 0 1 2 3 4 5 6 7 8 9\n");
     write_ply(folder, "3.ply", gaussian, 1, "9 2 3 14 15 16 7 -1 -1 -1 1 0 0 0\n");
     if (!ok(run_open(NULL, folder, &run) == SPIN_OK && run.sequence.n_frames == 3 &&
-                run.sequence.sh_degree == 1 && strstr(run.sequence.notes, "padded"),
+                run.sequence.sh_degree == 1 &&
+                strstr(run.sequence.notes, "missing SH are set to 0"),
             "a lower SH degree before and after a higher one: the higher, and a note"))
         return;
     for (int f = 1; f <= 3; f++) {
@@ -328,7 +329,7 @@ static void test_refused(void)
     write_ply(folder, "1.ply", "x y z", 1, "1 2 3\n");
     write_ply(folder, "2.ply", "x y z nx", 1, "1 2 3 4\n");
     fails("ply", folder, "other vertex properties", "frames with different properties");
-    fails("ply", new_folder(), "holds neither", "an empty folder");
+    fails("ply", new_folder(), "contains neither", "an empty folder");
     fails("ply", "no/such.ply", "no/such.ply", "a missing file is named");
 }
 

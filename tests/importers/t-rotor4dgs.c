@@ -37,7 +37,7 @@ static void test_refused(void)
 {
     const char *other = check_fixture("realtime4dgs/dim3_static/chkpnt7000.pth");
 
-    fails(FROM, new_folder(), "holds no step-<N>.ckpt", "a folder without checkpoints");
+    fails(FROM, new_folder(), "contains no step-<N>.ckpt", "a folder without checkpoints");
     fails(FROM, "no/such.ckpt", "no/such.ckpt", "a missing file");
     if (other)
         fails(FROM, other, "no dict 'pipeline'", "a checkpoint of another method");

@@ -251,7 +251,7 @@ static void test_settings(const char *model)
     copy = copy_of(model);
     unlink(path_in(copy, "cfg_args"));
     ok(read_at(copy, anywhere, 0, &s, &info) && info.time_last == 1 && info.half_open &&
-           strstr(info.notes, "50 are usual"),
+           strstr(info.notes, "usually 50"),
        "without cfg_args: to 1, and a note says how many frames are usual");
     if (model_open(FROM, copy, anywhere, &run) != SPIN_OK)
         exit(1);
@@ -380,7 +380,7 @@ static void test_lies(const char *model)
         {NETWORK, "put mlp1.weight 6 12", "mlp1.weight", "a network of plain layers"},
         {NETWORK, "drop mlp2.weight", "mlp2.weight", "a network of one layer"},
         {NETWORK, "put mlp3.weight 6 13 1 1", "3 tensors", "a network of three layers"},
-        {NETWORK, "pair", "not have a state dict", "a pair instead of a state dict"},
+        {NETWORK, "pair", "not contain a state dict", "a pair instead of a state dict"},
     };
     struct spin_sequence_info info;
     struct spin_splats s = {0};

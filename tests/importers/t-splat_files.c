@@ -323,12 +323,13 @@ static void test_clip(void)
     memcpy(bytes, map.data, map.size);
     memcpy(memmem(bytes, map.size, "\"STEP\"", 6), "\"ELSE\"", 6);
     ok(run_open(NULL, write_file(new_folder(), "moves.glb", bytes, map.size), &run) == SPIN_OK &&
-           strstr(run.sequence.notes, "that move or fade nodes are left out"),
+           strstr(run.sequence.notes, "that move or fade nodes are ignored"),
        "one that does more than switch says what is left out");
     run_close(&run);
     spin_map_close(&map);
     move(clip, path_in(work, "gltf/frame_00100.glb"));
-    fails("gltf", path_in(work, "gltf"), "holds a clip of", "a clip among the frames of another");
+    fails("gltf", path_in(work, "gltf"), "contains a clip of",
+          "a clip among the frames of another");
 }
 
 /* Frames of different SH degrees; gaps between numbers. */
@@ -344,7 +345,8 @@ static void test_degrees(void)
     write_frames(other, "spz", 7, 8, sh_0);
     move(path_in(other, "frame_00007.spz"), path_in(folder, "frame_00007.spz"));
     if (!ok(run_open("spz", folder, &run) == SPIN_OK && run.sequence.sh_degree == 1 &&
-                strstr(run.sequence.notes, "padded") && strstr(run.sequence.notes, "gaps") &&
+                strstr(run.sequence.notes, "missing SH are set to 0") &&
+                strstr(run.sequence.notes, "gaps") &&
                 run.importer->frame(run.self, 0, 0, ALL, &s) == SPIN_OK && s.sh[3] != 0 &&
                 run.importer->frame(run.self, 1, 0, ALL, &s) == SPIN_OK && s.sh_degree == 1,
             "frames of different SH degrees: the larger one"))

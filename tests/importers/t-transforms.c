@@ -412,7 +412,8 @@ static void test_one_file(void)
         ok(n_tests(&views) == 0, "all train");
         spin_views_free(&views);
     }
-    set_refused(folder, "transforms:test-file=x.json", "'test-file' is for 'transforms_train.json'",
+    set_refused(folder, "transforms:test-file=x.json",
+                "'test-file' applies to 'transforms_train.json'",
                 "a test file beside transforms.json");
     folder = make_one(LENS "\"test_filenames\":[\"images/frame_00004.png\"],\"val_filenames\":"
                            "[\"./images/frame_00006.png\"],\"train_filenames\":[],",
@@ -450,7 +451,8 @@ static void test_one_file(void)
         ok(views.n == 1 && !views.view[0].test, "is not read");
         spin_views_free(&views);
     }
-    set_refused(folder, "transforms:hold=3", "'hold' is for 'transforms.json'", "nor its option");
+    set_refused(folder, "transforms:hold=3", "'hold' applies to 'transforms.json'",
+                "nor its option");
     set_refused(
         make_one("{\"camera_model\":\"OPENCV\",\"fl_x\":9,\"k1\":0.1,\"p2\":0.001,", frames), NULL,
         "'k1' is 0.1: images with lens distortion must be undistorted", "distortion");
