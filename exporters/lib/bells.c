@@ -5,7 +5,7 @@
 #include "math/motion.h"
 #include "math/sh.h"
 
-enum { SAMPLES = 9 }; /* times of a row at which the loss is measured */
+enum { SAMPLES = 9 }; /* number of times per row at which the errors are measured */
 
 static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
 static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
@@ -84,7 +84,7 @@ void spin_bells_warn(const struct spin_bells *b)
             b->name, b->lost_colour);
 }
 
-/* ---- What is lost ---------------------------------------------------------------------------- */
+/* ---- Conversion errors ----------------------------------------------------------------------- */
 
 /* SAMPLES evenly spaced times of the clip in which row i is visible, as offsets from its centre. */
 static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES])
@@ -97,6 +97,7 @@ static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES]
         d[k] = from + (to - from) * k / (SAMPLES - 1) - (double)s->times[i];
 }
 
+/* The file stores the colour at the row's centre in time, where both cosines are 1. */
 static void lose_colour(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -112,6 +113,8 @@ static void lose_colour(struct spin_bells *b, size_t i, double d)
     }
 }
 
+/* The file stores the rotation at the row's centre in time. The rotation between two unit
+ * quaternions is 2 acos |dot|. */
 static void lose_turn(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -143,8 +146,8 @@ static void lose_place(struct spin_bells *b, size_t i, double d, const float *ce
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-/* Solves n equations a x = y for three right-hand sides by elimination; a is positive definite.
- * Overwrites y with x. */
+/* Solves a x = y, n equations with three right-hand sides, by Gauss-Jordan elimination; a is
+ * positive definite. Overwrites y with x. */
 static void solve(double a[3][3], double y[3][3], int n)
 {
     for (int p = 0; p < n; p++)
@@ -161,9 +164,9 @@ static void solve(double a[3][3], double y[3][3], int n)
             y[p][c] /= a[p][p];
 }
 
-/* Fits a path of the file's degree to that of row i by least squares over the visible times,
- * weighted by the window; in the source's time. A row that is visible at a single time keeps the
- * first terms of its own path. */
+/* Fits a path of the file's degree to the path of row i: least squares over the times d at which
+ * the row is visible, weighted by its Gaussian window, in the source's unit of time. If all times
+ * coincide, centre and path stay as they are: the first terms of the row's own path. */
 static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
                      float *path)
 {
@@ -208,7 +211,8 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
     s->times[k] = (float)time;
 }
 
-/* Reduces a sigma to `most` such that opacity and slope in the middle of the clip stay the same. */
+/* Reduces the sigma of row k to `most`. Its opacity and centre change such that the opacity in the
+ * middle of the clip, and its derivative there, stay the same. */
 static void shorten(struct spin_bells *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;

@@ -11,7 +11,7 @@ struct check {
     void *self;
     const struct spin_splats_4d *back;
     struct spin_splats frame;
-    uint32_t *row_of; /* [source rows] of the file; UINT32_MAX: none */
+    uint32_t *row_of; /* [source rows] row of the file; UINT32_MAX: not in the file */
     struct spin_readback values;
 };
 

@@ -139,8 +139,8 @@ void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camer
     camera->height = d->size[1];
 }
 
-/* Sets the lens of a moving camera: that of a view of the data set, else that of the page's view
- * from the front; then its size. */
+/* Sets the intrinsics of a moving camera, from a view of the data set or else from the web page's
+ * front view, and then applies --size. */
 static void set_lens(struct spin_camera_path *d)
 {
     const struct spin_views *views = d->job->views;
@@ -203,7 +203,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
         spin_log(0, "no data set: rendering from the front, like the web page");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
-    d->rows.max_scale = 0; /* training and spin-eval draw large splats, too */
+    d->rows.max_scale = 0; /* keep large splats, as training and spin-eval do */
     return SPIN_OK;
 }
 
@@ -242,7 +242,7 @@ static void swap(struct spin_rig_stop *a, struct spin_rig_stop *b)
     *b = kept;
 }
 
-/* Orders the stops greedily: next is always the nearest of those left. */
+/* Orders the stops greedily: each is followed by the nearest of the remaining ones. */
 static void chain(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
@@ -278,8 +278,8 @@ static void uncross(struct spin_rig_path *path)
     }
 }
 
-/* Sets the path length up to each stop, and flips quaternions into the hemisphere of the one
- * before. */
+/* Sets the path length up to each stop, and negates quaternions where needed so that neighbouring
+ * ones are in one hemisphere and can be interpolated. */
 static void measure(struct spin_rig_path *path)
 {
     for (int i = 1; i < path->n; i++) {
@@ -418,9 +418,9 @@ static void turn_about(const double v[3], const double axis[3], double angle, do
         out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
 }
 
-/* The position of the camera at share `turn` of its path. Orbit: a circle around the target.
- * Spiral: three loops beside the first view, as wide as a tenth of its distance to the target,
- * while the camera moves forward and back once. */
+/* The position of the camera at share `turn`, 0 to 1, of its path. Orbit: a circle around the
+ * target. Spiral: three loops beside the position of the first view, with an amplitude of a tenth
+ * of the distance to the target, while the camera moves forward and back once. */
 static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 {
     const double *from = d->look.eye, *to = d->look.target;
@@ -448,7 +448,8 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
                                 (1 - cos(3 * angle)) * axis[1][c] * 0.5 + sin(angle) * axis[2][c]);
 }
 
-/* Targets the point that the data set's cameras look at, from no farther away than their median. */
+/* Aims at the point nearest to the axes of the data set's cameras, and moves the camera closer if
+ * its distance from that point exceeds the median of theirs. */
 static void move_into_rig(struct spin_camera_path *d, int row)
 {
     double pivot[3], median, distance = 0;
@@ -465,7 +466,7 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
-/* Sets where a moving camera starts, and its near plane. */
+/* Sets the start position and the near plane of a moving camera. */
 static spin_status look(struct spin_camera_path *d, const struct spin_splats *splats)
 {
     const struct spin_views *views = d->job->views;
@@ -519,8 +520,8 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Replaces *splats by those that can be drawn: the same if all can, else a copy in `room`. Reports
- * the others like all exporters. */
+/* Drops the splats that cannot be drawn, with the warnings of all exporters. If any was dropped,
+ * *splats is set to a copy of the others in `room`. */
 static spin_status choose(struct spin_camera_path *d, const struct spin_splats **splats,
                           struct spin_splats *room)
 {
@@ -541,7 +542,7 @@ spin_status spin_camera_path_frame(struct spin_camera_path *d, const struct spin
     return choose(d, splats, &d->fit);
 }
 
-/* Reads the frame as it was imported into d->before. */
+/* Reads the imported attributes of the frame into d->before. */
 static spin_status read_source(struct spin_camera_path *d, int frame)
 {
     if (d->source_frame == frame)
@@ -554,9 +555,10 @@ static spin_status read_source(struct spin_camera_path *d, int frame)
     return SPIN_OK;
 }
 
-/* ---- The name of a panel --------------------------------------------------------------------- */
+/* ---- Labels of panels ------------------------------------------------------------------------ */
 
-/* The letters of the panels' names, 5 x 7 pixels: one byte per row; bit 4 is the leftmost pixel. */
+/* Glyphs of 5 x 7 pixels for the panels' names: one byte per row, whose bit 4 is the leftmost
+ * pixel. */
 static const struct {
     char letter;
     unsigned char row[7];

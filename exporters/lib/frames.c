@@ -1,6 +1,6 @@
 /* Exporters that write a folder of frames; see frames.h. The rows of a frame are divided into
- * blocks, which all threads code in parallel and write straight to their offsets in the file, so
- * that no frame is held in memory twice. */
+ * blocks. All threads encode blocks in parallel and write each directly to its offset in the file,
+ * so memory contains no second copy of the frame. */
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
@@ -41,9 +41,9 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
         spin_frames_say_size(job->output, job->n_frames, bytes, at_most);
 }
 
-/* ---- The export that was in the folder before ------------------------------------------------ */
+/* ---- A previous export in the folder --------------------------------------------------------- */
 
-/* Without case, since some file systems ignore it. */
+/* Ignores case, as some file systems do. */
 static int by_name(const void *a, const void *b)
 {
     const struct spin_frames_former *x = a, *y = b;
@@ -58,8 +58,9 @@ static bool is_regular(const char *path)
     return lstat(path, &st) == 0 && S_ISREG(st.st_mode);
 }
 
-/* The file name of an entry of sequence.json. Anybody may have written that file, so only a regular
- * file in the folder itself, with the frame's number in its name, is accepted. NULL: none. */
+/* Sets *out to the file name in an entry of sequence.json, or to NULL. The files will be removed
+ * and sequence.json is not trusted, so only regular files directly in the folder are accepted, and
+ * only with the frame's number in their names. */
 static spin_status find_former(const struct spin_frames *x, const spin_json *entry,
                                const char **out)
 {
@@ -90,7 +91,7 @@ static spin_status read_former(struct spin_frames *x)
     SPIN_TRY(spin_path_join(x->folder.path, SEQUENCE, &path));
     if (!is_regular(path) || spin_json_load(path, &root) != SPIN_OK)
         return SPIN_OK;
-    spin_inputs_own(path); /* reading it does not protect it: this export replaces it */
+    spin_inputs_own(path); /* inputs are never overwritten, but this export replaces this file */
     generator = spin_json_string(spin_json_get(root, "generator"));
     if (!generator || strncmp(generator, "spin4d ", 7) != 0)
         return SPIN_OK;
@@ -291,8 +292,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
-/* Adds "identity", whether row i is the same splat in all frames, and "data", the data set, unless
- * the scene was turned and its cameras do not fit any more. */
+/* Adds "identity": whether row i is the same splat in all frames. Adds "data", the data set,
+ * unless its cameras no longer fit because the scene was rotated. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
@@ -349,7 +350,7 @@ static spin_status write_frame(struct spin_frames *x, const struct spin_frame_in
     SPIN_TRY(spin_grow(n + 1, sizeof *x->block_quant, (void **)&x->block_quant));
     memset(x->block_quant, 0, (n + 1) * sizeof *x->block_quant);
     SPIN_TRY(x->format->write(x, info, out));
-    for (size_t b = 0; b < n; b++) /* in this order, so that sums do not depend on the threads */
+    for (size_t b = 0; b < n; b++) /* in a fixed order, so that sums are reproducible */
         spin_quant_error_merge(&x->quant, &x->block_quant[b]);
     return SPIN_OK;
 }
@@ -418,7 +419,7 @@ out:
     return status;
 }
 
-/* Keeps the finished frames; the folder is removed if it was created here and is empty. */
+/* Keeps the finished frames. Removes the folder if this export created it and it is empty. */
 void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
@@ -486,7 +487,8 @@ spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at
 
 /* ---- Comments -------------------------------------------------------------------------------- */
 
-/* Replaces control characters: a name from a file must not add lines to the header. */
+/* Replaces control characters: a name that was read from a file must not add lines to the header.
+ */
 static void copy_printable(const char *text, char *out, size_t n_out)
 {
     size_t n = 0;
