@@ -2,10 +2,11 @@
 
 #include "base/base.h"
 
-#define FEWEST 32     /* splats; with fewer a draft shows nothing */
-#define TRIES 8       /* to find the number of splats that fits */
-#define BYTES_EACH 14 /* approximate size of a splat in a key */
-#define MOST_GROWTH 8 /* factor of a splat's scale */
+#define FEWEST 32     /* least number of splats that show a recognisable scene */
+#define TRIES 8       /* attempts to find the number of splats that fit */
+#define BYTES_EACH 14 /* approximate size of a splat in a key frame */
+#define MOST_GROWTH 8 /* largest factor by which a splat is enlarged */
+
 /* The area that a splat covers in the view, weighted by opacity; nearly 0 behind the camera. */
 static float area_of(const float *value, const struct spin_initial_view *view)
 {
@@ -48,7 +49,7 @@ spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_sp
     return SPIN_OK;
 }
 
-/* The probability to choose a row, if rows of area `sure` are chosen with certainty. */
+/* The probability of choosing a row: proportional to its area, and 1 from area `sure` on. */
 static double chance(const struct spin_page_draft_row *r, double sure)
 {
     return (double)r->area < sure ? (double)r->area / sure : 1;
@@ -63,7 +64,7 @@ static double expected(const struct spin_page_draft *d, double sure)
     return n;
 }
 
-/* Finds the area for which about n rows are chosen. */
+/* Finds the value of `sure` for which about n rows are expected to be chosen, by bisection. */
 static double sure_area(const struct spin_page_draft *d, size_t n)
 {
     double low = -80, high = 80; /* logarithms */
@@ -79,8 +80,8 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
     return exp(high);
 }
 
-/* Marks about n rows, evenly along the Morton curve, and enlarges each by the area of the rows that
- * it represents. */
+/* Chooses about n rows by systematic sampling along the Morton curve. Each is enlarged, by at most
+ * MOST_GROWTH, to also cover the area of the skipped rows that it represents. */
 static void choose(struct spin_page_draft *d, size_t n)
 {
     struct spin_page_frame *frame = &d->group.frame[0];
@@ -99,7 +100,7 @@ static void choose(struct spin_page_draft *d, size_t n)
     }
 }
 
-/* A copy of a block, kept until its size is known. */
+/* A copy of a block, which is written once it is known to fit. */
 struct kept {
     struct spin_page_block block;
     uint8_t *data;

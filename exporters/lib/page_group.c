@@ -36,8 +36,8 @@ static const float *row_value(const struct spin_page_group *g, int frame, size_t
     return f->value + (f->row ? f->row[i] : i) * spin_page_width(g);
 }
 
-/* Lists the shared rows, those of the first frame that exist in all frames, and each frame's own
- * rows, sorted by position. */
+/* Lists the shared rows, which are those rows of the first frame that exist in all frames, and the
+ * own rows of each frame, sorted by position. */
 static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *order)
 {
     const struct spin_page_frame *first = &g->frame[0];
@@ -90,8 +90,8 @@ struct number {
     _Atomic bool failed;
 };
 
-/* The values of a shared row in each frame; where it is absent, those of the last frame that had
- * it, or else of the first one that will. */
+/* Sets value[f] to the values of shared row i in frame f. In frames that lack the row, it has the
+ * values of the nearest earlier frame with the row or, before all of these, of the first one. */
 static void gather(const struct spin_page_group *g, size_t i, const float **value, uint8_t *present)
 {
     int first = -1;
@@ -135,7 +135,8 @@ static void number_task(void *context, size_t from, size_t to)
                 g->number[(c * n + f) * g->n_shared + k] = x;
                 activity += f ? bits_of(x - number[c * n + f - 1]) : 0;
             }
-        /* one level for each half bit per value and frame */
+        /* The level is 0 for static rows, else 1 plus the mean size of a number's change from frame
+         * to frame, in half bits. */
         if (activity)
             level = 1 + 2 * activity / (columns * (n - 1));
         t->order[k] = (struct spin_keyed){.key = (level > 15 ? 15 : level) << 60 |
@@ -159,9 +160,9 @@ struct blocks {
     struct column *column;
     int32_t **own; /* [n_frames][n_own][columns] */
     struct spin_page_bytes packed;
-    /* while a block is checked */
+    /* The block that is being checked. */
     int frame;
-    const size_t *start; /* [2 columns] of the shared rows, then of the frame's own */
+    const size_t *start; /* [2 columns] offsets of columns: of shared rows, then of own rows */
     uint8_t *again;
 };
 
@@ -210,7 +211,7 @@ static void column_task(void *context, int c)
     b->column[c].status = column_bytes(b, (size_t)c);
 }
 
-/* ---- What was written, read again ------------------------------------------------------------ */
+/* ---- Verification ---------------------------------------------------------------------------- */
 
 /* Decodes a column of the current block and compares it with the numbers that were coded. */
 static spin_status column_again(struct blocks *b, size_t c)
@@ -264,7 +265,7 @@ struct errors {
     size_t first_task[SPIN_PAGE_MOST_FRAMES + 1];
 };
 
-/* Decodes all values of some rows of a frame and adds their errors against the source. */
+/* Decodes the values of one task's rows of a frame and adds their errors against the source. */
 static void error_task(void *context, int task)
 {
     struct errors *e = context;
@@ -369,7 +370,7 @@ static spin_status number_own(struct blocks *b)
     return SPIN_OK;
 }
 
-/* Concatenates the columns of a frame; start[] is the offset of each. */
+/* Concatenates the columns of the current frame and sets start[] to their offsets. */
 static spin_status join(struct blocks *b, size_t *start)
 {
     size_t columns = columns_of(b->g), f = (size_t)b->frame, n = 0;

@@ -5,8 +5,8 @@
 
 #define NONE UINT32_MAX
 #define TAKEN (UINT32_MAX - 1)
-#define MOST_BYTES ((size_t)512 << 20) /* of a group's values */
-#define LEAST_SHARED 0.25 /* share of matched rows that a frame needs to join a group */
+#define MOST_BYTES ((size_t)512 << 20) /* largest size of a group's values */
+#define LEAST_SHARED 0.25 /* least share of matched rows with which a frame joins a group */
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
@@ -54,8 +54,9 @@ static spin_status take_frame(const struct spin_page_group *g, const struct spin
     return SPIN_OK;
 }
 
-/* ---- Which row is which ---------------------------------------------------------------------- */
+/* ---- Matching of rows ------------------------------------------------------------------------ */
 
+/* The L1 distance of two positions. */
 static double apart(const struct spin_page_group *g, const struct spin_page_frame *a, size_t i,
                     const struct spin_page_frame *b, size_t j)
 {
@@ -67,8 +68,8 @@ static double apart(const struct spin_page_group *g, const struct spin_page_fram
     return sum;
 }
 
-/* Whether row i is the same splat in both frames: then rows move, on average, much less than rows
- * are apart from each other. */
+/* Whether row i is the same splat in both frames, for every i. This is assumed if the mean distance
+ * that a row moves is much smaller than the mean distance between two rows of a frame. */
 static bool keeps_rows(const struct spin_page_group *g, const struct spin_page_frame *last,
                        const struct spin_page_frame *now)
 {
@@ -141,7 +142,7 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
     return SPIN_OK;
 }
 
-/* Matches rows of `now`, which are the same as those of `last`, with the group's first frame. */
+/* Matches rows of `now`, which have the same indices in `last`, with the group's first frame. */
 static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now,
                           size_t n_first)
 {

@@ -4,8 +4,8 @@
 #include "io/file.h"
 #include "io/json.h"
 
-/* Tolerance of the length of an axis, and of the cosine between two: more than rounding to a few
- * digits causes. */
+/* Tolerance of the length of an axis, and of the cosine between two axes: large enough for matrices
+ * that are rounded to three digits. */
 #define CROOKED 2e-3
 
 enum { MOST_POSES = 10000000, MOST_SIDE = 16384 };
@@ -17,9 +17,9 @@ static double dot(const double *a, const double *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Inverts a camera-to-world matrix (3 x 4) into w2c; `sign` -1 flips y and z of the camera. The
- * axes are orthonormalised: the direction of the third is kept, the second is made perpendicular to
- * it. Returns false if the matrix is not a rotation. */
+/* Inverts a camera-to-world matrix (3 x 4) into w2c. A `sign` of -1 negates the y and z axes of the
+ * camera. The axes are orthonormalised: the third keeps its direction, and the second is made
+ * perpendicular to the third. Returns false if the matrix is not a rotation and a translation. */
 static bool invert(const double m[12], double sign, double w2c[12])
 {
     double axis[3][3], length[3], across[3], det;
@@ -55,7 +55,8 @@ static bool invert(const double m[12], double sign, double w2c[12])
     return det > 0;
 }
 
-/* Adds a matrix of n numbers, which must be 12 or 16. */
+/* Adds a matrix. Fails unless n, the number of its values, is 12 or 16; n = 0 means that a value
+ * was not a number. */
 static spin_status add(struct spin_path_file *f, size_t *room, const double *m, size_t n,
                        double sign, double fovy_deg)
 {
@@ -84,8 +85,8 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
-/* Reads the numbers of a list, and of lists in it, into m[17]. Returns how many there are, at most
- * 17; 0 if there is anything else. */
+/* Reads the numbers of a list and of nested lists into m[17]. Returns their count, at most 17, or 0
+ * if the list contains anything else. */
 static size_t numbers_of(const spin_json *j, double *m)
 {
     size_t n = 0;

@@ -14,13 +14,14 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
     for (int c = 0; c < 6; c++)
         e->is_box[c] = e->there_box[c] = c < 3 ? HUGE_VAL : -HUGE_VAL;
     for (size_t i = 0; views && row >= 0 && i < views->n; i++)
-        if (views->view[i].dataset_frame == row) { /* views of a row are consecutive */
+        if (views->view[i].dataset_frame == row) { /* views of a data-set frame are consecutive */
             e->view = e->view ? e->view : &views->view[i];
             e->n_views++;
         }
 }
 
-/* The largest number of pixels that a displacement of length `off` covers; -1: not visible. */
+/* The length in pixels of a displacement `off` at this position, for the direction in which it is
+ * longest. -1: the position is not visible. */
 static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
 {
     double p[3];

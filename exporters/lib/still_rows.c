@@ -4,7 +4,7 @@
 
 #define NONE UINT32_MAX
 
-/* A column of which n floats per row are written. */
+/* A column of floats, `width` per row, of which the first n are written. */
 struct column {
     const float *at;
     size_t width, n;
@@ -27,7 +27,7 @@ static int by_hash(const void *a, const void *b)
     return order ? order : (x->row > y->row) - (x->row < y->row);
 }
 
-/* Lists the chosen rows of the current frame in s->now, by hash. */
+/* Lists the kept rows of the current frame in s->now, sorted by hash. */
 static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t room = rows->splats->n + 1, n = 0;
@@ -49,8 +49,8 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
     return SPIN_OK;
 }
 
-/* Finds a row of the current frame for each of s->kept, or NONE; equal rows are matched one to one.
- */
+/* Finds for each row of s->kept the equal row of the current frame, or NONE. Several rows with
+ * equal values are matched one to one. */
 static void pair(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t at = 0;
@@ -77,7 +77,7 @@ static spin_status take_first(struct spin_still_rows *s, const struct spin_splat
     return SPIN_OK;
 }
 
-/* Keeps the rows that the current frame has, too. */
+/* Drops the rows of s->kept that the current frame does not contain. */
 static void narrow(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t n = 0;
