@@ -1,6 +1,6 @@
-/* Renders every frame to PNG or EXR files, for inspection, compositing, or measurement with other
- * programs: from the data set's cameras or a moving one, on request as several panels side by side.
- * Files are named by spin_picture_name(). */
+/* Renders every frame to PNG or EXR files, from the data set's cameras or a moving camera, for
+ * inspection, compositing, or measurement with other programs. An image may consist of several
+ * panels side by side. Files are named by spin_picture_name(). */
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,7 +25,7 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-#define FAR 1e10f /* depth of the background, by the convention of film renderers */
+#define FAR 1e10f /* depth of the background, as in film renderers */
 
 enum which { TEST, TRAIN, ALL };
 
@@ -55,7 +55,7 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-/* Fetches alpha and depth of the last render into x->film, where they are wanted. */
+/* Fetches alpha and depth of the last render into x->film, if they are to be written. */
 static spin_status take_layers(struct export *x, const struct spin_camera *camera)
 {
     size_t n = (size_t)camera->width * (size_t)camera->height;
@@ -168,8 +168,8 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* Renders the images of a frame from a camera that is not the data set's. Files are numbered along
- * the camera's path, not by frame. */
+/* Renders the images of a frame from a camera that is not one of the data set's. File names contain
+ * the number of the image on the camera's path, not the number of the frame. */
 static spin_status export_own(struct export *x, int frame, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;

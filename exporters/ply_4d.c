@@ -7,15 +7,15 @@
  * just below the smallest sigma written.
  *
  * .sogst.ply, the input of .sogst encoders (formats/sogst.h): paths of degree 1 or 2. Time is in
- * seconds from the first frame, and sigma is stored as it is. SH has degree 3 or 0, the only
- * degrees that the reference encoder accepts: missing coefficients are written as 0. */
+ * seconds from the first frame, and sigma is not stored as a logarithm. The reference encoder
+ * accepts only SH of degree 0 or 3, so missing coefficients are written as 0. */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "io/ply.h"
 #include "math/sh.h"
 
-/* The sigma, in clip lengths, of a splat that never fades: its weight is still 0.9998 one clip
- * length from its centre. */
+/* The sigma, in clip lengths, of a splat that does not fade: one clip length from its centre, its
+ * window is still 0.9998. */
 #define MOST_SIGMA 50
 enum { BATCH = 4096 }; /* rows written at a time */
 
@@ -23,9 +23,9 @@ struct export;
 
 struct layout {
     const char *name;     /* for messages */
-    const char *importer; /* the one that reads the format */
+    const char *importer; /* the importer that reads the format */
     int degree;           /* highest degree of a path */
-    bool seconds;         /* time is in seconds, otherwise in clip lengths */
+    bool seconds;         /* unit of time: seconds (true) or clip lengths */
     void (*print_header)(struct export *x);
     void (*fill_row)(const struct export *x, size_t i, float *to); /* `to` is zeroed */
 };
@@ -37,7 +37,7 @@ struct export
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* the kept rows */
     double fps;
-    int sh_degree; /* as written */
+    int sh_degree; /* in the file */
     size_t width;  /* floats per row */
     struct spin_out out;
 };
@@ -85,7 +85,8 @@ static void print_ftgs(struct export *x)
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
             "comment n_frames %d\n",
             x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames);
-    if (x->bells.job->fps > 0) /* not part of the format: only our importer reads it */
+    if (x->bells.job->fps >
+        0) /* this comment is not part of the format; only spin-import reads it */
         fprintf(x->out.file, "comment fps %.9g\n", x->bells.job->fps);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
     print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");
@@ -139,8 +140,8 @@ static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
             rest[n_file * c + k - 1] = sh[3 * k + c];
 }
 
-/* Writes the coefficient of d^(power + 1) in the path of row i, d being the time from the row's
- * centre. Leaves `to` alone where the path has a lower degree. */
+/* Sets `to` to the coefficient of d^(power + 1) in the path of row i, where d is the time relative
+ * to the row's centre. `to` is not changed if the path has a lower degree. */
 static void fill_path(const struct export *x, size_t i, int power, float to[3])
 {
     const struct spin_splats_4d *s = &x->bells.clip;

@@ -5,8 +5,8 @@
  * static splats keep the same bytes.
  *
  * The format does not define its axes. --axes source writes those of the training, as
- * splat-transform does; --axes rub applies the half turn about x to right, up, back, which
- * Niantic's library stores. */
+ * splat-transform does; --axes rub rotates by 180 degrees about x, to right, up, back, the axes of
+ * Niantic's library. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/spz.h"
@@ -29,12 +29,12 @@ struct export
 {
     struct spin_frames frames;
     int version, level;
-    int fraction; /* fractional bits of the places */
-    unsigned char
-        *packed; /* [n_packed_room] one compressed stream of version 4, or the whole file */
+    int fraction; /* fractional bits of the positions */
+    /* Output of the compressor: one stream (version 4) or the whole file (version 3). */
+    unsigned char *packed; /* [n_packed_room] */
     size_t n_packed_room;
-    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* of version 4 */
-    unsigned char *bytes; /* input of the compressor: one stream of version 4, or the whole file */
+    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* version 4 only */
+    unsigned char *bytes; /* input of the compressor: one stream (4) or the whole file (3) */
 
     /* The current stream: one attribute of all rows. */
     int stream;
@@ -44,7 +44,8 @@ struct export
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Codes row i of the current stream and adds the error of what a reader decodes. */
+/* Codes row i of the current stream, and adds the difference between the source and the decoded
+ * value to quant. */
 static void code_row(const struct export *x, size_t i, unsigned char *out,
                      struct spin_quant_error *quant)
 {
@@ -174,7 +175,9 @@ static spin_status write_version_3(struct export *x, struct spin_out *out)
     return spin_out_write(out, x->packed, n_packed);
 }
 
-/* The table of contents is written twice: first to reserve its place, then with its contents. */
+/* Writes the table of contents twice: first to reserve its bytes, then with the sizes of the
+ * streams.
+ */
 static spin_status write_version_4(struct export *x, struct spin_out *out)
 {
     const struct spin_spz_header header = header_of(x);
@@ -213,7 +216,8 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
-/* An upper bound: incompressible data grows by the overhead of gzip, or of zstd in each stream. */
+/* An upper bound of the file size: incompressible data grows by the overhead of one gzip stream, or
+ * of a zstd frame for each stream. */
 static uint64_t spz_bytes(const void *self, size_t n)
 {
     const struct export *x = self;

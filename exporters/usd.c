@@ -1,20 +1,20 @@
 /* Writes a USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda,
- * which plays one layer per frame by value clips. It is text, so no library is needed.
+ * which plays one layer per frame by value clips. All files are text, so no library is needed.
  *
- * Value clips are used instead of time samples in a single file because a reader opens only the
- * layer of the frame that it shows, while a text with all frames would have to be parsed as a
- * whole: gigabytes for a minute. Each layer has the time samples of its frame under the prim's own
- * path, so that it can also be opened on its own.
+ * With value clips, a reader opens only the layer of the frame that it shows. A single text file
+ * with the time samples of all frames would have to be parsed as a whole: gigabytes for a minute.
+ * The time samples of a layer have the path of the prim in the stage, so a layer can also be opened
+ * on its own.
  *
- * From OpenUSD's schema and its guide to value clips: scales are standard deviations, opacities 0
- * to 1, orientations w x y z; SH has one float3 per coefficient, splat after splat. The axes are x
- * right, y up, z back: half a turn about x from those of the training.
+ * The layout follows OpenUSD's schema and its guide to value clips: scales are standard deviations,
+ * opacities are 0 to 1, orientations are w x y z, and SH is one float3 per coefficient, splat after
+ * splat. The axes are x right, y up, z back: those of the training, rotated by 180 degrees about x.
  *
  * Attributes that are the same in all frames are stored once, in still.usda, a sublayer of the
- * stage and of each layer. Numbers are half floats by default, with as few digits as are needed to
- * read the same half back; positions have enough digits to resolve a millionth of the first frame's
- * diagonal. Cameras are UsdGeomCamera: those of the data set and a moving one. Of focal length and
- * aperture only the ratio matters. */
+ * stage and of each layer. Numbers are half floats by default, printed with the fewest digits that
+ * read back as the same half; positions have enough digits to resolve a millionth of the first
+ * frame's diagonal. Cameras are UsdGeomCamera prims: those of the data set and that of --path. Only
+ * the ratio of their focal length and aperture matters. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
@@ -24,13 +24,13 @@
 
 #define DEFAULT_FPS 30
 #define BATCH 8          /* blocks of rows per write */
-#define NUMBER 16        /* longest number, with its separators */
-#define MAX_FLOATS 48    /* of an attribute of one row */
+#define NUMBER 16        /* characters of the longest number with its separators */
+#define MAX_FLOATS 48    /* largest number of floats of one row in an attribute */
 #define LEAST_HALF 6e-8f /* the smallest positive half */
 #define MOST_HALF 65504.0f
 #define PRIM "Splats"
 #define STILL "still.usda"
-#define APERTURE 36.0 /* horizontal, of every camera */
+#define APERTURE 36.0 /* horizontal aperture of every camera */
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.usda"),
@@ -48,7 +48,8 @@ static const struct spin_plugin_option options[] = {
 enum attribute { POSITIONS, ORIENTATIONS, SCALES, OPACITIES, SH, ATTRIBUTES };
 
 struct form {
-    const char *type, *name, *type_half, *name_half; /* of half floats; NULL: always float */
+    /* type_half and name_half are those for half floats; NULL: the attribute is always float. */
+    const char *type, *name, *type_half, *name_half;
 };
 
 static const struct form forms[ATTRIBUTES] = {
@@ -65,9 +66,9 @@ struct export
     struct spin_frames frames;
     double codes; /* time codes from one frame to the next */
     bool half;
-    double meters;     /* per unit */
-    int decimals;      /* of positions, if halves are written; -1: not known yet */
-    unsigned still;    /* bits of the attributes that are the same in all frames */
+    double meters;     /* metres per unit of the scene */
+    int decimals;      /* decimal places of positions, unless --float is given; -1: not known yet */
+    unsigned still;    /* bit a is set: attribute a is the same in all frames */
     char(*halves)[10]; /* [65536] the text of each half */
 
     /* The camera of --path. */
@@ -77,9 +78,9 @@ struct export
 
     /* The current batch. */
     enum attribute attribute;
-    size_t first;                 /* block */
-    char *text;                   /* [BATCH][stride] */
-    size_t n_text[BATCH], stride; /* characters of each block, and the capacity for one */
+    size_t first;                 /* index of the batch's first block */
+    char *text;                   /* [BATCH][stride] text of each block */
+    size_t n_text[BATCH], stride; /* length of each block's text, and capacity for one block */
 };
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
@@ -160,7 +161,7 @@ static int print_value(const struct export *x, float v, char *to)
     return strncmp(to, "-0", (size_t)n) == 0 ? sprintf(to, "0") : n;
 }
 
-/* A coordinate as it reads back. */
+/* The value that a reader gets for a coordinate after it was printed. */
 static float rounded_place(const struct export *x, float v)
 {
     char text[64];
@@ -171,8 +172,8 @@ static float rounded_place(const struct export *x, float v)
     return strtof(text, NULL);
 }
 
-/* Collects the values of a row's attribute, to be grouped by `group`, and adds their rounding
- * errors. */
+/* Copies the values of the current attribute of row i to `out`, adds their rounding errors to
+ * quant, and returns their number. Sets *group to the number of values in a tuple. */
 static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], size_t *group,
                        struct spin_quant_error *quant)
 {
@@ -228,7 +229,7 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
     }
 }
 
-/* Prints "(1,2,3)" for each group, separated by commas. */
+/* Prints each tuple of row i as "(1,2,3)", separated by commas. Returns the end of the text. */
 static char *print_row(const struct export *x, size_t i, bool first, char *to,
                        struct spin_quant_error *quant)
 {
@@ -282,8 +283,8 @@ static const char *name_of(const struct export *x, enum attribute a)
     return x->half && forms[a].type_half ? forms[a].name_half : forms[a].name;
 }
 
-/* Writes an attribute as the time sample of a frame or, if it is the same in all frames, as a
- * value. */
+/* Writes an attribute of the current frame: as a time sample or, if the attribute is the same in
+ * all frames, as a plain value. */
 static spin_status write_attribute(struct export *x, enum attribute a, int number,
                                    struct spin_out *out)
 {
@@ -309,7 +310,7 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
     return put(out, still ? "]\n" : "],\n    }\n");
 }
 
-/* The bounding box of the ellipsoids of three standard deviations. */
+/* Sets extent to the bounding box of all ellipsoids of three standard deviations. */
 static void find_extent(const struct export *x, float extent[6])
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -376,7 +377,8 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
 
-/* Writes still.usda, the attributes that are the same in all frames, from the current one. */
+/* Writes still.usda, the attributes that are the same in all frames, with the values of the current
+ * frame. */
 static spin_status write_still(struct export *x)
 {
     SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
@@ -393,7 +395,7 @@ static spin_status write_still(struct export *x)
     return spin_out_commit(&out);
 }
 
-/* The decimals that resolve a millionth of the diagonal of this bounding box. */
+/* The number of decimal places that resolve a millionth of the diagonal of this bounding box. */
 static int decimals_of(const float e[6])
 {
     double square = 0, step;
@@ -404,7 +406,8 @@ static int decimals_of(const float e[6])
     return (int)fmin(fmax(ceil(-log10(step)), 0), 20);
 }
 
-/* Called with the first frame: prepares what all frames share. */
+/* Called with the first frame. Allocates the text buffer, writes still.usda, and computes the
+ * cameras of --path. */
 static spin_status begin_frames(struct export *x, const float e[6])
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree);
@@ -457,8 +460,8 @@ static uint64_t usd_bytes(const void *self, size_t n)
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
-/* Prints the camera-to-world matrix in the axes of the file, of a camera with x right, y up, z
- * back: the rows are its axes and its position. */
+/* Prints the camera-to-world matrix of a camera with x right, y up, z back, in the axes of the
+ * file. Its rows are the three axes and the position of the camera. */
 static void print_matrix(const struct export *x, const struct spin_camera *camera, FILE *to)
 {
     const double *m = camera->w2c, *q = x->frames.rows.turn_q;
@@ -469,7 +472,8 @@ static void print_matrix(const struct export *x, const struct spin_camera *camer
             row[r][c] = (r == 0 ? 1 : -1) * m[4 * r + c];
             row[3][c] -= m[4 * r + c] * m[4 * r + 3];
         }
-    for (int r = 0; r < 4; r++) { /* v + 2 w (u x v) + 2 u x (u x v) */
+    for (int r = 0; r < 4;
+         r++) { /* rotate by the quaternion (w, u): v + 2 w u x v + 2 u x (u x v) */
         double *v = row[r], *u = back + 1, a[3], b[3];
 
         for (int c = 0; c < 3; c++)
@@ -489,8 +493,8 @@ static double focal_of(const struct spin_camera *camera)
     return camera->fx * APERTURE / camera->width;
 }
 
-/* Prints a camera that has the pose camera[k] at time[k]. All but the focal length of its lens are
- * taken from the first. */
+/* Prints a camera with the pose and the focal length of camera[k] at time[k]. All other intrinsics
+ * are those of camera[0]. */
 static void print_camera(const struct export *x, const char *name, const struct spin_camera *camera,
                          const double *time, size_t n, FILE *to)
 {
@@ -529,7 +533,7 @@ static void print_camera(const struct export *x, const char *name, const struct 
             moves ? "        }\n" : "");
 }
 
-/* The index of view v among those of its camera id in its row. */
+/* The index of view v among the views with the same camera id and the same data-set frame. */
 static int twin_of(const struct spin_views *views, size_t v)
 {
     size_t first = v;
@@ -584,8 +588,8 @@ static spin_status print_rig(const struct export *x, FILE *to)
     return SPIN_OK;
 }
 
-/* Prints the camera of --path: its poses are evenly spaced from the first frame to the end of the
- * last. */
+/* Prints the camera of --path. Its poses are evenly spaced in time, from the first frame to the end
+ * of the last frame. */
 static spin_status print_path(const struct export *x, FILE *to)
 {
     size_t n = (size_t)x->path.n_pictures;
@@ -716,7 +720,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* A hash of an attribute in the rows of the frame. */
+/* A hash of an attribute of all rows of the frame. */
 static uint64_t imprint(const struct export *x, enum attribute a)
 {
     const struct spin_splats *s = x->frames.rows.splats;
@@ -729,7 +733,8 @@ static uint64_t imprint(const struct export *x, enum attribute a)
     return hash;
 }
 
-/* Finds the attributes that are the same in all frames; stops reading once there are none. */
+/* Finds the attributes that are the same in all frames. Stops reading frames once there are none.
+ */
 static spin_status find_still(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;

@@ -1,5 +1,6 @@
-/* Writes the clip as an MP4 or WebM video, chosen by the output's name: from one camera of the data
- * set, or from one that moves while the clip plays, on request as several panels side by side. */
+/* Writes the clip as an MP4 or WebM video, chosen by the output's extension, from a camera of the
+ * data set or one that moves while the clip plays. An image may consist of several panels side by
+ * side. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
@@ -19,9 +20,9 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    const struct spin_view
-        *first;  /* its camera is used throughout; NULL: not a data set's camera */
-    int size[2]; /* width, height of a panel, pixels */
+    /* View whose camera is used for all frames; NULL: the camera is not one of the data set's. */
+    const struct spin_view *first;
+    int size[2]; /* width, height of a panel in pixels */
 };
 
 static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
