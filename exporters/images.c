@@ -114,11 +114,12 @@ static spin_status check_options(const struct export *x)
     if (spin_plugin_value(v, "fps", NULL) &&
         (x->drawing.path == SPIN_PATH_CAMERA || x->drawing.path == SPIN_PATH_FILE ||
          spin_plugin_value(v, "repeat", NULL)))
-        return spin_misuse("--fps needs --duration");
+        return spin_misuse("--fps has no effect without --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
         return spin_misuse("--views: %s",
-                           x->job->views ? "the moving camera of --path is not one of the data set"
-                                         : "there is no data set, give --data DIR");
+                           x->job->views ? "the camera of --path is not one of the data set's; "
+                                           "leave out one of the two options"
+                                         : "there is no data set; give --data DIR");
     return SPIN_OK;
 }
 
@@ -159,7 +160,7 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     SPIN_TRY(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
     if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x))
-        return spin_not_found("the data set has no %s views; try --views all",
+        return spin_not_found("the data set has no %s views: try --views all",
                               x->which == TEST ? "test" : "train");
     SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
                                       &x->folder));
@@ -220,8 +221,10 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
 static spin_status finish(struct export *x)
 {
     if (x->n_unseen > 0)
-        spin_warn("%d of %d frames have no such view in the data set and were not rendered",
-                  x->n_unseen, x->job->n_frames);
+        spin_warn(
+            "%d of %d frames were not rendered: the data set has no view of them that --views "
+            "selects",
+            x->n_unseen, x->job->n_frames);
     spin_camera_path_say_blank(&x->drawing);
     spin_output_folder_end(&x->folder);
     return SPIN_OK;

@@ -252,7 +252,9 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
-        return spin_unsupported("no splat of the clip is left to write");
+        return spin_unsupported(
+            "no splat of the clip is left to write: check the options that drop "
+            "splats");
     SPIN_TRY(spin_splat_filter_report_4d(&x->rows, job, x->bells.from, job->times, job->n_frames));
     print_header(x);
     SPIN_TRY(write_rows(x));

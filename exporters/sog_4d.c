@@ -19,9 +19,10 @@
 #include "math/activate.h"
 #include "math/sh.h"
 
-#define MOST_SIGMA 8   /* largest sigma, in clip lengths */
-#define K_SIGMA 3.8    /* .sogst: number of sigmas from its centre within which a splat is drawn */
-#define PERSISTENT 3.0 /* .sogst: splats drawn for longer than this many segments are persistent   \
+#define MOST_SIGMA 8 /* largest sigma, in clip lengths */
+#define K_SIGMA 3.8  /* .sogst: number of sigmas from its centre within which a splat is drawn */
+#define PERSISTENT                                                                                 \
+    3.0                /* .sogst: splats drawn for longer than this many segments are persistent   \
                         */
 #define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
 #define STEPS 65536    /* number of 16-bit values; a clip of frames needs one or more per frame */
@@ -74,7 +75,7 @@ static const struct spin_splats_4d *clip_of(const struct export *x) { return &x-
 static void warn_of_kind(const struct export *x)
 {
     if (!x->kind->sogst && x->order.n > PLAYED)
-        spin_warn("%zu splats: the player of TSOG draws only %d of them", x->order.n, PLAYED);
+        spin_warn("the player of TSOG draws only %d of the %zu splats", PLAYED, x->order.n);
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */
@@ -741,7 +742,8 @@ static spin_status read_options(struct export *x)
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
     if (x->segment > 0 && x->bells.length / x->segment > 999)
-        return spin_misuse("option 'segment' is %g: a clip of %g s has more than 999 segments",
+        return spin_misuse("--segment %g: a clip of %g seconds would have more than 999 segments; "
+                           "choose longer segments",
                            x->segment, x->bells.length);
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
@@ -754,7 +756,7 @@ static spin_status expect_frames(struct export *x)
 
     if (n > STEPS)
         return spin_unsupported(
-            "%s holds at most %d frames, but there are %d: select fewer with --range",
+            "%s can store at most %d frames, but the clip has %d: select fewer with --range",
             x->kind->name, STEPS, n);
     x->frames = true;
     x->own = *x->job;
@@ -865,7 +867,9 @@ static spin_status encode(struct export *x)
     SPIN_TRY(x->frames ? join_frames(x) : spin_bells_convert(&x->bells));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
     if (x->rows.n_kept == 0)
-        return spin_unsupported("no splat of the clip is left to write");
+        return spin_unsupported(
+            "no splat of the clip is left to write: check the options that drop "
+            "splats");
     SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, x->bells.from, x->job->times,
                                          x->job->n_frames));
     SPIN_TRY(choose_coding(x));

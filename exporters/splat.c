@@ -87,7 +87,7 @@ static const struct spin_frames_format format = {
 static spin_status splat_begin(const struct spin_export_job *job, void **self)
 {
     if (job->sh_degree > 0)
-        spin_log(0, "splat stores no view-dependent colour: SH is left out");
+        spin_log(0, "splat cannot store view-dependent colours: SH above degree 0 is dropped");
     return spin_frames_begin(&format, job, self);
 }
 

@@ -145,11 +145,12 @@ static spin_status choose_fraction(struct export *x, int number)
     x->fraction = spin_spz_fraction(largest, before);
     if (x->fraction < 0)
         return spin_unsupported(
-            "frame %d: a splat is at %g, but spz holds positions only up to 8388606", number,
-            (double)largest);
+            "frame %d: a coordinate of a splat is %g, but spz cannot store more than 8388606",
+            number, (double)largest);
     if (x->fraction < before)
         spin_warn(
-            "frame %d: a splat is at %g: from here on, positions are rounded to steps of 1/%d",
+            "frame %d: a coordinate of a splat is %g: positions of this and all later frames are "
+            "rounded to steps of 1/%d",
             number, (double)largest, 1 << x->fraction);
     return SPIN_OK;
 }
@@ -241,7 +242,8 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
-        return spin_misuse("--axes rub assumes that y points down: give either it or --up");
+        return spin_misuse(
+            "--axes rub and --up exclude each other: rub assumes that y points down");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     return x->version == 4 ? spin_zstd_need() : SPIN_OK;

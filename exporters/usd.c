@@ -714,7 +714,8 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     SPIN_TRY(spin_camera_path_begin(&x->path, job));
     if (x->path.path == SPIN_PATH_CAMERA)
-        return spin_misuse("--path camera: the data set's cameras are written without it");
+        return spin_misuse(
+            "--path camera is not needed: the data set's cameras are always written");
     if (x->path.path != SPIN_PATH_FILE)
         x->path.n_pictures = job->n_frames;
     return SPIN_OK;

@@ -45,8 +45,9 @@ static spin_status choose_camera(struct export *x)
 
     if (text && spin_camera_path_is_own(&x->drawing))
         return spin_misuse("--camera: %s", job->views
-                                               ? "the camera of --path is not one of the data set"
-                                               : "there is no data set, give --data DIR");
+                                               ? "the camera of --path is not one of the data "
+                                                 "set's; leave out one of the two options"
+                                               : "there is no data set; give --data DIR");
     if (spin_camera_path_is_own(&x->drawing))
         return SPIN_OK;
     x->first = spin_initial_view_view(job->views, row, true);
@@ -112,8 +113,9 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
     if (!x->first) {
         SPIN_TRY(spin_camera_path_camera(d, picture, splats, &camera));
     } else if (!view) {
-        return spin_not_found("the data set has no camera %d for frame %d: --path orbit needs none",
-                              x->first->camera_id, info->number);
+        return spin_not_found("frame %d: the data set has no view of camera %d; choose another "
+                              "--camera, or --path orbit, which needs no data set",
+                              info->number, x->first->camera_id);
     } else {
         camera = view->camera;
         spin_camera_path_resize(d, &camera);

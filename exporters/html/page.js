@@ -9,8 +9,8 @@ root.classList.toggle('loading', true);
 const asked = readParameters(new URL(location.href).searchParams);
 const embedded = window.parent !== window;
 const gl = canvas.getContext('webgl2', { antialias: false, depth: false, alpha: false, powerPreference: 'high-performance' });
-if (!gl) return say('This page needs WebGL 2, which this browser does not offer.');
-if (clip.data && location.href.startsWith('file:')) return say(`This page reads ${clip.data} beside it, which browsers do not allow from the disk. Put both on a web server ("python3 -m http.server" in their folder is one), or export the clip without --split.`);
+if (!gl) return say('This page needs WebGL 2, which this browser does not support.');
+if (clip.data && location.href.startsWith('file:')) return say(`This page loads ${clip.data} from its own folder, which browsers do not allow for local files. Put both files on a web server, such as "python3 -m http.server" in their folder, or export the clip without --split.`);
 if (typeof DecompressionStream === 'undefined') return say('This browser is too old: it has no DecompressionStream.');
 
 // Returns the address if it is relative or of http, https, blob or file; null for other schemes,

@@ -44,7 +44,7 @@ async function fromServer(v, frame) {
         for (const each of whole ? clip.versions : [v]) {
             for (let f = whole ? 0 : frame; f <= (whole ? each.at.length - 1 : last); f++) {
                 const at = each.at[f] - base;
-                if (at + each.bytes[f] > bytes.length) throw new Error(`${address} is shorter than the page says`);
+                if (at + each.bytes[f] > bytes.length) throw new Error(`${address} is shorter than the page expects`);
                 fetched.set(`${each.name} ${f}`, bytes.slice(at, at + each.bytes[f]));
             }
         }

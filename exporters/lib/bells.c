@@ -44,7 +44,8 @@ spin_status spin_bells_can(const struct spin_bells *b)
                           : "do not fade to 0");
     if (!(last_time(b) > first_time(b)))
         return spin_unsupported(
-            "%s holds a clip, but this is a single frame: select more with --range", b->name);
+            "%s needs a clip of two or more frames, but one is selected: select more with --range",
+            b->name);
     return SPIN_OK;
 }
 
@@ -64,23 +65,23 @@ void spin_bells_warn(const struct spin_bells *b)
     const struct spin_splats_4d *s = b->job->splats_4d;
 
     if (s->degree > b->degree)
-        spin_warn(
-            "paths of degree %d do not fit into %s and are fitted with degree %d: off by up to "
-            "%.2g while a splat is at least half visible",
-            s->degree, b->name, b->degree, b->lost_place);
+        spin_warn("%s cannot store paths of degree %d: they are approximated by degree %d, with "
+                  "errors of "
+                  "up to %.2g world units while a splat is at least half visible",
+                  b->name, s->degree, b->degree, b->lost_place);
     if (s->spins)
-        spin_warn("%s cannot represent rotations that change: splats keep that at their own time, "
-                  "off by up to %.2g degrees",
+        spin_warn("%s cannot represent rotations that change: each splat keeps the rotation at its "
+                  "centre in time, off by up to %.2g degrees",
                   b->name, b->lost_turn);
     if (s->cov2d[0] > 0 && !b->says_cov2d)
-        spin_warn(
-            "%s cannot store the factors of the covariance on screen, %g and %g, that the splats "
-            "were trained with",
-            b->name, s->cov2d[0], s->cov2d[1]);
+        spin_warn("%s cannot store the scale factors of the screen-space covariance with which the "
+                  "splats "
+                  "were trained, %g and %g",
+                  b->name, s->cov2d[0], s->cov2d[1]);
     if (s->sh_cos)
         spin_warn(
-            "%s cannot represent colours that change: splats keep that at their own time, off by "
-            "up to %.2g (of 1)",
+            "%s cannot represent colours that change: each splat keeps the colour at its centre in "
+            "time, off by up to %.2g (of 1)",
             b->name, b->lost_colour);
 }
 

@@ -28,8 +28,8 @@ static spin_status read_back(struct check *check)
     SPIN_TRY(check->importer->open(path, &values, &check->self, &sequence));
     SPIN_TRY(check->importer->splats_4d(check->self, &check->back));
     if (!check->back || check->back->n != of->n)
-        return spin_fail(SPIN_E_IO, "%zu splats, expected %zu", check->back ? check->back->n : 0,
-                         of->n);
+        return spin_fail(SPIN_E_IO, "the file contains %zu splats, expected %zu",
+                         check->back ? check->back->n : 0, of->n);
     return SPIN_OK;
 }
 
@@ -47,7 +47,7 @@ static spin_status judge(const struct check *check, size_t j)
     for (size_t c = 0; c < 3; c++)
         good = good && fabs((double)back->centres[3 * j + c] - (double)place[c]) <=
                            (1 + fabs((double)place[c])) * (of->half[c] + 1e-6);
-    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu differs from what was written", j);
+    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu differs from the written values", j);
 }
 
 static void take_back(const struct spin_splats_4d *s, size_t j, double time,

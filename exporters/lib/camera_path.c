@@ -28,9 +28,11 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
                                list);
         d->panel[d->n_panels++] = (enum spin_camera_path_panel)word;
         if (word == SPIN_PANEL_TRUTH && d->path != SPIN_PATH_CAMERA)
-            return spin_misuse("--panels truth: a moving camera has no images");
+            return spin_misuse(
+                "--panels truth: the data set has no images of a moving camera; leave "
+                "out --path or choose other panels");
         if (word == SPIN_PANEL_TRUTH && !d->job->views)
-            return spin_misuse("--panels truth: there is no data set, give --data DIR");
+            return spin_misuse("--panels truth needs a data set: give --data DIR");
         if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
             return spin_not_found(
                 "--panels before: the bundle does not contain both imported and retrained splats");
@@ -61,12 +63,13 @@ static spin_status parse_size(struct spin_camera_path *d)
     if (sscanf(text, "%5dx%5d%n", &d->size[0], &d->size[1], &end) != 2 || text[end] ||
         d->size[0] < LEAST_SIDE || d->size[1] < LEAST_SIDE || d->size[0] > MOST_SIDE ||
         d->size[1] > MOST_SIDE)
-        return spin_misuse("--size '%s': expected WxH, both from %d to %d", text, LEAST_SIDE,
-                           MOST_SIDE);
+        return spin_misuse("--size '%s': expected WxH in pixels, both from %d to %d", text,
+                           LEAST_SIDE, MOST_SIDE);
     for (int p = 0; p < d->n_panels; p++)
         if (d->panel[p] == SPIN_PANEL_TRUTH)
-            return spin_misuse("--size does not apply to the data set's images: leave it out or "
-                               "choose other --panels");
+            return spin_misuse(
+                "--size cannot resize the images of the panel truth: leave out --size "
+                "or choose other --panels");
     return SPIN_OK;
 }
 
@@ -101,8 +104,8 @@ static spin_status parse_pace(struct spin_camera_path *d)
     if (d->path == SPIN_PATH_FILE) {
         d->n_pictures = (int64_t)d->file.n;
         return seconds > 0 || spin_plugin_value(v, "repeat", NULL)
-                   ? spin_misuse("--duration, --repeat: the file of --path already has one camera "
-                                 "per image")
+                   ? spin_misuse("--duration and --repeat have no effect: the file of --path has "
+                                 "one camera for each image")
                    : SPIN_OK;
     }
     if (seconds <= 0 && d->path != SPIN_PATH_CAMERA && !spin_plugin_value(v, "repeat", NULL))
@@ -113,9 +116,10 @@ static spin_status parse_pace(struct spin_camera_path *d)
         return SPIN_OK;
     }
     if (spin_plugin_value(v, "repeat", NULL))
-        return spin_misuse("--duration and --repeat: give only one of them");
+        return spin_misuse("--duration and --repeat exclude each other: give one of the two");
     if (seconds * d->fps > MOST_PICTURES)
-        return spin_misuse("--duration: more than %d images", MOST_PICTURES);
+        return spin_misuse("--duration %g: the clip would have more than %d images", seconds,
+                           MOST_PICTURES);
     d->n_pictures = (int64_t)fmax(1, rint(seconds * d->fps));
     return SPIN_OK;
 }
@@ -194,13 +198,13 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", "after")));
     SPIN_TRY(parse_size(d));
     if (d->path == SPIN_PATH_TRAIN && !job->views)
-        return spin_misuse("--path train: there is no data set, give --data DIR");
+        return spin_misuse("--path train needs a data set: give --data DIR");
     if (d->path == SPIN_PATH_TRAIN)
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
     SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
-        spin_log(0, "no data set: rendering from the front, like the web page");
+        spin_log(0, "no data set: the camera is in front of the scene, as in the web page");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     SPIN_TRY(spin_splat_filter_begin(&d->rows, job, NULL));
     d->rows.max_scale = 0; /* keep large splats, as training and spin-eval do */
@@ -322,8 +326,7 @@ spin_status spin_rig_path_open(const struct spin_views *views, int row, struct s
 
         spin_rig_path_free(path);
         return spin_not_found(
-            "--path train: %d training camera%s in the first frame, expected two or more", n,
-            n == 1 ? "" : "s");
+            "--path train needs two or more training cameras in the first frame, but it has %d", n);
     }
     chain(path);
     uncross(path);

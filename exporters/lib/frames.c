@@ -138,10 +138,10 @@ static void remove_former(struct spin_frames *x)
             n_left++;
     }
     if (n > 0)
-        spin_log(0, "removed %s of the former export from '%s'",
+        spin_log(0, "removed %s of the previous export from '%s'",
                  spin_text_count((long long)n, "file", text), x->folder.path);
     if (n_left > 0)
-        spin_warn("cannot remove %s of the former export from '%s'",
+        spin_warn("cannot remove %s of the previous export from '%s'",
                   spin_text_count((long long)n_left, "file", text), x->folder.path);
 }
 
@@ -187,9 +187,9 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     if (x->format->open)
         return SPIN_OK;
     if (job->n_frames != 1)
-        return spin_misuse("'%s' is the name of a single file, but there are %d frames: name a "
-                           "folder ('%.*s/'), or select one frame with --range",
-                           job->output, job->n_frames, (int)(n - n_ending), job->output);
+        return spin_misuse("cannot write %d frames to the single file '%s': name a folder "
+                           "('%.*s/'), or select one frame with --range",
+                           job->n_frames, job->output, (int)(n - n_ending), job->output);
     if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
                          job->output);
@@ -386,9 +386,10 @@ static void warn_clipped(const struct spin_frames *x)
     double rms = spin_quant_error_rms(&x->quant, SPIN_QUANT_COLOUR);
 
     if (x->format->clips_colours && rms > 0.004)
-        spin_warn("'%s' clamps bright and dark colours, with errors of up to %.2g (of 1): ply, sog "
-                  "and compressed-ply keep them",
-                  x->format->name, x->quant.part[SPIN_QUANT_COLOUR].largest);
+        spin_warn(
+            "'%s' clamps bright and dark colours, with errors of up to %.2g (of 1): write ply, "
+            "sog or compressed-ply to keep these colours",
+            x->format->name, x->quant.part[SPIN_QUANT_COLOUR].largest);
 }
 
 spin_status spin_frames_end(void *self)

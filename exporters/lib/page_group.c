@@ -328,7 +328,8 @@ static spin_status check_values(struct blocks *b)
 static spin_status too_far(const struct spin_page_group *g)
 {
     return spin_unsupported(
-        "a splat is too far from the others for steps of %g: set a larger --bound-place",
+        "a splat is too far from the others to store positions in steps of %g: set a larger "
+        "--bound-place",
         2 * g->space.bounds.place);
 }
 

@@ -650,9 +650,10 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     b.order = order.item;
     spin_pool_run(r->pool, n_tasks, number_task, &b);
     if (b.failed)
-        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or visible for too "
-                                      "short a time, for steps of %g: set a larger --bound-place",
-                                      2 * r->space.bounds.place));
+        SPIN_TRY_OUT(spin_unsupported(
+            "a splat is too far from the others, or visible for too short a time, to store "
+            "positions in steps of %g: set a larger --bound-place",
+            2 * r->space.bounds.place));
     for (int t = 0; t < n_tasks; t++) {
         r->n_values += b.n_values[t];
         spin_quant_error_merge(&r->quant, &b.quant[t]);

@@ -227,7 +227,7 @@ spin_status spin_path_file_open(const char *path, struct spin_path_file *out)
     status = read_file(path, &map, out);
     spin_map_close(&map);
     if (status == SPIN_OK && out->n == 0)
-        status = spin_malformed("it contains no cameras");
+        status = spin_malformed("the file contains no cameras");
     if (status == SPIN_OK)
         return SPIN_OK;
     spin_path_file_close(out);

@@ -46,7 +46,7 @@ static spin_status compare(struct check *check, const char *path, const struct s
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)
-        return spin_fail(SPIN_E_IO, "check: '%s' holds %zu splats, expected %zu", path, back->n,
+        return spin_fail(SPIN_E_IO, "check: '%s' contains %zu splats, expected %zu", path, back->n,
                          rows->n_kept);
     for (size_t j = 0; j < back->n; j++) {
         struct spin_gaussian there;
@@ -56,7 +56,8 @@ static spin_status compare(struct check *check, const char *path, const struct s
             next++;
         i = row ? row[j].row : next++;
         if (!is_finite(back, j))
-            return spin_fail(SPIN_E_IO, "check: '%s' holds NaN or infinity in splat %zu", path, j);
+            return spin_fail(SPIN_E_IO, "check: '%s' contains NaN or infinity in splat %zu", path,
+                             j);
         spin_splat_filter_take(&plain, j, &there);
         spin_readback_row(&check->values, rows, i, &there, back->sh + n_sh * j, back->sh_degree);
     }
@@ -157,8 +158,8 @@ static spin_status judge(const struct check *check, const struct spin_quant_erro
 
         if (!(largest <= most) || !(rms <= most_rms))
             return spin_fail(SPIN_E_IO,
-                             "check: '%s' differs from what was written: %s are off by %.3g, RMS "
-                             "%.3g, expected at most %.3g, RMS %.3g",
+                             "check: '%s' differs from the written values: %s have errors of up to "
+                             "%.3g, RMS %.3g, expected at most %.3g, RMS %.3g",
                              check->x->job->output, name[p], largest, rms, most, most_rms);
     }
     return SPIN_OK;

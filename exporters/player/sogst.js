@@ -25,7 +25,7 @@ function partsOf({ segments, streams }, n) {
         if (from !== at || whole(end, 'end of a segment', from, n) === from) return [name, at, at];
         return [name, from, at = end];
     });
-    return at === n ? parts : fail(`its segments hold ${at} of ${n} splats`);
+    return at === n ? parts : fail(`its segments contain ${at} of ${n} splats`);
 }
 
 // Returns the width and height of a lossless WebP from its chunks, so that the size can be checked
@@ -65,7 +65,7 @@ function entriesOf(bytes) {
 
 // Decodes a lossless image to R G B A bytes by WebGL: a 2D canvas would premultiply colours by
 // opacities and lose bits.
-const gl = document.createElement('canvas').getContext('webgl2') ?? fail('this browser does not offer WebGL 2');
+const gl = document.createElement('canvas').getContext('webgl2') ?? fail('this browser does not support WebGL 2');
 gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
 gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
 gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
