@@ -194,7 +194,7 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
     int order;
@@ -204,7 +204,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -220,10 +220,10 @@ static const struct spin_frames_format format = {
     .pattern = "frame_%05d.compressed.ply",
     .self_bytes = sizeof(struct export),
     .lossy = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = compressed_bytes,
     .write = compressed_write,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

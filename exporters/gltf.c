@@ -248,7 +248,7 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     static const double half_about_z[4] = {0, 0, 0, 1};
     const struct spin_plugin_values *v = job->values;
@@ -263,7 +263,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 }
 
 /* Called after the options are read. */
-static spin_status ready(void *self, const struct spin_export_job *job)
+static spin_status begin_clip(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -290,7 +290,7 @@ static spin_status ready(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -343,15 +343,15 @@ static const struct spin_frames_format format = {
     .name = "gltf",
     .pattern = "frame_%05d.glb",
     .self_bytes = sizeof(struct export),
-    .begin = begin,
-    .ready = ready,
+    .begin = parse_options,
+    .ready = begin_clip,
     .open = open_single,
     .add = add_to_file,
     .close = close_single,
     .bytes = gltf_bytes,
     .write = gltf_write,
     .order = gltf_order,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

@@ -101,7 +101,8 @@ struct export
 
 /* ---- Choice of splats ------------------------------------------------------------------------ */
 
-static spin_status choose(struct export *x, const struct spin_splats *s, int number, size_t *n)
+static spin_status choose_splats(struct export *x, const struct spin_splats *s, int number,
+                                 size_t *n)
 {
     SPIN_TRY(spin_splat_filter_choose(&x->rows, s, number));
     *n = x->rows.n_kept;
@@ -225,7 +226,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     bool full;
     size_t n;
 
-    SPIN_TRY(choose(x, s, number, &n));
+    SPIN_TRY(choose_splats(x, s, number, &n));
     v->n_kept += (double)n;
     v->n_empty += n == 0;
     SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
@@ -376,7 +377,7 @@ static spin_status write_script(struct export *x, const char *how, const char *t
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -486,7 +487,7 @@ static spin_status write_title(struct export *x)
     return write_text(x, "</title>\n<style>\n");
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job)
 {
     x->job = job;
     SPIN_TRY(parse_options(x));
@@ -665,7 +666,7 @@ static void say_errors(const struct export *x)
 }
 
 /* Commits the file of blocks before the page, so that a page never exists without its blocks. */
-static spin_status commit(struct export *x)
+static spin_status commit_files(struct export *x)
 {
     SPIN_FREED char *path = NULL;
     spin_status status;
@@ -680,7 +681,7 @@ static spin_status commit(struct export *x)
     return status;
 }
 
-static spin_status finish(struct export *x)
+static spin_status finish_export(struct export *x)
 {
     if (x->job->splats_4d)
         SPIN_TRY(write_4d(x));
@@ -696,10 +697,10 @@ static spin_status finish(struct export *x)
     SPIN_TRY(write_text(x, "</body>\n</html>\n"));
     SPIN_TRY(fill_report(x));
     say_errors(x);
-    return commit(x);
+    return commit_files(x);
 }
 
-SPIN_OWN_EXPORTER(html, "html", prepare, finish, discard,
+SPIN_OWN_EXPORTER(html, "html", begin_export, finish_export, free_export,
                   .summary = "a web page that plays the clip, before and after, without a server",
                   .options = options, .checks = true, .antialias = true, .splats_4d = true,
                   .looks_at_views = true, .frame = html_frame);

@@ -92,7 +92,7 @@ static spin_status export_picture(struct export *x, char *name, int frame,
     return SPIN_OK;
 }
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -149,7 +149,7 @@ static spin_status parse_film(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job)
 {
     int which;
 
@@ -218,7 +218,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     return SPIN_OK;
 }
 
-static spin_status finish(struct export *x)
+static spin_status finish_export(struct export *x)
 {
     if (x->n_unseen > 0)
         spin_warn(
@@ -230,7 +230,7 @@ static spin_status finish(struct export *x)
     return SPIN_OK;
 }
 
-SPIN_OWN_EXPORTER(images, "images", prepare, finish, discard,
+SPIN_OWN_EXPORTER(images, "images", begin_export, finish_export, free_export,
                   .summary = "PNG or EXR renders from the data set's cameras or a moving one",
                   .options = options, .antialias = true, .alpha = true, .looks_at_views = true,
                   .needs_renderer = true, .frame = images_frame);

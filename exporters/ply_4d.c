@@ -200,7 +200,7 @@ static spin_status write_rows(struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -223,8 +223,8 @@ static spin_status choose_length(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job,
-                           const struct layout *layout)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job,
+                                const struct layout *layout)
 {
     x->layout = layout;
     x->bells = (struct spin_bells){.job = job,
@@ -272,14 +272,14 @@ static spin_status prepare_ftgs(struct export *x, const struct spin_export_job *
     static const struct layout ftgs = {"a .ftgs.ply", "freetimegs", 1,
                                        false,         print_ftgs,   fill_ftgs};
 
-    return prepare(x, job, &ftgs);
+    return begin_export(x, job, &ftgs);
 }
 
 static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
     static const struct layout sogst = {"a .sogst.ply", "sogst", 2, true, print_sogst, fill_sogst};
 
-    return prepare(x, job, &sogst);
+    return begin_export(x, job, &sogst);
 }
 
 static const struct spin_plugin_option ftgs_options[] = {
@@ -291,10 +291,10 @@ static const struct spin_plugin_option sogst_ply_options[] = {
     SPIN_ROWS_OPTION_SH,
     {0}};
 
-SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, discard,
+SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, free_export,
                   .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
                   .options = ftgs_options, .checks = true, .splats_4d = true);
 
-SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, discard,
+SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, free_export,
                   .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
                   .options = sogst_ply_options, .checks = true, .splats_4d = true);

@@ -258,7 +258,7 @@ static uint64_t sog_bytes(const void *self, size_t n)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
 
@@ -268,7 +268,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return spin_webp_need();
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -286,10 +286,10 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct export),
     .lossy = true,
     .packed = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = sog_bytes,
     .write = sog_write,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

@@ -89,7 +89,7 @@ static double nine_digits(double v)
     return strtod(text, NULL);
 }
 
-static void widen(struct spin_sog_range *range, size_t c, double v, bool first)
+static void widen_range(struct spin_sog_range *range, size_t c, double v, bool first)
 {
     range->mins[c] = first ? v : fmin(range->mins[c], v);
     range->maxs[c] = first ? v : fmax(range->maxs[c], v);
@@ -192,8 +192,8 @@ static spin_status round_times(struct export *x)
     for (size_t j = 0; j < x->order.n; j++) {
         size_t k = x->order.item[j].row;
 
-        widen(range, 0, (double)s->times[k], j == 0);
-        widen(range, 1, (double)s->sigmas[k], j == 0);
+        widen_range(range, 0, (double)s->times[k], j == 0);
+        widen_range(range, 1, (double)s->sigmas[k], j == 0);
     }
     finish_range(range);
     if (x->kind->sogst) {
@@ -280,17 +280,17 @@ static void choose_ranges(struct export *x)
         const float *sh = spin_splat_filter_sh(&x->rows, k, room);
 
         for (size_t c = 0; c < 3; c++) {
-            widen(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
-            widen(&dc, 0, (double)sh[c], j + c == 0);
+            widen_range(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
+            widen_range(&dc, 0, (double)sh[c], j + c == 0);
         }
         spin_splat_filter_place(&x->rows, k, v);
         for (size_t c = 0; c < 3; c++)
-            widen(&to->means, c, spin_sog_log((double)v[c]), j == 0);
+            widen_range(&to->means, c, spin_sog_log((double)v[c]), j == 0);
         for (int p = 0; p < to->degree; p++) {
             turned_path(x, k, p, v);
             for (size_t c = 0; c < 3; c++)
-                widen(p == 0 ? &to->motion : &to->accel, c,
-                      to->linear ? (double)v[c] : spin_sog_log((double)v[c]), j == 0);
+                widen_range(p == 0 ? &to->motion : &to->accel, c,
+                            to->linear ? (double)v[c] : spin_sog_log((double)v[c]), j == 0);
         }
     }
     finish_range(&to->means);
@@ -472,7 +472,7 @@ static void code_task(void *context, int task)
     }
 }
 
-static spin_status code(struct export *x)
+static spin_status code_groups(struct export *x)
 {
     int n_tasks = (int)((x->order.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK);
     uint8_t *palette;
@@ -705,7 +705,7 @@ static spin_status check_file(const struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -770,8 +770,8 @@ static spin_status expect_frames(struct export *x)
     return spin_splats_4d_reserve(&x->bells.clip, 0, 0, x->job->sh_degree, SPIN_4D_CUTS);
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job,
-                           const struct container *kind)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job,
+                                const struct container *kind)
 {
     x->job = job;
     x->kind = kind;
@@ -862,7 +862,7 @@ static spin_status join_frames(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status encode(struct export *x)
+static spin_status encode_clip(struct export *x)
 {
     SPIN_TRY(x->frames ? join_frames(x) : spin_bells_convert(&x->bells));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view, 0));
@@ -875,13 +875,13 @@ static spin_status encode(struct export *x)
     SPIN_TRY(choose_coding(x));
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(code(x));
+    SPIN_TRY(code_groups(x));
     return spin_cancelled() ? spin_fail_cancelled() : SPIN_OK;
 }
 
 static spin_status write_all(struct export *x)
 {
-    SPIN_TRY(encode(x));
+    SPIN_TRY(encode_clip(x));
     SPIN_TRY(write_file(x));
     spin_bells_warn(&x->bells);
     warn_of_kind(x);
@@ -894,12 +894,12 @@ static spin_status write_all(struct export *x)
 
 static spin_status prepare_tsog(struct export *x, const struct spin_export_job *job)
 {
-    return prepare(x, job, &tsog);
+    return begin_export(x, job, &tsog);
 }
 
 static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
-    return prepare(x, job, &sogst);
+    return begin_export(x, job, &sogst);
 }
 
 #define OPTION_FPS                                                                                 \
@@ -923,10 +923,10 @@ static const struct spin_plugin_option sogst_options[] = {
      NULL},
     {0}};
 
-SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, discard,
+SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, free_export,
                   .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
                   .options = tsog_options, .checks = true, .splats_4d = true, .frame = take_frame);
 
-SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, discard,
+SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, free_export,
                   .summary = "4D splats as one .sogst, which players load in segments: small",
                   .options = sogst_options, .checks = true, .splats_4d = true);

@@ -63,7 +63,7 @@ static uint64_t splat_bytes(const void *self, size_t n)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     struct spin_frames *x = self;
     int order;
@@ -79,7 +79,7 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct spin_frames),
     .lossy = true,
     .clips_colours = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = splat_bytes,
     .write = splat_write,
 };

@@ -195,7 +195,7 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
 }
 
 /* Reserves x->bytes for the largest stream of the frame, or for all of them in version 3. */
-static spin_status reserve(struct export *x)
+static spin_status reserve_bytes(struct export *x)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
     size_t n = SPIN_SPZ_HEADER_4;
@@ -213,7 +213,7 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     struct export *x = self;
 
     SPIN_TRY(choose_fraction(x, info->number));
-    SPIN_TRY(reserve(x));
+    SPIN_TRY(reserve_bytes(x));
     return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
@@ -229,7 +229,7 @@ static uint64_t spz_bytes(const void *self, size_t n)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     static const double half_about_x[4] = {0, 1, 0, 0};
     const struct spin_plugin_values *v = job->values;
@@ -249,7 +249,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return x->version == 4 ? spin_zstd_need() : SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -264,10 +264,10 @@ static const struct spin_frames_format format = {
     .lossy = true,
     .packed = true,
     .clips_colours = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = spz_bytes,
     .write = spz_write,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

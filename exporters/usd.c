@@ -268,7 +268,7 @@ static void print_block(void *context, int task)
 
 /* ---- A layer --------------------------------------------------------------------------------- */
 
-static spin_status put(struct spin_out *out, const char *text)
+static spin_status write_text(struct spin_out *out, const char *text)
 {
     return spin_out_write(out, text, strlen(text));
 }
@@ -299,7 +299,7 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
     else
         snprintf(head, sizeof head, "    %s %s.timeSamples = {\n        %d: [", type_of(x, a),
                  name_of(x, a), number);
-    SPIN_TRY(put(out, head));
+    SPIN_TRY(write_text(out, head));
     for (x->first = 0; x->first < n_blocks; x->first += BATCH) {
         size_t n = n_blocks - x->first < BATCH ? n_blocks - x->first : BATCH;
 
@@ -307,7 +307,7 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
         for (size_t b = 0; b < n; b++)
             SPIN_TRY(spin_out_write(out, x->text + b * x->stride, x->n_text[b]));
     }
-    return put(out, still ? "]\n" : "],\n    }\n");
+    return write_text(out, still ? "]\n" : "],\n    }\n");
 }
 
 /* Sets extent to the bounding box of all ellipsoids of three standard deviations. */
@@ -387,11 +387,11 @@ static spin_status write_still(struct export *x)
     SPIN_TRY(spin_path_join(x->frames.folder.path, STILL, &path));
     SPIN_TRY(spin_out_open(path, x->frames.job->force, &out));
     out.sync = x->frames.job->sync;
-    SPIN_TRY(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
+    SPIN_TRY(write_text(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
     for (int a = 0; a < ATTRIBUTES; a++)
         if (x->still >> a & 1u)
             SPIN_TRY(write_attribute(x, (enum attribute)a, 0, &out));
-    SPIN_TRY(put(&out, "}\n"));
+    SPIN_TRY(write_text(&out, "}\n"));
     return spin_out_commit(&out);
 }
 
@@ -443,11 +443,11 @@ static spin_status usd_write(void *self, const struct spin_frame_info *info, str
              "        %d: [(%.9g, %.9g, %.9g), (%.9g, %.9g, %.9g)],\n    }\n",
              info->number, (double)e[0], (double)e[1], (double)e[2], (double)e[3], (double)e[4],
              (double)e[5]);
-    SPIN_TRY(put(out, line));
+    SPIN_TRY(write_text(out, line));
     for (int a = 0; a < ATTRIBUTES; a++)
         if (!(x->still >> a & 1u))
             SPIN_TRY(write_attribute(x, (enum attribute)a, info->number, out));
-    return put(out, "}\n");
+    return write_text(out, "}\n");
 }
 
 static uint64_t usd_bytes(const void *self, size_t n)
@@ -534,7 +534,7 @@ static void print_camera(const struct export *x, const char *name, const struct 
 }
 
 /* The index of view v among the views with the same camera id and the same data-set frame. */
-static int twin_of(const struct spin_views *views, size_t v)
+static int duplicate_index(const struct spin_views *views, size_t v)
 {
     size_t first = v;
 
@@ -544,7 +544,7 @@ static int twin_of(const struct spin_views *views, size_t v)
     return (int)(v - first);
 }
 
-static bool is_at_hand(const struct export *x, const struct spin_view *view, size_t *frame)
+static bool find_frame(const struct export *x, const struct spin_view *view, size_t *frame)
 {
     for (*frame = 0; *frame < x->frames.n_entries; ++*frame)
         if (x->frames.job->dataset_frame_of[*frame] == view->dataset_frame)
@@ -571,16 +571,16 @@ static spin_status print_rig(const struct export *x, FILE *to)
 
         for (size_t w = v; w < n_views && !done[v]; w++) {
             if (views->view[w].camera_id != view->camera_id ||
-                twin_of(views, w) != twin_of(views, v))
+                duplicate_index(views, w) != duplicate_index(views, v))
                 continue;
             done[w] = w > v;
-            if (!is_at_hand(x, &views->view[w], &frame))
+            if (!find_frame(x, &views->view[w], &frame))
                 continue;
             camera[n] = views->view[w].camera;
             time[n++] = x->frames.entry[frame].number;
         }
-        if (twin_of(views, v) > 0)
-            snprintf(twin, sizeof twin, "_%d", twin_of(views, v) + 1);
+        if (duplicate_index(views, v) > 0)
+            snprintf(twin, sizeof twin, "_%d", duplicate_index(views, v) + 1);
         snprintf(name, sizeof name, "cam_%02d%s", view->camera_id, twin);
         if (n > 0)
             print_camera(x, name, camera, time, n, to);
@@ -690,7 +690,7 @@ static spin_status usd_finish(void *self)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     static const double half_about_x[4] = {0, 1, 0, 0};
     const struct spin_plugin_values *v = job->values;
@@ -722,7 +722,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
 }
 
 /* A hash of an attribute of all rows of the frame. */
-static uint64_t imprint(const struct export *x, enum attribute a)
+static uint64_t hash_attribute(const struct export *x, enum attribute a)
 {
     const struct spin_splats *s = x->frames.rows.splats;
     const float *const column[] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
@@ -750,7 +750,7 @@ static spin_status find_still(void *self, const struct spin_export_job *job)
         SPIN_TRY(job->again(job->context, f, &splats));
         SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, splats, 0));
         for (int a = 0; a < ATTRIBUTES; a++) {
-            uint64_t now = f == 0 || still >> a & 1u ? imprint(x, (enum attribute)a) : 0;
+            uint64_t now = f == 0 || still >> a & 1u ? hash_attribute(x, (enum attribute)a) : 0;
 
             first[a] = f == 0 ? now : first[a];
             still &= now == first[a] ? ~0u : ~(1u << a);
@@ -761,7 +761,7 @@ static spin_status find_still(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -777,12 +777,12 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct export),
     .lossy = true,
     .packed = true,
-    .begin = begin,
+    .begin = parse_options,
     .ready = find_still,
     .bytes = usd_bytes,
     .write = usd_write,
     .finish = usd_finish,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

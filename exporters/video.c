@@ -87,7 +87,7 @@ static spin_status open_video(struct export *x)
     return SPIN_OK;
 }
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -96,7 +96,7 @@ static void discard(void *self)
     free(x);
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job)
 {
     SPIN_TRY(spin_camera_path_begin(&x->drawing, job));
     SPIN_TRY(choose_camera(x));
@@ -146,7 +146,7 @@ static spin_status video_frame(void *self, int frame, const struct spin_frame_in
     return SPIN_OK;
 }
 
-static spin_status finish(struct export *x)
+static spin_status finish_export(struct export *x)
 {
     spin_status status = spin_video_commit(x->video);
 
@@ -157,7 +157,7 @@ static spin_status finish(struct export *x)
 }
 
 SPIN_OWN_EXPORTER(
-    video, "video", prepare, finish, discard,
+    video, "video", begin_export, finish_export, free_export,
     .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
     .options = options, .antialias = true, .looks_at_views = true, .needs_renderer = true,
     .frame = video_frame);

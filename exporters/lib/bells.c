@@ -10,7 +10,7 @@ enum { SAMPLES = 9 }; /* number of times per row at which the errors are measure
 static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
 static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
 
-static bool is_seen(const struct spin_bells *b, size_t i)
+static bool is_visible(const struct spin_bells *b, size_t i)
 {
     const double *span = b->job->splats_4d->spans + 2 * i;
 
@@ -23,7 +23,7 @@ static bool has_cuts(const struct spin_bells *b)
     const struct spin_splats_4d *s = b->job->splats_4d;
 
     for (size_t i = 0; s->cuts && i < s->n; i++)
-        if (is_seen(b, i) &&
+        if (is_visible(b, i) &&
             ((double)s->cuts[2 * i] > first_time(b) || (double)s->cuts[2 * i + 1] <= last_time(b)))
             return true;
     return false;
@@ -99,7 +99,7 @@ static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES]
 }
 
 /* The file stores the colour at the row's centre in time, where both cosines are 1. */
-static void lose_colour(struct spin_bells *b, size_t i, double d)
+static void measure_colour_error(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
@@ -116,7 +116,7 @@ static void lose_colour(struct spin_bells *b, size_t i, double d)
 
 /* The file stores the rotation at the row's centre in time. The rotation between two unit
  * quaternions is 2 acos |dot|. */
-static void lose_turn(struct spin_bells *b, size_t i, double d)
+static void measure_rotation_error(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     double dot = 0, length = 0;
@@ -132,8 +132,8 @@ static void lose_turn(struct spin_bells *b, size_t i, double d)
             fmax(b->lost_turn, 360 / 3.141592653589793 * acos(fmin(fabs(dot) / sqrt(length), 1)));
 }
 
-static void lose_place(struct spin_bells *b, size_t i, double d, const float *centre,
-                       const float *path)
+static void measure_position_error(struct spin_bells *b, size_t i, double d, const float *centre,
+                                   const float *path)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     double is[3], fitted[3], off = 0;
@@ -149,7 +149,7 @@ static void lose_place(struct spin_bells *b, size_t i, double d, const float *ce
 
 /* Solves a x = y, n equations with three right-hand sides, by Gauss-Jordan elimination; a is
  * positive definite. Overwrites y with x. */
-static void solve(double a[3][3], double y[3][3], int n)
+static void solve_equations(double a[3][3], double y[3][3], int n)
 {
     for (int p = 0; p < n; p++)
         for (int r = 0; r < n; r++) {
@@ -188,7 +188,7 @@ static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLE
                 y[r][c] += w * power[r] * place[c];
             }
     }
-    solve(a, y, b->degree + 1);
+    solve_equations(a, y, b->degree + 1);
     for (int c = 0; c < 3; c++) {
         centre[c] = (float)y[0][c];
         for (int p = 1; p <= b->degree; p++)
@@ -214,7 +214,7 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
 
 /* Reduces the sigma of row k to `most`. Its opacity and centre change such that the opacity in the
  * middle of the clip, and its derivative there, stay the same. */
-static void shorten(struct spin_bells *b, size_t k, double sigma, double most)
+static void limit_sigma(struct spin_bells *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;
     double middle = b->length / 2, off = middle - (double)s->times[k], share = most / sigma;
@@ -240,11 +240,11 @@ static void convert_path(struct spin_bells *b, size_t i, size_t k)
         fit_path(b, i, d, b->clip.centres + 3 * k, to);
     for (int n = 0; n < SAMPLES; n++) {
         if (s->sh_cos)
-            lose_colour(b, i, d[n]);
+            measure_colour_error(b, i, d[n]);
         if (s->spins)
-            lose_turn(b, i, d[n]);
+            measure_rotation_error(b, i, d[n]);
         if (s->degree > b->degree && spin_splats_4d_weight(s, i, (double)s->times[i] + d[n]) >= 0.5)
-            lose_place(b, i, d[n], b->clip.centres + 3 * k, to);
+            measure_position_error(b, i, d[n], b->clip.centres + 3 * k, to);
     }
     for (size_t c = 0; c < step; c++)
         to[c] = (float)((double)to[c] / pow(per_time(b), c < 3 ? 1 : 2));
@@ -271,7 +271,7 @@ static void convert_row(struct spin_bells *b, size_t i, size_t k)
     }
     convert_path(b, i, k);
     if (sigma > most)
-        shorten(b, k, sigma, most);
+        limit_sigma(b, k, sigma, most);
     b->from[k] = i;
 }
 
@@ -296,7 +296,7 @@ spin_status spin_bells_convert(struct spin_bells *b)
         &b->clip, s->n, degree > b->least_degree ? degree : b->least_degree, s->sh_degree, 0));
     SPIN_TRY(spin_alloc(s->n + 1, sizeof *b->from, (void **)&b->from));
     for (size_t i = 0; i < s->n; i++)
-        if (is_seen(b, i))
+        if (is_visible(b, i))
             convert_row(b, i, n++);
     if (n == 0)
         return spin_unsupported("no splat is visible at any time of this clip");

@@ -34,7 +34,7 @@ static spin_status read_back(struct check *check)
 }
 
 /* Checks row j of the file against what was to be written, within the precision of the file. */
-static spin_status judge(const struct check *check, size_t j)
+static spin_status check_row(const struct check *check, size_t j)
 {
     const struct spin_bells_check *of = check->of;
     const struct spin_splats_4d *back = check->back, *clip = &of->bells->clip;
@@ -50,7 +50,7 @@ static spin_status judge(const struct check *check, size_t j)
     return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu differs from the written values", j);
 }
 
-static void take_back(const struct spin_splats_4d *s, size_t j, double time,
+static void slice_row(const struct spin_splats_4d *s, size_t j, double time,
                       struct spin_gaussian *out)
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
@@ -89,7 +89,7 @@ static spin_status check_frame(struct check *check, int f)
             size_t j = check->row_of[i];
 
             if (j != UINT32_MAX) {
-                take_back(back, j, spin_bells_time(check->of->bells, t), &there);
+                slice_row(back, j, spin_bells_time(check->of->bells, t), &there);
                 spin_readback_row(&check->values, &rows, row, &there, back->sh + n_sh * j,
                                   back->sh_degree);
             }
@@ -110,7 +110,7 @@ static spin_status check_all(struct check *check)
         check->row_of[i] = UINT32_MAX;
     for (size_t j = 0; j < of->n; j++) {
         check->row_of[of->bells->from[of->order[j].row]] = (uint32_t)j;
-        SPIN_TRY(judge(check, j));
+        SPIN_TRY(check_row(check, j));
     }
     for (int f = 0; f < of->bells->job->n_frames; f++)
         SPIN_TRY(check_frame(check, f));

@@ -232,13 +232,13 @@ void spin_camera_path_free(struct spin_camera_path *d)
 
 /* ---- Through the cameras of a rig ------------------------------------------------------------ */
 
-static double apart(const struct spin_rig_stop *a, const struct spin_rig_stop *b)
+static double stop_distance(const struct spin_rig_stop *a, const struct spin_rig_stop *b)
 {
     return sqrt(pow(a->eye[0] - b->eye[0], 2) + pow(a->eye[1] - b->eye[1], 2) +
                 pow(a->eye[2] - b->eye[2], 2));
 }
 
-static void swap(struct spin_rig_stop *a, struct spin_rig_stop *b)
+static void swap_stops(struct spin_rig_stop *a, struct spin_rig_stop *b)
 {
     struct spin_rig_stop kept = *a;
 
@@ -247,7 +247,7 @@ static void swap(struct spin_rig_stop *a, struct spin_rig_stop *b)
 }
 
 /* Orders the stops greedily: each is followed by the nearest of the remaining ones. */
-static void chain(struct spin_rig_path *path)
+static void order_stops(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
 
@@ -255,13 +255,13 @@ static void chain(struct spin_rig_path *path)
         int next = i;
 
         for (int k = i + 1; k < path->n; k++)
-            next = apart(&s[i - 1], &s[k]) < apart(&s[i - 1], &s[next]) ? k : next;
-        swap(&s[i], &s[next]);
+            next = stop_distance(&s[i - 1], &s[k]) < stop_distance(&s[i - 1], &s[next]) ? k : next;
+        swap_stops(&s[i], &s[next]);
     }
 }
 
 /* Reverses sections of the path while that shortens it (2-opt); the first stop stays. */
-static void uncross(struct spin_rig_path *path)
+static void shorten_path(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
 
@@ -270,27 +270,29 @@ static void uncross(struct spin_rig_path *path)
         for (int i = 1; i < path->n; i++)
             for (int k = i + 1; k < path->n; k++) {
                 bool last = k + 1 == path->n;
-                double now = apart(&s[i - 1], &s[i]) + (last ? 0 : apart(&s[k], &s[k + 1]));
-                double then = apart(&s[i - 1], &s[k]) + (last ? 0 : apart(&s[i], &s[k + 1]));
+                double now =
+                    stop_distance(&s[i - 1], &s[i]) + (last ? 0 : stop_distance(&s[k], &s[k + 1]));
+                double then =
+                    stop_distance(&s[i - 1], &s[k]) + (last ? 0 : stop_distance(&s[i], &s[k + 1]));
 
                 if (!(then < now * (1 - 1e-9)))
                     continue;
                 turned = 1;
                 for (int a = i, b = k; a < b; a++, b--)
-                    swap(&s[a], &s[b]);
+                    swap_stops(&s[a], &s[b]);
             }
     }
 }
 
 /* Sets the path length up to each stop, and negates quaternions where needed so that neighbouring
  * ones are in one hemisphere and can be interpolated. */
-static void measure(struct spin_rig_path *path)
+static void measure_path(struct spin_rig_path *path)
 {
     for (int i = 1; i < path->n; i++) {
         struct spin_rig_stop *was = &path->stop[i - 1], *s = &path->stop[i];
         double dot = 0;
 
-        s->at = was->at + apart(was, s);
+        s->at = was->at + stop_distance(was, s);
         for (int c = 0; c < 4; c++)
             dot += was->turn[c] * s->turn[c];
         for (int c = 0; c < 4 && dot < 0; c++)
@@ -301,7 +303,7 @@ static void measure(struct spin_rig_path *path)
 static bool is_new(const struct spin_rig_path *path, const struct spin_rig_stop *stop)
 {
     for (int i = 0; i < path->n; i++)
-        if (apart(&path->stop[i], stop) < 1e-9)
+        if (stop_distance(&path->stop[i], stop) < 1e-9)
             return false;
     return true;
 }
@@ -328,9 +330,9 @@ spin_status spin_rig_path_open(const struct spin_views *views, int row, struct s
         return spin_not_found(
             "--path train needs two or more training cameras in the first frame, but it has %d", n);
     }
-    chain(path);
-    uncross(path);
-    measure(path);
+    order_stops(path);
+    shorten_path(path);
+    measure_path(path);
     return SPIN_OK;
 }
 
@@ -347,7 +349,7 @@ static double value_of(const struct spin_rig_path *path, int i, int c)
 }
 
 /* The derivative of a component along the path at stop i, from the neighbouring stops. */
-static double slope(const struct spin_rig_path *path, int i, int c)
+static double derivative_at(const struct spin_rig_path *path, int i, int c)
 {
     int a = i > 0 ? i - 1 : 0, b = i + 1 < path->n ? i + 1 : i;
 
@@ -366,7 +368,8 @@ void spin_rig_path_camera(const struct spin_rig_path *path, double share, double
     for (int c = 0; c < 7; c++) /* cubic Hermite spline */
         v[c] = value_of(path, i, c) * (1 + 2 * u) * (1 - u) * (1 - u) +
                value_of(path, i + 1, c) * u * u * (3 - 2 * u) +
-               step * u * (1 - u) * (slope(path, i, c) * (1 - u) - slope(path, i + 1, c) * u);
+               step * u * (1 - u) *
+                   (derivative_at(path, i, c) * (1 - u) - derivative_at(path, i + 1, c) * u);
     for (int c = 3; c < 7; c++)
         length += v[c] * v[c];
     for (int c = 3; c < 7; c++)
@@ -394,21 +397,22 @@ static void make_unit(double v[3])
         v[c] /= length + 1e-300;
 }
 
-static void cross(const double a[3], const double b[3], double out[3])
+static void cross_product(const double a[3], const double b[3], double out[3])
 {
     for (int c = 0; c < 3; c++)
         out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
 }
 
 /* The axes (right, down, forward) of a camera at `eye` that looks at `target`. */
-static void aim(const double eye[3], const double target[3], const double up[3], double axis[3][3])
+static void look_at(const double eye[3], const double target[3], const double up[3],
+                    double axis[3][3])
 {
     for (int c = 0; c < 3; c++)
         axis[2][c] = target[c] - eye[c];
     make_unit(axis[2]);
-    cross(axis[2], up, axis[0]);
+    cross_product(axis[2], up, axis[0]);
     make_unit(axis[0]);
-    cross(axis[2], axis[0], axis[1]);
+    cross_product(axis[2], axis[0], axis[1]);
 }
 
 /* Rotates v about a unit axis (Rodrigues' formula). */
@@ -416,7 +420,7 @@ static void turn_about(const double v[3], const double axis[3], double angle, do
 {
     double across[3], along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2];
 
-    cross(axis, v, across);
+    cross_product(axis, v, across);
     for (int c = 0; c < 3; c++)
         out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
 }
@@ -444,7 +448,7 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
             eye[c] += to[c];
         return;
     }
-    aim(from, to, d->look.up, axis);
+    look_at(from, to, d->look.up, axis);
     for (int c = 0; c < 3; c++)
         eye[c] = from[c] + 0.1 * distance *
                                (sin(3 * angle) * axis[0][c] +
@@ -470,7 +474,7 @@ static void move_into_rig(struct spin_camera_path *d, int row)
 }
 
 /* Sets the start position and the near plane of a moving camera. */
-static spin_status look(struct spin_camera_path *d, const struct spin_splats *splats)
+static spin_status set_first_view(struct spin_camera_path *d, const struct spin_splats *splats)
 {
     const struct spin_views *views = d->job->views;
 
@@ -490,7 +494,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
     double turn = (double)picture / (double)d->n_pictures;
 
     if (!d->looked)
-        SPIN_TRY(look(d, splats));
+        SPIN_TRY(set_first_view(d, splats));
     *out = d->lens;
     if (d->path == SPIN_PATH_FILE) {
         const struct spin_path_pose *pose = &d->file.pose[picture];
@@ -510,7 +514,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
         return SPIN_OK;
     }
     eye_of(d, turn, eye);
-    aim(eye, d->look.target, d->look.up, axis);
+    look_at(eye, d->look.target, d->look.up, axis);
     for (int r = 0; r < 3; r++) {
         out->w2c[4 * r + 3] = 0;
         for (int c = 0; c < 3; c++) {
@@ -525,8 +529,8 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* Drops the splats that cannot be drawn, with the warnings of all exporters. If any was dropped,
  * *splats is set to a copy of the others in `room`. */
-static spin_status choose(struct spin_camera_path *d, const struct spin_splats **splats,
-                          struct spin_splats *room)
+static spin_status choose_splats(struct spin_camera_path *d, const struct spin_splats **splats,
+                                 struct spin_splats *room)
 {
     const struct spin_splats *s = *splats;
 
@@ -542,7 +546,7 @@ spin_status spin_camera_path_frame(struct spin_camera_path *d, const struct spin
                                    const struct spin_splats **splats)
 {
     d->number = info->number;
-    return choose(d, splats, &d->fit);
+    return choose_splats(d, splats, &d->fit);
 }
 
 /* Reads the imported attributes of the frame into d->before. */
@@ -553,7 +557,7 @@ static spin_status read_source(struct spin_camera_path *d, int frame)
     d->source_frame = -1;
     SPIN_TRY(d->job->source_frame(d->job->source_of, frame, &d->source));
     d->before = &d->source;
-    SPIN_TRY(choose(d, &d->before, &d->source_fit));
+    SPIN_TRY(choose_splats(d, &d->before, &d->source_fit));
     d->source_frame = frame;
     return SPIN_OK;
 }
@@ -584,7 +588,7 @@ static bool is_ink(const char *word, int x, int y)
 
 /* Draws `word` into the upper left corner of image [3][height][width], white on black, unless the
  * image is too small. */
-static void put_label(const char *word, int width, int height, float *image)
+static void draw_label(const char *word, int width, int height, float *image)
 {
     int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);
     int wide = (6 * n + 3) * dot, high = 11 * dot;
@@ -629,7 +633,7 @@ spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
     for (size_t p = 0; p < n; p++) {
         SPIN_TRY(draw_panel(d, d->panel[p], frame, splats, camera, truth));
         if (n > 1 && d->labels)
-            put_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
+            draw_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(d->wide + (row * n + p) * w, d->image + row * w, w * sizeof *d->image);
     }

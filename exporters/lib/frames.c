@@ -44,7 +44,7 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
 /* ---- A previous export in the folder --------------------------------------------------------- */
 
 /* Ignores case, as some file systems do. */
-static int by_name(const void *a, const void *b)
+static int compare_names(const void *a, const void *b)
 {
     const struct spin_frames_former *x = a, *y = b;
 
@@ -102,9 +102,9 @@ static spin_status read_former(struct spin_frames *x)
         if (name)
             SPIN_TRY(spin_strdup(name, &x->former[x->n_former++].name));
     }
-    qsort(x->former, x->n_former, sizeof *x->former, by_name);
+    qsort(x->former, x->n_former, sizeof *x->former, compare_names);
     for (size_t i = 0; i < x->n_former; i++) /* drop duplicates */
-        if (n > 0 && by_name(&x->former[n - 1], &x->former[i]) == 0)
+        if (n > 0 && compare_names(&x->former[n - 1], &x->former[i]) == 0)
             free(x->former[i].name);
         else
             x->former[n++] = x->former[i];
@@ -116,7 +116,7 @@ static void mark_written(struct spin_frames *x, const char *path)
 {
     struct spin_frames_former key = {.name = (char *)(uintptr_t)spin_path_name(path)}, *found;
 
-    found = x->n_former ? bsearch(&key, x->former, x->n_former, sizeof key, by_name) : NULL;
+    found = x->n_former ? bsearch(&key, x->former, x->n_former, sizeof key, compare_names) : NULL;
     if (found)
         found->written = true;
 }
@@ -203,7 +203,7 @@ static spin_status path_of(const struct spin_frames *x, int number, char **out)
                    : spin_pattern_path(&x->pattern, x->folder.path, number, out);
 }
 
-static spin_status begin(struct spin_frames *x, const struct spin_export_job *job)
+static spin_status begin_frames(struct spin_frames *x, const struct spin_export_job *job)
 {
     const struct spin_plugin_values *v = job->values;
 
@@ -233,7 +233,7 @@ spin_status spin_frames_begin(const struct spin_frames_format *format,
 
     SPIN_TRY(spin_alloc(1, format->self_bytes, (void **)&x));
     x->format = format;
-    status = begin(x, job);
+    status = begin_frames(x, job);
     if (status != SPIN_OK) {
         free_frames(x);
         return status;

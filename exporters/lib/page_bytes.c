@@ -191,12 +191,12 @@ spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, co
 /* ---- Differences ----------------------------------------------------------------------------- */
 
 /* The prediction of number i; mean[] is scaled by 16. */
-static inline int32_t told(const struct spin_page_state *s, size_t i, bool by_mean)
+static inline int32_t predicted(const struct spin_page_state *s, size_t i, bool by_mean)
 {
     return by_mean ? (s->mean[i] + 8) >> 4 : s->last[i];
 }
 
-static inline void go_on(struct spin_page_state *s, size_t i, int32_t x)
+static inline void update_state(struct spin_page_state *s, size_t i, int32_t x)
 {
     s->last[i] = x;
     s->mean[i] += (int32_t)((uint32_t)x * 16 - (uint32_t)s->mean[i]) >> 1;
@@ -213,7 +213,7 @@ spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, s
 
     for (size_t i = 0; i < n; i++)
         for (by = 0; by < 2; by++) {
-            uint32_t u = folded(x[i] - told(state, i, by));
+            uint32_t u = folded(x[i] - predicted(state, i, by));
 
             cost[by] += cost_of(u);
             n_other[by] += u != 0;
@@ -229,9 +229,9 @@ spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, s
     if (planes)
         memset(mask, 0, (n + 7) / 8);
     for (size_t i = 0; i < n; i++) {
-        uint32_t u = folded(x[i] - told(state, i, by));
+        uint32_t u = folded(x[i] - predicted(state, i, by));
 
-        go_on(state, i, x[i]);
+        update_state(state, i, x[i]);
         if (u == 0)
             continue;
         mask[i / 8] |= (uint8_t)(1 << i % 8);
@@ -262,12 +262,12 @@ spin_status spin_page_get_changes(const uint8_t *data, size_t size, size_t *at, 
             return too_short();
     }
     for (size_t i = 0; i < n; i++) {
-        int32_t x = told(state, i, by);
+        int32_t x = predicted(state, i, by);
 
         if (planes && mask[i / 8] >> i % 8 & 1)
             x = (int32_t)((uint32_t)x +
                           (uint32_t)unfolded(number_at(data + *at, listed, k++, planes) + 1));
-        go_on(state, i, x);
+        update_state(state, i, x);
     }
     *at += (size_t)planes * listed;
     return SPIN_OK;

@@ -50,17 +50,17 @@ spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_sp
 }
 
 /* The probability of choosing a row: proportional to its area, and 1 from area `sure` on. */
-static double chance(const struct spin_page_draft_row *r, double sure)
+static double choice_probability(const struct spin_page_draft_row *r, double sure)
 {
     return (double)r->area < sure ? (double)r->area / sure : 1;
 }
 
-static double expected(const struct spin_page_draft *d, double sure)
+static double expected_count(const struct spin_page_draft *d, double sure)
 {
     double n = 0;
 
     for (size_t i = 0; i < d->n; i++)
-        n += chance(&d->row[i], sure);
+        n += choice_probability(&d->row[i], sure);
     return n;
 }
 
@@ -72,7 +72,7 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
     for (int i = 0; i < 50; i++) {
         double middle = 0.5 * (low + high);
 
-        if (expected(d, exp(middle)) > (double)n)
+        if (expected_count(d, exp(middle)) > (double)n)
             low = middle;
         else
             high = middle;
@@ -82,7 +82,7 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
 
 /* Chooses about n rows by systematic sampling along the Morton curve. Each is enlarged, by at most
  * MOST_GROWTH, to also cover the area of the skipped rows that it represents. */
-static void choose(struct spin_page_draft *d, size_t n)
+static void choose_rows(struct spin_page_draft *d, size_t n)
 {
     struct spin_page_frame *frame = &d->group.frame[0];
     double sure = sure_area(d, n), sum = 0;
@@ -91,7 +91,8 @@ static void choose(struct spin_page_draft *d, size_t n)
     for (size_t i = 0; i < d->n; i++) {
         const struct spin_page_draft_row *r = &d->row[i];
         float *scale = frame->value + r->row * spin_page_width(&d->group) + SPIN_PAGE_SCALE;
-        double p = chance(r, sure), before = floor(sum), growth = fmin(1 / sqrt(p), MOST_GROWTH);
+        double p = choice_probability(r, sure), before = floor(sum),
+               growth = fmin(1 / sqrt(p), MOST_GROWTH);
 
         sum += p;
         frame->present[r->row] = floor(sum) > before;
@@ -106,7 +107,7 @@ struct kept {
     uint8_t *data;
 };
 
-static spin_status keep(void *context, const struct spin_page_block *block)
+static spin_status keep_block(void *context, const struct spin_page_block *block)
 {
     struct kept *k = context;
 
@@ -127,9 +128,9 @@ spin_status spin_page_draft_write(struct spin_page_draft *d, uint64_t most_bytes
     for (int i = 0; i < TRIES && n >= FEWEST; i++) {
         double room;
 
-        choose(d, n);
+        choose_rows(d, n);
         d->group.n_frames = 1;
-        SPIN_TRY_OUT(spin_page_group_write(&d->group, keep, &kept));
+        SPIN_TRY_OUT(spin_page_group_write(&d->group, keep_block, &kept));
         room = (double)most_bytes / (double)kept.block.n_bytes;
         if (room >= 1 && (room < 1.1 || n == d->n || i == TRIES - 1)) {
             status = sink(context, &kept.block);

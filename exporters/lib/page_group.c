@@ -92,7 +92,8 @@ struct number {
 
 /* Sets value[f] to the values of shared row i in frame f. In frames that lack the row, it has the
  * values of the nearest earlier frame with the row or, before all of these, of the first one. */
-static void gather(const struct spin_page_group *g, size_t i, const float **value, uint8_t *present)
+static void gather_values(const struct spin_page_group *g, size_t i, const float **value,
+                          uint8_t *present)
 {
     int first = -1;
 
@@ -124,7 +125,7 @@ static void number_task(void *context, size_t from, size_t to)
         size_t i = g->shared[k];
         uint64_t activity = 0, level = 0;
 
-        gather(g, i, value, present);
+        gather_values(g, i, value, present);
         if (!spin_page_number_row(&g->space, value, present, g->n_frames, g->n_sh,
                                   g->key + k * columns, number, n))
             t->failed = true;
@@ -167,7 +168,7 @@ struct blocks {
 };
 
 /* A key's number as stored: red and blue as differences from green. */
-static int32_t written(const int32_t *key, size_t c)
+static int32_t stored_number(const int32_t *key, size_t c)
 {
     enum { GREEN = SPIN_PAGE_COLOUR + 1 };
 
@@ -182,7 +183,7 @@ static spin_status column_bytes(struct blocks *b, size_t c)
     struct spin_page_state state = {col->last, col->mean};
 
     for (size_t k = 0; k < g->n_shared; k++)
-        col->row[k] = written(g->key + b->order[k].row * columns, c);
+        col->row[k] = stored_number(g->key + b->order[k].row * columns, c);
     SPIN_TRY(spin_page_put_whole(&col->bytes[0], col->row, g->n_shared));
     memset(col->last, 0, moving * sizeof *col->last);
     memset(col->mean, 0, moving * sizeof *col->mean);
@@ -195,7 +196,7 @@ static spin_status column_bytes(struct blocks *b, size_t c)
     }
     for (size_t f = 0; f < n; f++) {
         for (size_t k = 0; k < g->frame[f].n_own; k++)
-            col->row[k] = written(b->own[f] + k * columns, c);
+            col->row[k] = stored_number(b->own[f] + k * columns, c);
         if (g->frame[f].n_own)
             SPIN_TRY(spin_page_put_whole(&col->own[f], col->row, g->frame[f].n_own));
     }
@@ -232,13 +233,13 @@ static spin_status column_again(struct blocks *b, size_t c)
         size_t row = b->order[k].row;
 
         wrong += f ? state.last[k - first] != g->number[(c * n + f) * g->n_shared + row]
-                   : col->row[k] != written(g->key + row * columns, c);
+                   : col->row[k] != stored_number(g->key + row * columns, c);
     }
     if (frame->n_own) {
         at = b->start[columns + c];
         SPIN_TRY(spin_page_get_whole(b->again, b->packed.n, &at, col->row, frame->n_own));
         for (size_t k = 0; k < frame->n_own; k++)
-            wrong += col->row[k] != written(b->own[f] + k * columns, c);
+            wrong += col->row[k] != stored_number(b->own[f] + k * columns, c);
     }
     return wrong ? spin_malformed("a block of the page does not read back as written") : SPIN_OK;
 }
@@ -372,7 +373,7 @@ static spin_status number_own(struct blocks *b)
 }
 
 /* Concatenates the columns of the current frame and sets start[] to their offsets. */
-static spin_status join(struct blocks *b, size_t *start)
+static spin_status join_columns(struct blocks *b, size_t *start)
 {
     size_t columns = columns_of(b->g), f = (size_t)b->frame, n = 0;
 
@@ -406,7 +407,7 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
     size_t start[2 * SPIN_PAGE_COLUMNS], n_room = 0, n_again = 0;
     SPIN_FREED unsigned char *bytes = NULL;
 
-    SPIN_TRY(join(b, start));
+    SPIN_TRY(join_columns(b, start));
     b->start = start;
     SPIN_TRY(
         spin_gzip_write(g->pool, 6, b->packed.data, b->packed.n, &bytes, &n_room, &block.n_bytes));

@@ -178,7 +178,7 @@ static struct window window_of(const struct spin_page_rows *r, size_t i)
 }
 
 /* Sets *p to the ticks of the clip in which row i is visible. Returns false if there are none. */
-static bool seen(const struct spin_page_rows *r, size_t i, struct piece *p)
+static bool find_ticks(const struct spin_page_rows *r, size_t i, struct piece *p)
 {
     const struct spin_splats_4d *s = r->splats;
     double opacity = spin_sigmoid_of((double)s->logit_opacities[i]), from, to;
@@ -254,7 +254,7 @@ static double ends_of(const struct spin_page_rows *r, const struct piece *p, dou
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-static bool put(int32_t *key, double x)
+static bool quantise(int32_t *key, double x)
 {
     if (!(fabs(x) < SPIN_PAGE_MOST - 1))
         return false;
@@ -262,7 +262,7 @@ static bool put(int32_t *key, double x)
     return true;
 }
 
-static int32_t *behind(const struct spin_page_rows *r, int32_t *key)
+static int32_t *extra_columns(const struct spin_page_rows *r, int32_t *key)
 {
     return key + SPIN_PAGE_SH + r->n_sh;
 }
@@ -283,14 +283,14 @@ static double octave_of(const struct spin_page_rows *r, const int32_t *extra, in
     return half_of(extra) * exp2(floor((double)exponent_of(number) / r->octave));
 }
 
-static bool put_side(const struct spin_page_rows *r, const int32_t *extra, double sigma,
-                     double middle, int32_t *number, int32_t *at)
+static bool quantise_side(const struct spin_page_rows *r, const int32_t *extra, double sigma,
+                          double middle, int32_t *number, int32_t *at)
 {
-    if (!put(number, r->octave * log2(sigma / half_of(extra))))
+    if (!quantise(number, r->octave * log2(sigma / half_of(extra))))
         return false;
     if (*number >= 0)
         ++*number;
-    return put(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
+    return quantise(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
 }
 
 /* Codes the window of a piece and sets the opacity that is multiplied by it. If the opacity hardly
@@ -302,24 +302,24 @@ static bool number_window(const struct spin_page_rows *r, const struct piece *p,
     double from = time_of(r, p->from), to = time_of(r, p->end - 1);
     double most = opacity_at(r, p->row, fmin(fmax(w.lo, from), fmin(to, fmax(w.hi, from))));
     double least = fmin(opacity_at(r, p->row, from), opacity_at(r, p->row, to));
-    int32_t *extra = behind(r, key);
+    int32_t *extra = extra_columns(r, key);
 
     if (most - least <= HEIGHT * r->space.bounds.opacity) {
         *opacity = 0.5 * (most + least);
         return true;
     }
     *opacity = spin_sigmoid_of((double)r->splats->logit_opacities[p->row]);
-    if (r->gates && !put(&key[r->gates], (double)r->splats->gates[p->row] / r->gate))
+    if (r->gates && !quantise(&key[r->gates], (double)r->splats->gates[p->row] / r->gate))
         return false;
     w = (struct window){frames_of(r, w.lo), frames_of(r, w.hi), w.sigma / r->step,
                         w.sigma2 / r->step};
     if (!r->plateau)
-        return put_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]);
+        return quantise_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]);
     if (w.lo > (double)p->from / SPIN_PAGE_TICKS &&
-        !put_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]))
+        !quantise_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]))
         return false;
     return !(w.hi < (double)(p->end - 1) / SPIN_PAGE_TICKS) ||
-           put_side(r, extra, w.sigma2, w.hi, &key[r->plateau + 1], &key[r->plateau]);
+           quantise_side(r, extra, w.sigma2, w.hi, &key[r->plateau + 1], &key[r->plateau]);
 }
 
 static bool number_path(const struct spin_page_rows *r, const struct piece *p, int32_t *key)
@@ -338,7 +338,7 @@ static bool number_path(const struct spin_page_rows *r, const struct piece *p, i
             spin_path_at(s->centres + 3 * (size_t)p->row,
                          s->paths ? s->paths + 3 * (size_t)degree * p->row : NULL, degree,
                          t - (double)s->times[p->row], place);
-            if (!put(&node[j], (place[c] - r->space.centre[c]) / step))
+            if (!quantise(&node[j], (place[c] - r->space.centre[c]) / step))
                 return false;
         }
         key[SPIN_PAGE_PLACE + c] = node[0];
@@ -374,9 +374,9 @@ static bool number_turn(const struct spin_page_rows *r, const double a[4], const
     spin_scene_rotation_join(to, from, q);
     spin_page_vector_of(q, v);
     for (int c = 0; c < 3; c++)
-        if (!put(&key[r->turn + c], v[c] / step))
+        if (!quantise(&key[r->turn + c], v[c] / step))
             return false;
-    return put(&key[r->turn + 3], log(length_of(b) / fmax(length_of(a), 1e-30)) / r->ratio);
+    return quantise(&key[r->turn + 3], log(length_of(b) / fmax(length_of(a), 1e-30)) / r->ratio);
 }
 
 static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *key)
@@ -385,11 +385,11 @@ static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *ke
     double round = ((double)s->times[i] - r->times[0]) / s->period;
     int32_t *to = key + r->cosines;
 
-    if (!put(to++, TURN * (round - floor(round)) / r->phase))
+    if (!quantise(to++, TURN * (round - floor(round)) / r->phase))
         return false;
     for (int k = 0; k < 2; k++)
         for (int c = 0; c < 3 + r->n_sh; c++)
-            if (!put(to++, cosine_at(r, i, k, c) / (c < 3 ? r->cosine : r->cosine_sh)))
+            if (!quantise(to++, cosine_at(r, i, k, c) / (c < 3 ? r->cosine : r->cosine_sh)))
                 return false;
     return true;
 }
@@ -399,7 +399,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
                          const struct piece *p, int32_t *key)
 {
     float value[SPIN_PAGE_WIDTH] = {0}, room[3 * SPIN_SH_MAX];
-    int32_t *extra = behind(r, key);
+    int32_t *extra = extra_columns(r, key);
     struct spin_gaussian is;
     double opacity, a[4], b[4], q[4];
 
@@ -561,7 +561,7 @@ static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
 
     for (int c = 0; r->path && c < 3 * r->splats->degree; c++)
         moves |= key[r->path + c] != 0;
-    return moves << 32 | (uint64_t)(behind(r, key)[FROM]);
+    return moves << 32 | (uint64_t)(extra_columns(r, key)[FROM]);
 }
 
 static void number_task(void *context, int task)
@@ -595,7 +595,7 @@ static void column_of(const struct block *b, size_t c, int32_t *out)
         out[k] = b->key[b->order[k].row * (size_t)b->r->n_columns + c];
 }
 
-static spin_status pack(const struct block *b, spin_page_rows_sink sink, void *context)
+static spin_status pack_block(const struct block *b, spin_page_rows_sink sink, void *context)
 {
     struct spin_page_rows_block out = {.n = b->n, .from = b->piece[0].from, .end = b->piece[0].end};
     SPIN_LEAVES(spin_page_bytes_free) struct spin_page_bytes bytes = {0};
@@ -665,7 +665,7 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     spin_sort_rows_sort(&order); /* stable: rows of one class stay in Morton order */
     b.order = order.item;
     r->n_rows += n;
-    status = pack(&b, sink, context);
+    status = pack_block(&b, sink, context);
 out:
     free(b.key);
     free(b.quant);
@@ -705,7 +705,7 @@ static int block_of(const struct spin_page_rows *r, const struct piece *p)
     return p->end - p->from > 2 * long_one ? 0 : 1 + p->from / long_one;
 }
 
-static spin_status by_time(const struct spin_page_rows *r, struct pieces *p)
+static spin_status sort_by_block(const struct spin_page_rows *r, struct pieces *p)
 {
     SPIN_LEAVES(spin_sort_rows_free) struct spin_sort_rows order = {.n = p->n};
     struct piece *sorted = NULL;
@@ -733,11 +733,11 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
     spin_status status = SPIN_OK;
 
     for (size_t i = 0; i < r->splats->n; i++)
-        if (rows->keep[i] && seen(r, i, &p))
+        if (rows->keep[i] && find_ticks(r, i, &p))
             SPIN_TRY_OUT(add_piece(r, &pieces, p));
     if (pieces.n == 0)
         SPIN_TRY_OUT(spin_unsupported("no splat is visible at any time of this clip"));
-    SPIN_TRY_OUT(by_time(r, &pieces));
+    SPIN_TRY_OUT(sort_by_block(r, &pieces));
     for (size_t k = 1; k <= pieces.n; k++) {
         if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))
             continue;

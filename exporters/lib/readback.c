@@ -41,7 +41,7 @@ void spin_readback_add(struct spin_readback *e, const float mean[3], const float
         e->pixels = fmax(e->pixels, pixels_of(&e->view[i].camera, mean, off));
 }
 
-static void widen(double box[6], const float place[3])
+static void widen_box(double box[6], const float place[3])
 {
     for (int c = 0; c < 3; c++) {
         box[c] = fmin(box[c], (double)place[c]);
@@ -76,8 +76,8 @@ void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *
     spin_readback_add(e, rows->splats->means + 3 * i, rows->splats->log_scales + 3 * i,
                       spin_quant_error_distance(is.place, there->place));
     compare_sh(e, rows, i, sh, degree);
-    widen(e->is_box, is.place);
-    widen(e->there_box, there->place);
+    widen_box(e->is_box, is.place);
+    widen_box(e->there_box, there->place);
     for (int c = 0; c < 3; c++)
         e->reach = fmax(e->reach, fabs((double)is.place[c]));
     e->n++;

@@ -38,7 +38,8 @@ static bool is_finite(const struct spin_splats *s, size_t j)
 /* Compares a frame as read from its file, in the file's axes and order, with the kept rows of the
  * bundle. row[j].row is the source row of the file's row j; with row NULL, the file contains the
  * kept rows in the source's order. */
-static spin_status compare(struct check *check, const char *path, const struct spin_keyed *row)
+static spin_status compare_frame(struct check *check, const char *path,
+                                 const struct spin_keyed *row)
 {
     const struct spin_splat_filter *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
@@ -143,7 +144,7 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
 
 /* Fails if an error exceeds the rounding error that was measured while the files were written,
  * which is 0 for formats that do not round. */
-static spin_status judge(const struct check *check, const struct spin_quant_error *written)
+static spin_status check_errors(const struct check *check, const struct spin_quant_error *written)
 {
     static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
                                        "opacities", "colours",    "SH"};
@@ -229,7 +230,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
         SPIN_TRY(spin_frames_order(x));
         row = x->order.item;
     }
-    SPIN_TRY(compare(check, path, row));
+    SPIN_TRY(compare_frame(check, path, row));
     return f == rendered_frame(x) && x->job->renderer
                ? compare_pictures(check, f, x->entry[f].number)
                : SPIN_OK;
@@ -256,7 +257,7 @@ spin_status spin_frames_check(struct spin_frames *x)
         out->psnr = check.psnr > 0 ? check.psnr : (double)NAN;
     }
     if (status == SPIN_OK)
-        status = judge(&check, &x->quant);
+        status = check_errors(&check, &x->quant);
 out:
     close_file(&check);
     spin_splats_free(&check.back);
