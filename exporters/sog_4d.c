@@ -20,10 +20,10 @@
 #include "math/sh.h"
 
 #define MOST_SIGMA 8 /* largest sigma, in clip lengths */
-#define K_SIGMA 3.8  /* .sogst: number of sigmas from its centre within which a splat is drawn */
-#define PERSISTENT                                                                                 \
-    3.0                /* .sogst: splats drawn for longer than this many segments are persistent   \
-                        */
+/* .sogst: a splat is drawn within this many sigmas of its centre in time. */
+#define K_SIGMA 3.8
+/* .sogst: a splat that is drawn for longer than this many segments is persistent. */
+#define PERSISTENT 3.0
 #define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
 #define STEPS 65536    /* number of 16-bit values; a clip of frames needs one or more per frame */
 enum { PER_GROUP = SPIN_4D_CENTROIDS };

@@ -34,7 +34,7 @@ struct export
     unsigned char *packed; /* [n_packed_room] */
     size_t n_packed_room;
     unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* version 4 only */
-    unsigned char *bytes; /* input of the compressor: one stream (4) or the whole file (3) */
+    unsigned char *bytes; /* input of the compressor: one stream or the whole file */
 
     /* The current stream: one attribute of all rows. */
     int stream;

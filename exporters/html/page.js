@@ -395,7 +395,7 @@ function fullscreen() {
     else root.requestFullscreen().catch(() => say('This browser does not allow full screen.'));
 }
 
-// Shows or hides the clip's name and the hint. They disappear after some seconds, or when the view
+// Shows or hides the clip's name and the hint, which disappear after 8 seconds or when the view
 // moves.
 function welcome(on) {
     $('title').classList.toggle('away', !on);

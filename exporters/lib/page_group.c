@@ -324,7 +324,7 @@ static spin_status check_values(struct blocks *b)
     return spin_page_errors_judge(&g->quant, &g->space.bounds);
 }
 
-/* ---- All of it ------------------------------------------------------------------------------- */
+/* ---- The whole group ------------------------------------------------------------------------- */
 
 static spin_status too_far(const struct spin_page_group *g)
 {
