@@ -299,7 +299,7 @@ spin_status spin_bells_convert(struct spin_bells *b)
         if (is_visible(b, i))
             convert_row(b, i, n++);
     if (n == 0)
-        return spin_unsupported("no splat is visible at any time of this clip");
+        return spin_unsupported("no splat is visible in the selected frames: check --range");
     b->clip.n = n;
     b->view = spin_splats_of_4d(&b->clip);
     return SPIN_OK;

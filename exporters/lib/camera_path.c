@@ -328,7 +328,7 @@ spin_status spin_rig_path_open(const struct spin_views *views, int row, struct s
 
         spin_rig_path_free(path);
         return spin_not_found(
-            "--path train needs two or more training cameras in the first frame, but it has %d", n);
+            "--path train needs two or more training cameras in the first frame, found %d", n);
     }
     order_stops(path);
     shorten_path(path);

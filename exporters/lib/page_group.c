@@ -241,7 +241,9 @@ static spin_status column_again(struct blocks *b, size_t c)
         for (size_t k = 0; k < frame->n_own; k++)
             wrong += col->row[k] != stored_number(b->own[f] + k * columns, c);
     }
-    return wrong ? spin_malformed("a block of the page does not read back as written") : SPIN_OK;
+    return wrong ? spin_malformed("a block of the page decodes to other values than were encoded: "
+                                  "a bug in spin4d")
+                 : SPIN_OK;
 }
 
 static void again_task(void *context, int c)
@@ -414,7 +416,8 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
     block.data = bytes;
     SPIN_TRY(spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again));
     if (n_again != b->packed.n)
-        return spin_malformed("a block of the page does not read back as written");
+        return spin_malformed(
+            "a block of the page decodes to other values than were encoded: a bug in spin4d");
     SPIN_TRY(run_columns(b, again_task));
     return sink(context, &block);
 }

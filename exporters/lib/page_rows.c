@@ -627,7 +627,8 @@ static spin_status pack_block(const struct block *b, spin_page_rows_sink sink, v
         SPIN_TRY(spin_page_get_column(back, n_back, &at, again,
                                       c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
         if (memcmp(now, again, b->n * sizeof *now) != 0)
-            return spin_malformed("a block of the page does not read back as written");
+            return spin_malformed(
+                "a block of the page decodes to other values than were encoded: a bug in spin4d");
     }
     out.data = packed;
     return sink(context, &out);
@@ -736,7 +737,7 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
         if (rows->keep[i] && find_ticks(r, i, &p))
             SPIN_TRY_OUT(add_piece(r, &pieces, p));
     if (pieces.n == 0)
-        SPIN_TRY_OUT(spin_unsupported("no splat is visible at any time of this clip"));
+        SPIN_TRY_OUT(spin_unsupported("no splat is visible in the selected frames: check --range"));
     SPIN_TRY_OUT(sort_by_block(r, &pieces));
     for (size_t k = 1; k <= pieces.n; k++) {
         if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))

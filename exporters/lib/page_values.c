@@ -139,7 +139,7 @@ spin_status spin_page_errors_judge(const struct spin_quant_error *q,
     return SPIN_OK;
 }
 
-/* ---- Places ---------------------------------------------------------------------------------- */
+/* ---- Positions ------------------------------------------------------------------------------- */
 
 uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3])
 {
