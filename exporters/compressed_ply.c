@@ -1,12 +1,11 @@
 /* Writes one compressed PLY per frame in PlayCanvas's layout (formats/compressed_ply.h). The axes
  * stay those of the training.
  *
- * Each chunk quantises its rows within their common range, so rows are sorted in Morton order to
- * keep the ranges small; --order source keeps the source's order at the cost of precision.
+ * The values of a chunk are quantised within their common range. Rows are sorted in Morton order,
+ * which keeps these ranges small; --order source keeps the source's order at the cost of precision.
  *
- * In Morton order, neighbouring rows of the file are far apart in the bundle, and the bundle's SH,
- * by far the largest column, should not stay in memory. So SH is read once in the source's order,
- * packed, and scattered to the rows' places in the file. */
+ * SH is by far the largest column. It is read once in the source's order, packed, and scattered to
+ * the rows' indices in the file, so that the mapped bundle need not stay in memory. */
 #include <stdatomic.h>
 
 #include "base/base.h"
@@ -31,7 +30,7 @@ struct export
 {
     struct spin_frames frames;
 
-    /* Of the current frame. */
+    /* The current frame. */
     uint32_t *row;       /* [n] source rows in the order of the file */
     uint32_t *place;     /* [source rows] the inverse: index in the file */
     float *colour;       /* [n][3] */
@@ -99,7 +98,7 @@ static void pack_task(void *context, int task)
 
 /* ---- SH -------------------------------------------------------------------------------------- */
 
-/* Scatters colours and SH of one block of source rows to their places in the file. */
+/* Scatters colours and SH of one block of source rows to their indices in the file. */
 static void scatter_block(void *context, int b)
 {
     struct export *x = context;
@@ -121,8 +120,8 @@ static void scatter_block(void *context, int b)
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
-/* Keeps the order as plain row indices and frees the sort's items, four times as large, before the
- * other buffers are filled. */
+/* Copies the sorted order to x->row and x->place, and frees the sort's memory, which is four times
+ * as large, before other buffers are allocated. */
 static spin_status choose_order(struct export *x)
 {
     struct spin_sort_rows *order = &x->frames.order;
@@ -195,7 +194,7 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
     int order;
@@ -205,7 +204,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -221,10 +220,10 @@ static const struct spin_frames_format format = {
     .pattern = "frame_%05d.compressed.ply",
     .self_bytes = sizeof(struct export),
     .lossy = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = compressed_bytes,
     .write = compressed_write,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

@@ -1,21 +1,21 @@
 /* Writes glTF 2.0 with KHR_gaussian_splatting (formats/glb.h): a folder with one .glb per frame or,
  * if the output's name ends in .glb, a single file with the whole clip.
  *
- * glTF has no vertex data that changes over time, so a clip is one node per frame and an animation
- * that switches them by STEP keys on their scale: 1 while a frame is shown, else 0. Players would
- * cut the last frame off, so a final key repeats its value. Frames with equal attributes share
- * them: an attribute that is the same in all rows of two frames is stored once. --still-apart moves
- * the splats that are the same in all frames (lib/still_rows.h) to a node of their own, which is
- * not animated; it comes first in the scene, for players that draw mesh after mesh.
+ * Vertex data cannot change over time in glTF. A clip is therefore one node per frame, and an
+ * animation sets the scale of each node by STEP keys: 1 while the frame is shown, else 0. A final
+ * key repeats the last value, so that players show the last frame for its whole duration. An
+ * attribute that is equal in all rows of two frames is stored once. --still-apart moves the splats
+ * that are equal in all frames (lib/still_rows.h) to a separate node without animation. That node
+ * is the first of the scene, for players that draw one mesh after another.
  *
  * Differences from 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are
- * activated (exp, sigmoid), and each SH coefficient has its own accessor. glTF's axes are x left, y
- * up, z forward, those of the training x right, y down, z forward. Half a turn about z maps one to
- * the other: x and y change sign, quaternions are multiplied by (0, 0, 0, 1) from the left, and SH
- * coefficients of odd order change sign.
+ * activated (exp, sigmoid), and each SH coefficient has its own accessor. The axes of glTF are x
+ * left, y up, z forward; those of the training are x right, y down, z forward. A rotation by 180
+ * degrees about z converts between them: x and y change sign, quaternions are multiplied by
+ * (0, 0, 0, 1) from the left, and SH coefficients of odd order change sign.
  *
- * The file stores attribute after attribute, memory splat after splat. Blocks of rows are converted
- * one at a time and written to their offsets, so no frame is held in memory twice. */
+ * The file stores one attribute of all splats after another. Blocks of rows are converted and
+ * written to their offsets one at a time, so memory contains no second copy of the frame. */
 #include <stdatomic.h>
 
 #include "base/base.h"
@@ -41,17 +41,17 @@ static const struct spin_plugin_option options[] = {
 
 struct export
 {
-    struct spin_frames frames;      /* for one file per frame; its rows and options serve both */
+    struct spin_frames frames;      /* rows and options; its folder is unused for a single file */
     struct spin_glb_clip clip;      /* the current file */
-    struct spin_glb_column *column; /* [clip.n_columns] in the file so far */
+    struct spin_glb_column *column; /* [clip.n_columns] the columns written so far */
     size_t column_room;
 
-    /* For the clip in one file. */
+    /* For a clip in a single file. */
     struct spin_out out;
     int n_done;
     struct spin_glb_frame *frame; /* [clip.n_frames] */
     struct spin_glb_frame shared; /* the static splats of --still-apart */
-    struct spin_still_rows still; /* the same, as rows */
+    struct spin_still_rows still; /* rows of these splats */
 };
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
@@ -62,11 +62,11 @@ struct writing {
     bool fresh[SPIN_GLB_MAX_ATTRIBUTES]; /* attributes that are not in the file yet */
     unsigned char *scratch;
     float *bounds;       /* [blocks][6] minimum, maximum of the positions */
-    uint64_t (*hash)[2]; /* [blocks][attributes] in the pass that only hashes; NULL: write */
+    uint64_t (*hash)[2]; /* [blocks][attributes] output of the hashing pass; NULL: writing pass */
     atomic_int error;
 };
 
-/* Converts the rows of a block to columns, then hashes them or writes the fresh ones. */
+/* Converts the rows of a block to columns, then hashes all columns or writes the fresh ones. */
 static void write_block(void *context, int number)
 {
     struct writing *w = context;
@@ -114,8 +114,8 @@ static void write_block(void *context, int number)
         atomic_store(&w->error, error);
 }
 
-/* Assigns a column of the file to each attribute of the frame: an existing one with the same
- * contents or a new one. Without hashes all are new. */
+/* Assigns a column of the file to each attribute of the frame: an existing column with the same
+ * hash, or a new one. Without hashes all columns are new. */
 static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
 {
     struct export *x = w->x;
@@ -148,8 +148,8 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
     return SPIN_OK;
 }
 
-/* Appends the chosen rows to the file. In a clip a first pass hashes them to find attributes that
- * the file already contains. */
+/* Appends the kept rows to the file. For a clip, a first pass hashes the attributes to find those
+ * that the file already contains. */
 static spin_status write_rows(struct export *x, const struct spin_frame_info *info,
                               struct spin_glb_frame *frame)
 {
@@ -209,7 +209,7 @@ static uint64_t gltf_bytes(const void *self, size_t n)
     return spin_glb_bytes(&((const struct export *)self)->clip, n);
 }
 
-/* When read back, the node of the static splats comes after that of the frame. */
+/* The order in which the importer reads a frame: the frame's own node, then the static splats. */
 static spin_status gltf_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
@@ -218,7 +218,7 @@ static spin_status gltf_order(void *self, const struct spin_keyed **row)
     return x->still.n > 0 ? spin_still_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
 }
 
-/* Writes a frame without the static splats; these are written with the first frame. */
+/* Writes a frame without the static splats, which are written together with the first frame. */
 static spin_status add_to_file(void *self, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
@@ -234,8 +234,8 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
     if (x->n_done == 0 && all > (double)UINT32_MAX) /* warn before hours of writing */
-        spin_warn("%d frames like the first may take %.1f GB, but a .glb holds 4.3 GB: reduce them "
-                  "with --range, --sh or --min-opacity, or write a folder",
+        spin_warn("%d frames of the size of the first need up to %.1f GB, but a .glb cannot exceed "
+                  "4.3 GB: reduce the clip with --range, --sh or --min-opacity, or write a folder",
                   x->clip.n_frames, all / 1e9);
     SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
@@ -248,7 +248,7 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     static const double half_about_z[4] = {0, 0, 0, 1};
     const struct spin_plugin_values *v = job->values;
@@ -262,15 +262,15 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* Called once the options are read. */
-static spin_status ready(void *self, const struct spin_export_job *job)
+/* Called after the options are read. */
+static spin_status begin_clip(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
     const struct spin_splat_filter *rows = &x->frames.rows;
     bool single = x->frames.file != NULL;
 
     if (spin_plugin_value(job->values, "still-apart", NULL) && !single)
-        return spin_misuse("--still-apart needs a clip in one file, OUT.glb");
+        return spin_misuse("--still-apart needs a clip in a single file: name the output OUT.glb");
 
     x->clip = (struct spin_glb_clip){
         .out = &x->out,
@@ -290,7 +290,7 @@ static spin_status ready(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -309,7 +309,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
         SPIN_TRY(spin_still_rows_find(&x->still, &x->frames.rows, job));
-        spin_log(0, "the same in all frames: %s",
+        spin_log(0, "identical in all frames: %s",
                  spin_text_count((long long)x->still.n, "splat", count));
     }
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
@@ -317,7 +317,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     n = x->still.n;
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
-    if (job->counts) /* an upper bound for a clip, whose frames share equal attributes */
+    if (job->counts) /* an upper bound for a clip, since frames share equal attributes */
         spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n), job->n_frames > 1);
     return SPIN_OK;
 }
@@ -342,15 +342,15 @@ static const struct spin_frames_format format = {
     .name = "gltf",
     .pattern = "frame_%05d.glb",
     .self_bytes = sizeof(struct export),
-    .begin = begin,
-    .ready = ready,
+    .begin = parse_options,
+    .ready = begin_clip,
     .open = open_single,
     .add = add_to_file,
     .close = close_single,
     .bytes = gltf_bytes,
     .write = gltf_write,
     .order = gltf_order,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

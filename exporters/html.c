@@ -1,11 +1,11 @@
 /* Writes a web page that plays the clip: a single .html file with splats and player, which needs
- * neither a server nor the internet; or, with --split, a page and a file of blocks, from which the
- * page loads those that it shows. If the bundle has both imported and retrained attributes, the
- * page can switch between them.
+ * neither a server nor the internet. With --split, the splats are in a second file of blocks, and
+ * the page loads the blocks that it shows. If the bundle has both imported and retrained
+ * attributes, the page can switch between them.
  *
- * The player in exporters/html/ is our own, in WebGL 2. exporters/html/format.md describes the
- * blocks, and lib/page_*.c encodes them. The description of the clip follows the blocks, since it
- * lists them. */
+ * The player in exporters/html/ uses WebGL 2 and no library. exporters/html/format.md describes the
+ * blocks, and lib/page_*.c encodes them. The JSON that describes the clip is written after the
+ * blocks, because it lists their sizes. */
 #include <ctype.h>
 #include <strings.h>
 #include <time.h>
@@ -46,30 +46,30 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-/* Largest size of the draft, as a share of the blocks of --split, so that the first image appears
- * before a tenth of the file is read. */
+/* Largest size of the draft as a share of all blocks. The first image then appears before a tenth
+ * of the file of --split is loaded. */
 #define DRAFT_SHARE 0.05
 
-/* A block of a version, as written: one frame, or some of the 4D splats. */
+/* A written block of a version: one frame, or some rows of the 4D splats. */
 struct page_frame {
-    int first; /* the frame whose key this one needs */
+    int first; /* index of the key frame that this frame depends on */
     size_t shared, still, own;
-    int from, end;      /* ticks in which its rows are visible */
-    uint64_t at, bytes; /* in the file of --split */
+    int from, end;      /* first tick, and last + 1, in which rows of the block are visible */
+    uint64_t at, bytes; /* offset in the file of --split, and size */
 };
 
 /* One of at most two versions of the clip. */
 struct version {
     const char *name, *label;
-    int sh_degree; /* as written */
-    int n_sh;      /* values per splat above degree 0 */
+    int sh_degree; /* in the page */
+    int n_sh;      /* number of values per splat above degree 0 */
     bool antialias;
     struct spin_page_group group;
-    struct page_frame *frame; /* [n_written] of at most the frames of the job */
+    struct page_frame *frame; /* [n_written] */
     int n_written;
     double n_kept;
-    size_t n_empty; /* frames without splats */
-    bool rows;      /* blocks are 4D splats; page_frame.first is not used */
+    size_t n_empty; /* number of frames without splats */
+    bool rows;      /* blocks contain rows of 4D splats; page_frame.first is not used */
 };
 
 struct export
@@ -78,17 +78,17 @@ struct export
     struct spin_out out, data;
     bool split;
     struct spin_page_draft draft; /* of the first version, with --split */
-    size_t draft_splats;          /* written; 0: there is no draft */
+    size_t draft_splats;          /* number of splats in the draft; 0: there is no draft */
     uint64_t draft_bytes;
     struct spin_splat_filter rows;
     struct spin_sort_rows order;
     struct spin_page_space space;
-    double size; /* of the scene: half the longest side of the region that most splats are in */
+    double size; /* of the scene, see spin_initial_view_middle() */
     struct spin_initial_view view;
     struct version version[2];
     int n_versions;
     struct spin_splats source;
-    struct spin_page_rows four_d; /* of the first version, if the clip is 4D splats */
+    struct spin_page_rows four_d; /* encoder of 4D splats, for the first version */
     size_t max_splats;            /* per frame; 0: all */
     int every, key_every;
     double fps;
@@ -98,9 +98,9 @@ struct export
     uint64_t data_bytes, n_splats;
 };
 
-/* ---- Which splats ---------------------------------------------------------------------------- */
+/* ---- Choice of splats ------------------------------------------------------------------------ */
 
-static spin_status choose(struct export *x, const struct spin_splats *s, size_t *n)
+static spin_status choose_splats(struct export *x, const struct spin_splats *s, size_t *n)
 {
     SPIN_TRY(spin_splat_filter_choose(&x->rows, s));
     *n = x->rows.n_kept;
@@ -132,8 +132,8 @@ static void write_seven(FILE *to, unsigned seven)
     putc(at ? '0' + (int)(at - special) : (int)seven, to);
 }
 
-/* Writes seven bits per character. Those that HTML interprets or an editor may change become an
- * escape character and a digit. */
+/* Writes seven bits per character. Characters that HTML interprets or an editor may change are
+ * written as an escape character and a digit. */
 static void write_sevens(FILE *to, const uint8_t *bytes, size_t n)
 {
     unsigned held = 0;
@@ -223,7 +223,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     bool full;
     size_t n;
 
-    SPIN_TRY(choose(x, s, &n));
+    SPIN_TRY(choose_splats(x, s, &n));
     v->n_kept += (double)n;
     v->n_empty += n == 0;
     SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
@@ -235,7 +235,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     return spin_page_group_add(&v->group, &x->rows, s, &full);
 }
 
-/* ---- What the page must know ----------------------------------------------------------------- */
+/* ---- JSON ------------------------------------------------------------------------------------ */
 
 static spin_json *list_of_ints(const int *value, int n)
 {
@@ -286,8 +286,8 @@ static spin_json *version_json(const struct version *v, const struct export *x)
     return j;
 }
 
-/* Sets a name reduced to letters, digits and a few marks: it may not be valid UTF-8 and must be
- * safe in a page. */
+/* Sets a member to a name, reduced to letters, digits and a few punctuation marks: a file name may
+ * be invalid UTF-8 or contain HTML. */
 static void set_name(spin_json *j, const char *key, const char *name, size_t n_name)
 {
     char text[128];
@@ -299,7 +299,7 @@ static void set_name(spin_json *j, const char *key, const char *name, size_t n_n
     spin_json_set_string(j, key, text);
 }
 
-/* The length of the path without .html; the file's name without it is the page's. */
+/* The length of the path without .html or .htm. */
 static size_t stem_of(const char *path)
 {
     const char *dot = strrchr(path, '.');
@@ -374,7 +374,7 @@ static spin_status write_script(struct export *x, const char *how, const char *t
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -406,8 +406,8 @@ static spin_status parse_options(struct export *x)
     SPIN_TRY(spin_option_count(v, "every", 1, 1000000000, &x->every));
     x->key_every = DEFAULT_KEY_EVERY;
     SPIN_TRY(spin_option_count(v, "key-every", 1, SPIN_PAGE_MOST_FRAMES, &x->key_every));
-    SPIN_TRY(
-        spin_page_bounds_from(v, 1, &bounds)); /* only checks them: the size is not known yet */
+    /* Only checks the options: the size of the scene is not known yet. */
+    SPIN_TRY(spin_page_bounds_from(v, 1, &bounds));
     x->split = spin_plugin_value(v, "split", NULL) != NULL;
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
     if (x->job->n_frames > 1 && x->job->n_frames < LEAST_SECONDS * x->fps)
@@ -452,7 +452,7 @@ static spin_status add_versions(struct export *x)
     return SPIN_OK;
 }
 
-/* Opens the page and, with --split, the file beside it: .bin instead of .html. */
+/* Opens the page and, with --split, the file beside it, whose extension is .bin. */
 static spin_status open_files(struct export *x)
 {
     const struct spin_export_job *job = x->job;
@@ -470,7 +470,7 @@ static spin_status open_files(struct export *x)
     return SPIN_OK;
 }
 
-/* The title for tabs and search engines; the page displays the one in the JSON. */
+/* Writes the title for tabs and search engines. The page itself displays the title in the JSON. */
 static spin_status write_title(struct export *x)
 {
     const char *file = spin_path_name(x->job->output), *title = x->title;
@@ -484,7 +484,7 @@ static spin_status write_title(struct export *x)
     return write_text(x, "</title>\n<style>\n");
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job)
 {
     x->job = job;
     SPIN_TRY(parse_options(x));
@@ -539,7 +539,7 @@ static spin_status html_frame(void *self, int frame, const struct spin_frame_inf
 
 /* ---- 4D splats ------------------------------------------------------------------------------- */
 
-/* Writes 4D splats, each once; the first frame is needed only for the view and the draft. */
+/* Writes each 4D splat once. The first frame is needed only for the view and the draft. */
 static spin_status write_rows(struct export *x, const double *times)
 {
     struct version *v = &x->version[0];
@@ -570,8 +570,8 @@ static spin_status write_rows(struct export *x, const double *times)
     return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
 }
 
-/* Writes 4D splats as rows if the frames are evenly spaced and all splats are wanted, else as
- * frames. */
+/* Writes 4D splats as rows, or as frames if the frames are not evenly spaced or --max-splats is
+ * given. */
 static spin_status write_4d(struct export *x)
 {
     const struct spin_export_job *job = x->job;
@@ -597,8 +597,7 @@ static spin_status write_4d(struct export *x)
     return SPIN_OK;
 }
 
-/* Reports what is in the page, which --every may have reduced to fewer frames than were requested.
- */
+/* Reports the contents of the page, which has fewer frames than the job if --every is given. */
 static spin_status fill_report(struct export *x)
 {
     struct spin_export_report *report = x->job->report;
@@ -663,8 +662,8 @@ static void say_errors(const struct export *x)
     }
 }
 
-/* Commits the blocks first, so that there is never a page without them. */
-static spin_status commit(struct export *x)
+/* Commits the file of blocks before the page, so that a page never exists without its blocks. */
+static spin_status commit_files(struct export *x)
 {
     SPIN_FREED char *path = NULL;
     spin_status status;
@@ -679,7 +678,7 @@ static spin_status commit(struct export *x)
     return status;
 }
 
-static spin_status finish(struct export *x)
+static spin_status finish_export(struct export *x)
 {
     if (x->job->splats_4d)
         SPIN_TRY(write_4d(x));
@@ -695,10 +694,10 @@ static spin_status finish(struct export *x)
     SPIN_TRY(write_text(x, "</body>\n</html>\n"));
     SPIN_TRY(fill_report(x));
     say_errors(x);
-    return commit(x);
+    return commit_files(x);
 }
 
-SPIN_OWN_EXPORTER(html, "html", prepare, finish, discard,
+SPIN_OWN_EXPORTER(html, "html", begin_export, finish_export, free_export,
                   .summary = "a web page that plays the clip, before and after, without a server",
                   .options = options, .checks = true, .antialias = true, .splats_4d = true,
                   .looks_at_views = true, .frame = html_frame);

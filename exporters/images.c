@@ -1,6 +1,6 @@
-/* Renders every frame to PNG or EXR files, for inspection, compositing, or measurement with other
- * programs: from the data set's cameras or a moving one, on request as several panels side by side.
- * Files are named by spin_picture_name(). */
+/* Renders every frame to PNG or EXR files, from the data set's cameras or a moving camera, for
+ * inspection, compositing, or measurement with other programs. An image may consist of several
+ * panels side by side. Files are named by spin_picture_name(). */
 #include <stdlib.h>
 #include <string.h>
 
@@ -26,7 +26,7 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-#define FAR 1e10f /* depth of the background, by the convention of film renderers */
+#define FAR 1e10f /* depth of the background, as in film renderers */
 
 enum which { TEST, TRAIN, ALL };
 
@@ -56,7 +56,7 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-/* Fetches alpha and depth of the last render into x->film, where they are wanted. */
+/* Fetches alpha and depth of the last render into x->film, if they are to be written. */
 static spin_status take_layers(struct export *x, const struct spin_camera *camera)
 {
     size_t n = (size_t)camera->width * (size_t)camera->height;
@@ -95,7 +95,7 @@ static spin_status export_picture(struct export *x, char *name, int number, int 
     return SPIN_OK;
 }
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -117,11 +117,12 @@ static spin_status check_options(const struct export *x)
     if (spin_plugin_value(v, "fps", NULL) &&
         (x->drawing.path == SPIN_PATH_CAMERA || x->drawing.path == SPIN_PATH_FILE ||
          spin_plugin_value(v, "repeat", NULL)))
-        return spin_misuse("--fps needs --duration");
+        return spin_misuse("--fps has no effect without --duration");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
         return spin_misuse("--views: %s",
-                           x->job->views ? "the moving camera of --path is not one of the data set"
-                                         : "there is no data set, give --data DIR");
+                           x->job->views ? "the camera of --path is not one of the data set's; "
+                                           "leave out one of the two options"
+                                         : "there is no data set; give --data DIR");
     return SPIN_OK;
 }
 
@@ -151,7 +152,7 @@ static spin_status parse_film(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job)
 {
     int which;
 
@@ -162,15 +163,15 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     SPIN_TRY(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
     if (!spin_camera_path_is_own(&x->drawing) && !any_chosen(x))
-        return spin_not_found("the data set has no %s views; try --views all",
+        return spin_not_found("the data set has no %s views: try --views all",
                               x->which == TEST ? "test" : "train");
     SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->film.exr ? ".exr" : ".png",
                                       &x->folder));
     return SPIN_OK;
 }
 
-/* Renders the images of a frame from a camera that is not the data set's. Files are numbered along
- * the camera's path, not by frame. */
+/* Renders the images of a frame from a camera that is not one of the data set's. File names contain
+ * the number of the image on the camera's path, not the number of the frame. */
 static spin_status export_own(struct export *x, int frame, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;
@@ -217,12 +218,12 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     return SPIN_OK;
 }
 
-static spin_status finish(struct export *x)
+static spin_status finish_export(struct export *x)
 {
     if (x->n_unseen > 0)
-        spin_warn("%s no such view in the data set: nothing is rendered",
-                  spin_text_share((size_t)x->n_unseen, (size_t)x->job->n_frames, "frame", "has",
-                                  "have", (char[96]){0}));
+        spin_warn("%s not rendered: the data set has no view of them that --views selects",
+                  spin_text_share((size_t)x->n_unseen, (size_t)x->job->n_frames, "frame", "was",
+                                  "were", (char[96]){0}));
     spin_camera_path_say_blank(&x->drawing);
     SPIN_TRY(spin_output_folder_list(&x->folder, "images", x->job->sync));
     spin_output_folder_remove_former(&x->folder);
@@ -230,7 +231,7 @@ static spin_status finish(struct export *x)
     return SPIN_OK;
 }
 
-SPIN_OWN_EXPORTER(images, "images", prepare, finish, discard,
+SPIN_OWN_EXPORTER(images, "images", begin_export, finish_export, free_export,
                   .summary = "PNG or EXR renders from the data set's cameras or a moving one",
                   .options = options, .antialias = true, .alpha = true, .looks_at_views = true,
                   .needs_renderer = true, .frame = images_frame);

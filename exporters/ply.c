@@ -24,7 +24,7 @@ static void code_row(void *self, size_t i, unsigned char *to, struct spin_quant_
                                   .sh = spin_splat_filter_sh(rows, i, room),
                                   .n_sh = spin_splat_filter_n_sh(rows)};
 
-    (void)quant; /* the format stores floats: there is no rounding error to report */
+    (void)quant; /* floats are not rounded, so there is no error to report */
     spin_splat_filter_place(rows, i, row.place);
     spin_splat_filter_turned(rows, i, row.rotation);
     spin_gs_ply_code(&row, rows->sh_degree, to);

@@ -7,15 +7,15 @@
  * just below the smallest sigma written.
  *
  * .sogst.ply, the input of .sogst encoders (formats/sogst.h): paths of degree 1 or 2. Time is in
- * seconds from the first frame, and sigma is stored as it is. SH has degree 3 or 0, the only
- * degrees that the reference encoder accepts: missing coefficients are written as 0. */
+ * seconds from the first frame, and sigma is not stored as a logarithm. The reference encoder
+ * accepts only SH of degree 0 or 3, so missing coefficients are written as 0. */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "io/ply.h"
 #include "math/sh.h"
 
-/* The sigma, in clip lengths, of a splat that never fades: its weight is still 0.9998 one clip
- * length from its centre. */
+/* The sigma, in clip lengths, of a splat that does not fade: one clip length from its centre, its
+ * window is still 0.9998. */
 #define MOST_SIGMA 50
 enum { BATCH = 4096 }; /* rows written at a time */
 
@@ -23,9 +23,9 @@ struct export;
 
 struct layout {
     const char *name;     /* for messages */
-    const char *importer; /* the one that reads the format */
+    const char *importer; /* the importer that reads the format */
     int degree;           /* highest degree of a path */
-    bool seconds;         /* time is in seconds, otherwise in clip lengths */
+    bool seconds;         /* unit of time: seconds (true) or clip lengths */
     void (*print_header)(struct export *x);
     void (*fill_row)(const struct export *x, size_t i, float *to); /* `to` is zeroed */
 };
@@ -37,7 +37,7 @@ struct export
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* the kept rows */
     double fps;
-    int sh_degree; /* as written */
+    int sh_degree; /* in the file */
     size_t width;  /* floats per row */
     struct spin_out out;
 };
@@ -85,7 +85,8 @@ static void print_ftgs(struct export *x)
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
             "comment n_frames %d\n",
             x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames);
-    if (x->bells.job->fps > 0) /* not part of the format: only our importer reads it */
+    if (x->bells.job->fps >
+        0) /* this comment is not part of the format; only spin-import reads it */
         fprintf(x->out.file, "comment fps %.9g\n", x->bells.job->fps);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
     print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");
@@ -139,8 +140,8 @@ static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
             rest[n_file * c + k - 1] = sh[3 * k + c];
 }
 
-/* Writes the coefficient of d^(power + 1) in the path of row i, d being the time from the row's
- * centre. Leaves `to` alone where the path has a lower degree. */
+/* Sets `to` to the coefficient of d^(power + 1) in the path of row i, where d is the time relative
+ * to the row's centre. `to` is not changed if the path has a lower degree. */
 static void fill_path(const struct export *x, size_t i, int power, float to[3])
 {
     const struct spin_splats_4d *s = &x->bells.clip;
@@ -199,7 +200,7 @@ static spin_status write_rows(struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -222,8 +223,8 @@ static spin_status choose_length(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job,
-                           const struct layout *layout)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job,
+                                const struct layout *layout)
 {
     x->layout = layout;
     x->bells = (struct spin_bells){.job = job,
@@ -251,7 +252,9 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
-        return spin_unsupported("no splat of the clip is left to write");
+        return spin_unsupported(
+            "no splat of the clip is left to write: check the options that drop "
+            "splats");
     SPIN_TRY(spin_splat_filter_report_4d(&x->rows, job, x->bells.from, job->times, job->n_frames));
     print_header(x);
     SPIN_TRY(write_rows(x));
@@ -269,14 +272,14 @@ static spin_status prepare_ftgs(struct export *x, const struct spin_export_job *
     static const struct layout ftgs = {"a .ftgs.ply", "freetimegs", 1,
                                        false,         print_ftgs,   fill_ftgs};
 
-    return prepare(x, job, &ftgs);
+    return begin_export(x, job, &ftgs);
 }
 
 static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
     static const struct layout sogst = {"a .sogst.ply", "sogst", 2, true, print_sogst, fill_sogst};
 
-    return prepare(x, job, &sogst);
+    return begin_export(x, job, &sogst);
 }
 
 static const struct spin_plugin_option ftgs_options[] = {
@@ -288,10 +291,10 @@ static const struct spin_plugin_option sogst_ply_options[] = {
     SPIN_ROWS_OPTION_SH,
     {0}};
 
-SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, discard,
+SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, free_export,
                   .summary = "4D splats as one .ftgs.ply of FreeTimeGS, without loss",
                   .options = ftgs_options, .checks = true, .splats_4d = true);
 
-SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, discard,
+SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, free_export,
                   .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
                   .options = sogst_ply_options, .checks = true, .splats_4d = true);

@@ -1,10 +1,10 @@
 /* Writes one SOG per frame, PlayCanvas's compact format (formats/sog.h). The axes stay those of the
- * training. Rows are in Morton order: similar splats become neighbouring pixels, which WebP
- * compresses better.
+ * training. Rows are in Morton order, since WebP compresses better if neighbouring pixels are
+ * similar splats.
  *
- * The bounding box of the positions only grows from frame to frame, and a codebook of an earlier
- * frame is reused while its error is close to that of a new one: static splats then mostly keep the
- * same bits. Each frame has its own palette of SH. */
+ * So that static splats mostly keep the same bits from frame to frame, the bounding box of the
+ * positions only grows, and an earlier frame's codebook is reused if its error is close to that of
+ * a new one. Each frame has its own palette of SH. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
@@ -28,9 +28,9 @@ struct export
     struct spin_sog sog;
     struct spin_picture picture[SPIN_SOG_PICTURES];
     int level;
-    bool begun; /* sog holds the bounding box and codebooks of an earlier frame */
+    bool begun; /* sog contains the bounding box and codebooks of an earlier frame */
 
-    /* Of the current frame, in the order of the file. */
+    /* The current frame, in the order of the file. */
     float *scales, *dc; /* [n][3] */
     float *rest;        /* [n][n_rest] */
     uint32_t *label;    /* [n] */
@@ -203,7 +203,8 @@ static void code_task(void *context, size_t i, size_t end)
     }
 }
 
-/* The image is 64 vectors wide, so consecutive vectors are consecutive pixels. */
+/* Copies the palette to its image. A row of the image contains exactly 64 vectors, so consecutive
+ * vectors are consecutive pixels. */
 static void code_palette(struct export *x)
 {
     uint8_t *to = x->picture[SPIN_SOG_CENTROIDS].rgba;
@@ -257,7 +258,7 @@ static uint64_t sog_bytes(const void *self, size_t n)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
 
@@ -267,7 +268,7 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     return spin_webp_need();
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -285,10 +286,10 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct export),
     .lossy = true,
     .packed = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = sog_bytes,
     .write = sog_write,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

@@ -1,12 +1,13 @@
 /* Writes TSOG and .sogst: a clip of 4D splats as one file (formats/tsog.h, formats/sogst.h).
  *
- * Both formats round a splat's centre in time, so each splat is first moved along its path to the
- * rounded time; what remains of the error is a fade that begins slightly early or late. Ranges and
- * evenly spaced codebooks bound the error of the other values. A large sigma would coarsen the
- * steps of the small ones: it is limited to a few clips, and such a splat is moved towards the
- * middle of the clip so that its opacity there keeps its value and its slope.
+ * Both formats quantise a splat's centre in time. Each splat is therefore moved along its path to
+ * the quantised time; the remaining error is that it fades slightly too early or too late. Ranges
+ * and evenly spaced codebooks bound the errors of the other values. Sigmas are limited to
+ * MOST_SIGMA, since a large one would coarsen the quantisation of the small ones. A limited splat
+ * is moved towards the middle of the clip, such that its opacity there keeps its value and its
+ * derivative.
  *
- * TSOG can also hold a clip of frames: each splat with the number of the only frame that shows it.
+ * TSOG can also contain a clip of frames: each splat has the index of the only frame that shows it.
  */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
@@ -18,17 +19,19 @@
 #include "math/activate.h"
 #include "math/sh.h"
 
-#define MOST_SIGMA 8   /* largest sigma, in clip lengths */
-#define K_SIGMA 3.8    /* .sogst: a splat is drawn within this many sigmas of its centre, */
-#define PERSISTENT 3.0 /* and is persistent if these span more than this many segments */
-#define PLAYED 1000000 /* most splats that the player of TSOG draws */
-#define STEPS 65536    /* values of 16 bits, which the frames divide among them */
+#define MOST_SIGMA 8 /* largest sigma, in clip lengths */
+/* .sogst: a splat is drawn within this many sigmas of its centre in time. */
+#define K_SIGMA 3.8
+/* .sogst: a splat that is drawn for longer than this many segments is persistent. */
+#define PERSISTENT 3.0
+#define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
+#define STEPS 65536    /* number of 16-bit values; a clip of frames needs one or more per frame */
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
 struct container {
     const char *name;     /* for messages */
-    const char *importer; /* the one that reads it */
-    bool sogst;           /* seconds, codebooks of times, segments; else TSOG */
+    const char *importer; /* the importer that reads the format */
+    bool sogst;           /* .sogst: seconds, codebooks of times, segments; otherwise TSOG */
     int degree;           /* highest degree of paths */
 };
 
@@ -39,12 +42,12 @@ struct export
 {
     const struct spin_export_job *job;
     const struct container *kind;
-    struct spin_export_job
-        own; /* if the clip is frames: the job with these as splats_4d and frame indices as times */
-    bool frames;
-    double *places;  /* [n_frames] 0, 1, 2, ... */
-    size_t n_cut;    /* rows of frames so far */
-    size_t capacity; /* of their arrays */
+    struct spin_export_job own; /* if `frames`: the job with splats_4d made of all frames' rows, and
+                                   with frame indices as times */
+    bool frames;                /* the clip consists of frames, not of 4D splats */
+    double *places;             /* [n_frames] 0, 1, 2, ... */
+    size_t n_cut;               /* if `frames`: number of rows that were added so far */
+    size_t capacity;            /* if `frames`: capacity for such rows */
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* item[j].row: row j of the file */
     struct spin_bells bells;
@@ -53,31 +56,31 @@ struct export
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
-    double fade_lost; /* largest error of an opacity because times are rounded */
+    double fade_lost; /* largest error of an opacity that quantised times cause */
     struct spin_out out;
 
-    /* In the order of the file. */
-    float *rest, *palette;        /* [n][n_rest], [n_palette][n_rest] */
-    uint32_t *label;              /* [n] */
-    size_t n_groups;              /* the persistent splats, then the segments; or 1 */
-    size_t *end;                  /* [n_groups] row behind the group's last */
-    double *span;                 /* [n_groups][2] times between which the group is drawn */
-    struct spin_picture *picture; /* [n_groups][PER_GROUP], the palette, labels of each group */
+    /* Rows are in the order of the file. */
+    float *rest, *palette; /* [n][n_rest], [n_palette][n_rest] */
+    uint32_t *label;       /* [n] */
+    size_t n_groups;       /* 1 + number of segments: group 0 is persistent; 1: not segmented */
+    size_t *end;           /* [n_groups] index of the group's last row, plus 1 */
+    double *span;          /* [n_groups][2] first and last time at which the group is drawn */
+    struct spin_picture *picture; /* [n_groups][PER_GROUP], the palette, the groups' labels */
     struct spin_quant_error *block_quant;
 };
 
 static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->bells.clip; }
 
-/* Warns of what players of the format cannot do. */
+/* Warns about limits of the format's player. */
 static void warn_of_kind(const struct export *x)
 {
     if (!x->kind->sogst && x->order.n > PLAYED)
-        spin_warn("%zu splats: the player of TSOG draws only %d of them", x->order.n, PLAYED);
+        spin_warn("the player of TSOG draws only %d of the %zu splats", PLAYED, x->order.n);
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */
 
-/* Rounds to nine significant digits, as in meta.json. */
+/* Rounds to nine significant digits, the precision of meta.json. */
 static double nine_digits(double v)
 {
     char text[40];
@@ -86,7 +89,7 @@ static double nine_digits(double v)
     return strtod(text, NULL);
 }
 
-static void widen(struct spin_sog_range *range, size_t c, double v, bool first)
+static void widen_range(struct spin_sog_range *range, size_t c, double v, bool first)
 {
     range->mins[c] = first ? v : fmin(range->mins[c], v);
     range->maxs[c] = first ? v : fmax(range->maxs[c], v);
@@ -112,7 +115,7 @@ static void fill_book(struct spin_sog_book *book, double least, double most, boo
     }
 }
 
-/* Codes a centre in time and its sigma; shown is what a reader decodes. */
+/* Codes a centre in time and its sigma. Sets `shown` to the two values that a reader decodes. */
 static void code_time(const struct spin_sog_4d *coding, const float time[2], uint8_t *low,
                       uint8_t *high, float shown[2])
 {
@@ -148,7 +151,8 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
     return worst;
 }
 
-/* Chooses evenly spaced centres or a codebook adapted to the times, by the smaller worst shift. */
+/* Chooses evenly spaced centres, or a codebook that is adapted to the times if its worst shift is
+ * smaller. */
 static spin_status choose_centres(struct export *x)
 {
     struct spin_sog_book *book = &x->coding.centre;
@@ -188,8 +192,8 @@ static spin_status round_times(struct export *x)
     for (size_t j = 0; j < x->order.n; j++) {
         size_t k = x->order.item[j].row;
 
-        widen(range, 0, (double)s->times[k], j == 0);
-        widen(range, 1, (double)s->sigmas[k], j == 0);
+        widen_range(range, 0, (double)s->times[k], j == 0);
+        widen_range(range, 1, (double)s->sigmas[k], j == 0);
     }
     finish_range(range);
     if (x->kind->sogst) {
@@ -257,7 +261,7 @@ static spin_status choose_order(struct export *x)
     return SPIN_OK;
 }
 
-/* ---- What values are coded with -------------------------------------------------------------- */
+/* ---- Ranges, codebooks and palette ----------------------------------------------------------- */
 
 static void turned_path(const struct export *x, size_t k, int power, float out[3])
 {
@@ -276,17 +280,17 @@ static void choose_ranges(struct export *x)
         const float *sh = spin_splat_filter_sh(&x->rows, k, room);
 
         for (size_t c = 0; c < 3; c++) {
-            widen(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
-            widen(&dc, 0, (double)sh[c], j + c == 0);
+            widen_range(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
+            widen_range(&dc, 0, (double)sh[c], j + c == 0);
         }
         spin_splat_filter_place(&x->rows, k, v);
         for (size_t c = 0; c < 3; c++)
-            widen(&to->means, c, spin_sog_log((double)v[c]), j == 0);
+            widen_range(&to->means, c, spin_sog_log((double)v[c]), j == 0);
         for (int p = 0; p < to->degree; p++) {
             turned_path(x, k, p, v);
             for (size_t c = 0; c < 3; c++)
-                widen(p == 0 ? &to->motion : &to->accel, c,
-                      to->linear ? (double)v[c] : spin_sog_log((double)v[c]), j == 0);
+                widen_range(p == 0 ? &to->motion : &to->accel, c,
+                            to->linear ? (double)v[c] : spin_sog_log((double)v[c]), j == 0);
         }
     }
     finish_range(&to->means);
@@ -468,7 +472,7 @@ static void code_task(void *context, int task)
     }
 }
 
-static spin_status code(struct export *x)
+static spin_status code_groups(struct export *x)
 {
     int n_tasks = (int)((x->order.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK);
     uint8_t *palette;
@@ -570,7 +574,8 @@ static void print_stream(FILE *to, const struct export *x, size_t g)
         fprintf(to, "\"seg_%03zu\"", g - 1);
 }
 
-/* reveal, geometry: bytes of the file up to the end of the first segment and of all segments. */
+/* reveal and geometry are the bytes from the start of the file to the end of the first segment and
+ * of the last segment. */
 static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint64_t geometry)
 {
     const double *cov2d = x->job->splats_4d->cov2d;
@@ -700,7 +705,7 @@ static spin_status check_file(const struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -732,24 +737,26 @@ static spin_status read_options(struct export *x)
     x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     if (x->frames)
         x->bells.length = x->job->n_frames - 1;
-    segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps; /* whole frames, about half a second */
+    /* The default is about half a second, in whole frames. */
+    segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
     if (x->segment > 0 && x->bells.length / x->segment > 999)
-        return spin_misuse("option 'segment' is %g: a clip of %g s has more than 999 segments",
+        return spin_misuse("--segment %g: a clip of %g seconds would have more than 999 segments; "
+                           "choose longer segments",
                            x->segment, x->bells.length);
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
-/* Prepares for frames, which become 4D splats that are visible only in their own frame, with its
- * index as the time. */
+/* Prepares for a clip of frames. Its splats become 4D splats that are visible only in their own
+ * frame, whose index is used as the time. */
 static spin_status expect_frames(struct export *x)
 {
     int n = x->job->n_frames;
 
     if (n > STEPS)
         return spin_unsupported(
-            "%s holds at most %d frames, but there are %d: select fewer with --range",
+            "%s can store at most %d frames, but the clip has %d: select fewer with --range",
             x->kind->name, STEPS, n);
     x->frames = true;
     x->own = *x->job;
@@ -763,8 +770,8 @@ static spin_status expect_frames(struct export *x)
     return spin_splats_4d_reserve(&x->bells.clip, 0, 0, x->job->sh_degree, SPIN_4D_CUTS);
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job,
-                           const struct container *kind)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job,
+                                const struct container *kind)
 {
     x->job = job;
     x->kind = kind;
@@ -784,7 +791,7 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job,
     return SPIN_OK;
 }
 
-/* Reserves capacity for n more rows of frames. */
+/* Reserves capacity for n more rows. */
 static spin_status make_room(struct export *x, size_t n)
 {
     struct spin_splats_4d *s = &x->bells.clip;
@@ -835,7 +842,7 @@ static spin_status take_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
-/* Finishes the 4D splats made of all frames' rows. */
+/* Completes the 4D splats that take_frame() made of the frames' rows. */
 static spin_status join_frames(struct export *x)
 {
     struct spin_bells *b = &x->bells;
@@ -853,24 +860,26 @@ static spin_status join_frames(struct export *x)
     return SPIN_OK;
 }
 
-static spin_status encode(struct export *x)
+static spin_status encode_clip(struct export *x)
 {
     SPIN_TRY(x->frames ? join_frames(x) : spin_bells_convert(&x->bells));
     SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view));
     if (x->rows.n_kept == 0)
-        return spin_unsupported("no splat of the clip is left to write");
+        return spin_unsupported(
+            "no splat of the clip is left to write: check the options that drop "
+            "splats");
     SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, x->bells.from, x->job->times,
                                          x->job->n_frames));
     SPIN_TRY(choose_coding(x));
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(code(x));
+    SPIN_TRY(code_groups(x));
     return spin_cancelled() ? spin_fail_cancelled() : SPIN_OK;
 }
 
 static spin_status write_all(struct export *x)
 {
-    SPIN_TRY(encode(x));
+    SPIN_TRY(encode_clip(x));
     SPIN_TRY(write_file(x));
     spin_bells_warn(&x->bells);
     warn_of_kind(x);
@@ -883,12 +892,12 @@ static spin_status write_all(struct export *x)
 
 static spin_status prepare_tsog(struct export *x, const struct spin_export_job *job)
 {
-    return prepare(x, job, &tsog);
+    return begin_export(x, job, &tsog);
 }
 
 static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
-    return prepare(x, job, &sogst);
+    return begin_export(x, job, &sogst);
 }
 
 #define OPTION_FPS                                                                                 \
@@ -912,10 +921,10 @@ static const struct spin_plugin_option sogst_options[] = {
      NULL},
     {0}};
 
-SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, discard,
+SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, free_export,
                   .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
                   .options = tsog_options, .checks = true, .splats_4d = true, .frame = take_frame);
 
-SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, discard,
+SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, free_export,
                   .summary = "4D splats as one .sogst, which players load in segments: small",
                   .options = sogst_options, .checks = true, .splats_4d = true);

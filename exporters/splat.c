@@ -1,6 +1,6 @@
-/* Writes one .splat file per frame (formats/splat.h), without turning the axes. Splats keep the
- * source's order; --order size writes the largest and most opaque first, so that a player which has
- * loaded part of a file already shows the scene. */
+/* Writes one .splat file per frame (formats/splat.h), in the axes of the source. Splats keep the
+ * source's order; --order size writes the largest and most opaque first, so that a player can show
+ * the scene before the file is fully loaded. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/splat.h"
@@ -63,7 +63,7 @@ static uint64_t splat_bytes(const void *self, size_t n)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     struct spin_frames *x = self;
     int order;
@@ -79,7 +79,7 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct spin_frames),
     .lossy = true,
     .clips_colours = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = splat_bytes,
     .write = splat_write,
 };
@@ -87,7 +87,7 @@ static const struct spin_frames_format format = {
 static spin_status splat_begin(const struct spin_export_job *job, void **self)
 {
     if (job->sh_degree > 0)
-        spin_log(0, "splat stores no view-dependent colour: SH is left out");
+        spin_log(0, "splat cannot store view-dependent colours: SH above degree 0 is dropped");
     return spin_frames_begin(&format, job, self);
 }
 

@@ -5,8 +5,8 @@
  * static splats keep the same bytes.
  *
  * The format does not define its axes. --axes source writes those of the training, as
- * splat-transform does; --axes rub applies the half turn about x to right, up, back, which
- * Niantic's library stores. */
+ * splat-transform does; --axes rub rotates by 180 degrees about x, to right, up, back, the axes of
+ * Niantic's library. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/spz.h"
@@ -29,12 +29,12 @@ struct export
 {
     struct spin_frames frames;
     int version, level;
-    int fraction; /* fractional bits of the places */
-    unsigned char
-        *packed; /* [n_packed_room] one compressed stream of version 4, or the whole file */
+    int fraction; /* fractional bits of the positions */
+    /* Output of the compressor: one stream (version 4) or the whole file (version 3). */
+    unsigned char *packed; /* [n_packed_room] */
     size_t n_packed_room;
-    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* of version 4 */
-    unsigned char *bytes; /* input of the compressor: one stream of version 4, or the whole file */
+    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* version 4 only */
+    unsigned char *bytes; /* input of the compressor: one stream or the whole file */
 
     /* The current stream: one attribute of all rows. */
     int stream;
@@ -44,7 +44,8 @@ struct export
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Codes row i of the current stream and adds the error of what a reader decodes. */
+/* Codes row i of the current stream, and adds the difference between the source and the decoded
+ * value to quant. */
 static void code_row(const struct export *x, size_t i, unsigned char *out,
                      struct spin_quant_error *quant)
 {
@@ -144,11 +145,12 @@ static spin_status choose_fraction(struct export *x, int number)
     x->fraction = spin_spz_fraction(largest, before);
     if (x->fraction < 0)
         return spin_unsupported(
-            "frame %d: a splat is at %g, but spz holds positions only up to 8388606", number,
-            (double)largest);
+            "frame %d: a coordinate of a splat is %g, but spz cannot store more than 8388606",
+            number, (double)largest);
     if (x->fraction < before)
         spin_warn(
-            "frame %d: a splat is at %g: from here on, positions are rounded to steps of 1/%d",
+            "frame %d: a coordinate of a splat is %g: positions of this and all later frames are "
+            "rounded to steps of 1/%d",
             number, (double)largest, 1 << x->fraction);
     return SPIN_OK;
 }
@@ -174,7 +176,9 @@ static spin_status write_version_3(struct export *x, struct spin_out *out)
     return spin_out_write(out, x->packed, n_packed);
 }
 
-/* The table of contents is written twice: first to reserve its place, then with its contents. */
+/* Writes the table of contents twice: first to reserve its bytes, then with the sizes of the
+ * streams.
+ */
 static spin_status write_version_4(struct export *x, struct spin_out *out)
 {
     const struct spin_spz_header header = header_of(x);
@@ -191,7 +195,7 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
 }
 
 /* Reserves x->bytes for the largest stream of the frame, or for all of them in version 3. */
-static spin_status reserve(struct export *x)
+static spin_status reserve_bytes(struct export *x)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
     size_t n = SPIN_SPZ_HEADER_4;
@@ -209,11 +213,12 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     struct export *x = self;
 
     SPIN_TRY(choose_fraction(x, info->number));
-    SPIN_TRY(reserve(x));
+    SPIN_TRY(reserve_bytes(x));
     return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
-/* An upper bound: incompressible data grows by the overhead of gzip, or of zstd in each stream. */
+/* An upper bound of the file size: incompressible data grows by the overhead of one gzip stream, or
+ * of a zstd frame for each stream. */
 static uint64_t spz_bytes(const void *self, size_t n)
 {
     const struct export *x = self;
@@ -224,7 +229,7 @@ static uint64_t spz_bytes(const void *self, size_t n)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     static const double half_about_x[4] = {0, 1, 0, 0};
     const struct spin_plugin_values *v = job->values;
@@ -237,13 +242,14 @@ static spin_status begin(void *self, const struct spin_export_job *job)
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
-        return spin_misuse("--axes rub assumes that y points down: give either it or --up");
+        return spin_misuse(
+            "--axes rub and --up exclude each other: rub assumes that y points down");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
     return x->version == 4 ? spin_zstd_need() : SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -258,10 +264,10 @@ static const struct spin_frames_format format = {
     .lossy = true,
     .packed = true,
     .clips_colours = true,
-    .begin = begin,
+    .begin = parse_options,
     .bytes = spz_bytes,
     .write = spz_write,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

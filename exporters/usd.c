@@ -1,20 +1,20 @@
 /* Writes a USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda,
- * which plays one layer per frame by value clips. It is text, so no library is needed.
+ * which plays one layer per frame by value clips. All files are text, so no library is needed.
  *
- * Value clips are used instead of time samples in a single file because a reader opens only the
- * layer of the frame that it shows, while a text with all frames would have to be parsed as a
- * whole: gigabytes for a minute. Each layer has the time samples of its frame under the prim's own
- * path, so that it can also be opened on its own.
+ * With value clips, a reader opens only the layer of the frame that it shows. A single text file
+ * with the time samples of all frames would have to be parsed as a whole: gigabytes for a minute.
+ * The time samples of a layer have the path of the prim in the stage, so a layer can also be opened
+ * on its own.
  *
- * From OpenUSD's schema and its guide to value clips: scales are standard deviations, opacities 0
- * to 1, orientations w x y z; SH has one float3 per coefficient, splat after splat. The axes are x
- * right, y up, z back: half a turn about x from those of the training.
+ * The layout follows OpenUSD's schema and its guide to value clips: scales are standard deviations,
+ * opacities are 0 to 1, orientations are w x y z, and SH is one float3 per coefficient, splat after
+ * splat. The axes are x right, y up, z back: those of the training, rotated by 180 degrees about x.
  *
  * Attributes that are the same in all frames are stored once, in still.usda, a sublayer of the
- * stage and of each layer. Numbers are half floats by default, with as few digits as are needed to
- * read the same half back; positions have enough digits to resolve a millionth of the first frame's
- * diagonal. Cameras are UsdGeomCamera: those of the data set and a moving one. Of focal length and
- * aperture only the ratio matters. */
+ * stage and of each layer. Numbers are half floats by default, printed with the fewest digits that
+ * read back as the same half; positions have enough digits to resolve a millionth of the first
+ * frame's diagonal. Cameras are UsdGeomCamera prims: those of the data set and that of --path. Only
+ * the ratio of their focal length and aperture matters. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
@@ -24,13 +24,13 @@
 
 #define DEFAULT_FPS 30
 #define BATCH 8          /* blocks of rows per write */
-#define NUMBER 16        /* longest number, with its separators */
-#define MAX_FLOATS 48    /* of an attribute of one row */
+#define NUMBER 16        /* characters of the longest number with its separators */
+#define MAX_FLOATS 48    /* largest number of floats of one row in an attribute */
 #define LEAST_HALF 6e-8f /* the smallest positive half */
 #define MOST_HALF 65504.0f
 #define PRIM "Splats"
 #define STILL "still.usda"
-#define APERTURE 36.0 /* horizontal, of every camera */
+#define APERTURE 36.0 /* horizontal aperture of every camera */
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.usda"),
@@ -48,7 +48,8 @@ static const struct spin_plugin_option options[] = {
 enum attribute { POSITIONS, ORIENTATIONS, SCALES, OPACITIES, SH, ATTRIBUTES };
 
 struct form {
-    const char *type, *name, *type_half, *name_half; /* of half floats; NULL: always float */
+    /* type_half and name_half are those for half floats; NULL: the attribute is always float. */
+    const char *type, *name, *type_half, *name_half;
 };
 
 static const struct form forms[ATTRIBUTES] = {
@@ -65,9 +66,9 @@ struct export
     struct spin_frames frames;
     double codes; /* time codes from one frame to the next */
     bool half;
-    double meters;     /* per unit */
-    int decimals;      /* of positions, if halves are written; -1: not known yet */
-    unsigned still;    /* bits of the attributes that are the same in all frames */
+    double meters;     /* metres per unit of the scene */
+    int decimals;      /* decimal places of positions, unless --float is given; -1: not known yet */
+    unsigned still;    /* bit a is set: attribute a is the same in all frames */
     char(*halves)[10]; /* [65536] the text of each half */
 
     /* The camera of --path. */
@@ -77,9 +78,9 @@ struct export
 
     /* The current batch. */
     enum attribute attribute;
-    size_t first;                 /* block */
-    char *text;                   /* [BATCH][stride] */
-    size_t n_text[BATCH], stride; /* characters of each block, and the capacity for one */
+    size_t first;                 /* index of the batch's first block */
+    char *text;                   /* [BATCH][stride] text of each block */
+    size_t n_text[BATCH], stride; /* length of each block's text, and capacity for one block */
 };
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
@@ -160,7 +161,7 @@ static int print_value(const struct export *x, float v, char *to)
     return strncmp(to, "-0", (size_t)n) == 0 ? sprintf(to, "0") : n;
 }
 
-/* A coordinate as it reads back. */
+/* The value that a reader gets for a coordinate after it was printed. */
 static float rounded_place(const struct export *x, float v)
 {
     char text[64];
@@ -171,8 +172,8 @@ static float rounded_place(const struct export *x, float v)
     return strtof(text, NULL);
 }
 
-/* Collects the values of a row's attribute, to be grouped by `group`, and adds their rounding
- * errors. */
+/* Copies the values of the current attribute of row i to `out`, adds their rounding errors to
+ * quant, and returns their number. Sets *group to the number of values in a tuple. */
 static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], size_t *group,
                        struct spin_quant_error *quant)
 {
@@ -228,7 +229,7 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
     }
 }
 
-/* Prints "(1,2,3)" for each group, separated by commas. */
+/* Prints each tuple of row i as "(1,2,3)", separated by commas. Returns the end of the text. */
 static char *print_row(const struct export *x, size_t i, bool first, char *to,
                        struct spin_quant_error *quant)
 {
@@ -267,7 +268,7 @@ static void print_block(void *context, int task)
 
 /* ---- A layer --------------------------------------------------------------------------------- */
 
-static spin_status put(struct spin_out *out, const char *text)
+static spin_status write_text(struct spin_out *out, const char *text)
 {
     return spin_out_write(out, text, strlen(text));
 }
@@ -282,8 +283,8 @@ static const char *name_of(const struct export *x, enum attribute a)
     return x->half && forms[a].type_half ? forms[a].name_half : forms[a].name;
 }
 
-/* Writes an attribute as the time sample of a frame or, if it is the same in all frames, as a
- * value. */
+/* Writes an attribute of the current frame: as a time sample or, if the attribute is the same in
+ * all frames, as a plain value. */
 static spin_status write_attribute(struct export *x, enum attribute a, int number,
                                    struct spin_out *out)
 {
@@ -298,7 +299,7 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
     else
         snprintf(head, sizeof head, "    %s %s.timeSamples = {\n        %d: [", type_of(x, a),
                  name_of(x, a), number);
-    SPIN_TRY(put(out, head));
+    SPIN_TRY(write_text(out, head));
     for (x->first = 0; x->first < n_blocks; x->first += BATCH) {
         size_t n = n_blocks - x->first < BATCH ? n_blocks - x->first : BATCH;
 
@@ -306,10 +307,10 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
         for (size_t b = 0; b < n; b++)
             SPIN_TRY(spin_out_write(out, x->text + b * x->stride, x->n_text[b]));
     }
-    return put(out, still ? "]\n" : "],\n    }\n");
+    return write_text(out, still ? "]\n" : "],\n    }\n");
 }
 
-/* The bounding box of the ellipsoids of three standard deviations. */
+/* Sets extent to the bounding box of all ellipsoids of three standard deviations. */
 static void find_extent(const struct export *x, float extent[6])
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -376,7 +377,8 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
 
-/* Writes still.usda, the attributes that are the same in all frames, from the current one. */
+/* Writes still.usda, the attributes that are the same in all frames, with the values of the current
+ * frame. */
 static spin_status write_still(struct export *x)
 {
     SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
@@ -386,15 +388,15 @@ static spin_status write_still(struct export *x)
     spin_output_folder_mark(&x->frames.folder, path);
     SPIN_TRY(spin_out_open(path, x->frames.job->force, &out));
     out.sync = x->frames.job->sync;
-    SPIN_TRY(put(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
+    SPIN_TRY(write_text(&out, "#usda 1.0\n\nover \"" PRIM "\"\n{\n"));
     for (int a = 0; a < ATTRIBUTES; a++)
         if (x->still >> a & 1u)
             SPIN_TRY(write_attribute(x, (enum attribute)a, 0, &out));
-    SPIN_TRY(put(&out, "}\n"));
+    SPIN_TRY(write_text(&out, "}\n"));
     return spin_out_commit(&out);
 }
 
-/* The decimals that resolve a millionth of the diagonal of this bounding box. */
+/* The number of decimal places that resolve a millionth of the diagonal of this bounding box. */
 static int decimals_of(const float e[6])
 {
     double square = 0, step;
@@ -405,7 +407,8 @@ static int decimals_of(const float e[6])
     return (int)fmin(fmax(ceil(-log10(step)), 0), 20);
 }
 
-/* Called with the first frame: prepares what all frames share. */
+/* Called with the first frame. Allocates the text buffer, writes still.usda, and computes the
+ * cameras of --path. */
 static spin_status begin_frames(struct export *x, const float e[6])
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree);
@@ -441,11 +444,11 @@ static spin_status usd_write(void *self, const struct spin_frame_info *info, str
              "        %d: [(%.9g, %.9g, %.9g), (%.9g, %.9g, %.9g)],\n    }\n",
              info->number, (double)e[0], (double)e[1], (double)e[2], (double)e[3], (double)e[4],
              (double)e[5]);
-    SPIN_TRY(put(out, line));
+    SPIN_TRY(write_text(out, line));
     for (int a = 0; a < ATTRIBUTES; a++)
         if (!(x->still >> a & 1u))
             SPIN_TRY(write_attribute(x, (enum attribute)a, info->number, out));
-    return put(out, "}\n");
+    return write_text(out, "}\n");
 }
 
 static uint64_t usd_bytes(const void *self, size_t n)
@@ -458,8 +461,8 @@ static uint64_t usd_bytes(const void *self, size_t n)
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
-/* Prints the camera-to-world matrix in the axes of the file, of a camera with x right, y up, z
- * back: the rows are its axes and its position. */
+/* Prints the camera-to-world matrix of a camera with x right, y up, z back, in the axes of the
+ * file. Its rows are the three axes and the position of the camera. */
 static void print_matrix(const struct export *x, const struct spin_camera *camera, FILE *to)
 {
     const double *m = camera->w2c, *q = x->frames.rows.turn_q;
@@ -470,7 +473,8 @@ static void print_matrix(const struct export *x, const struct spin_camera *camer
             row[r][c] = (r == 0 ? 1 : -1) * m[4 * r + c];
             row[3][c] -= m[4 * r + c] * m[4 * r + 3];
         }
-    for (int r = 0; r < 4; r++) { /* v + 2 w (u x v) + 2 u x (u x v) */
+    for (int r = 0; r < 4;
+         r++) { /* rotate by the quaternion (w, u): v + 2 w u x v + 2 u x (u x v) */
         double *v = row[r], *u = back + 1, a[3], b[3];
 
         for (int c = 0; c < 3; c++)
@@ -490,8 +494,8 @@ static double focal_of(const struct spin_camera *camera)
     return camera->fx * APERTURE / camera->width;
 }
 
-/* Prints a camera that has the pose camera[k] at time[k]. All but the focal length of its lens are
- * taken from the first. */
+/* Prints a camera with the pose and the focal length of camera[k] at time[k]. All other intrinsics
+ * are those of camera[0]. */
 static void print_camera(const struct export *x, const char *name, const struct spin_camera *camera,
                          const double *time, size_t n, FILE *to)
 {
@@ -530,8 +534,8 @@ static void print_camera(const struct export *x, const char *name, const struct 
             moves ? "        }\n" : "");
 }
 
-/* The index of view v among those of its camera id in its row. */
-static int twin_of(const struct spin_views *views, size_t v)
+/* The index of view v among the views with the same camera id and the same data-set frame. */
+static int duplicate_index(const struct spin_views *views, size_t v)
 {
     size_t first = v;
 
@@ -541,7 +545,7 @@ static int twin_of(const struct spin_views *views, size_t v)
     return (int)(v - first);
 }
 
-static bool is_at_hand(const struct export *x, const struct spin_view *view, size_t *frame)
+static bool find_frame(const struct export *x, const struct spin_view *view, size_t *frame)
 {
     for (*frame = 0; *frame < x->frames.n_entries; ++*frame)
         if (x->frames.job->dataset_frame_of[*frame] == view->dataset_frame)
@@ -568,16 +572,16 @@ static spin_status print_rig(const struct export *x, FILE *to)
 
         for (size_t w = v; w < n_views && !done[v]; w++) {
             if (views->view[w].camera_id != view->camera_id ||
-                twin_of(views, w) != twin_of(views, v))
+                duplicate_index(views, w) != duplicate_index(views, v))
                 continue;
             done[w] = w > v;
-            if (!is_at_hand(x, &views->view[w], &frame))
+            if (!find_frame(x, &views->view[w], &frame))
                 continue;
             camera[n] = views->view[w].camera;
             time[n++] = x->frames.entry[frame].number;
         }
-        if (twin_of(views, v) > 0)
-            snprintf(twin, sizeof twin, "_%d", twin_of(views, v) + 1);
+        if (duplicate_index(views, v) > 0)
+            snprintf(twin, sizeof twin, "_%d", duplicate_index(views, v) + 1);
         snprintf(name, sizeof name, "cam_%02d%s", view->camera_id, twin);
         if (n > 0)
             print_camera(x, name, camera, time, n, to);
@@ -585,8 +589,8 @@ static spin_status print_rig(const struct export *x, FILE *to)
     return SPIN_OK;
 }
 
-/* Prints the camera of --path: its poses are evenly spaced from the first frame to the end of the
- * last. */
+/* Prints the camera of --path. Its poses are evenly spaced in time, from the first frame to the end
+ * of the last frame. */
 static spin_status print_path(const struct export *x, FILE *to)
 {
     size_t n = (size_t)x->path.n_pictures;
@@ -687,7 +691,7 @@ static spin_status usd_finish(void *self)
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
-static spin_status begin(void *self, const struct spin_export_job *job)
+static spin_status parse_options(void *self, const struct spin_export_job *job)
 {
     static const double half_about_x[4] = {0, 1, 0, 0};
     const struct spin_plugin_values *v = job->values;
@@ -711,14 +715,15 @@ static spin_status begin(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     SPIN_TRY(spin_camera_path_begin(&x->path, job));
     if (x->path.path == SPIN_PATH_CAMERA)
-        return spin_misuse("--path camera: the data set's cameras are written without it");
+        return spin_misuse(
+            "--path camera is not needed: the data set's cameras are always written");
     if (x->path.path != SPIN_PATH_FILE)
         x->path.n_pictures = job->n_frames;
     return SPIN_OK;
 }
 
-/* A hash of an attribute in the rows of the frame. */
-static uint64_t imprint(const struct export *x, enum attribute a)
+/* A hash of an attribute of all rows of the frame. */
+static uint64_t hash_attribute(const struct export *x, enum attribute a)
 {
     const struct spin_splats *s = x->frames.rows.splats;
     const float *const column[] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
@@ -730,7 +735,8 @@ static uint64_t imprint(const struct export *x, enum attribute a)
     return hash;
 }
 
-/* Finds the attributes that are the same in all frames; stops reading once there are none. */
+/* Finds the attributes that are the same in all frames. Stops reading frames once there are none.
+ */
 static spin_status find_still(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
@@ -744,7 +750,7 @@ static spin_status find_still(void *self, const struct spin_export_job *job)
         SPIN_TRY(job->again(job->context, f, &splats));
         SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, splats));
         for (int a = 0; a < ATTRIBUTES; a++) {
-            uint64_t now = f == 0 || still >> a & 1u ? imprint(x, (enum attribute)a) : 0;
+            uint64_t now = f == 0 || still >> a & 1u ? hash_attribute(x, (enum attribute)a) : 0;
 
             first[a] = f == 0 ? now : first[a];
             still &= now == first[a] ? ~0u : ~(1u << a);
@@ -754,7 +760,7 @@ static spin_status find_still(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-static void end(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -770,12 +776,12 @@ static const struct spin_frames_format format = {
     .self_bytes = sizeof(struct export),
     .lossy = true,
     .packed = true,
-    .begin = begin,
+    .begin = parse_options,
     .ready = find_still,
     .bytes = usd_bytes,
     .write = usd_write,
     .finish = usd_finish,
-    .end = end,
+    .end = free_export,
 };
 
 SPIN_FRAMES_EXPORTER(

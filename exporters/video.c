@@ -1,5 +1,6 @@
-/* Writes the clip as an MP4 or WebM video, chosen by the output's name: from one camera of the data
- * set, or from one that moves while the clip plays, on request as several panels side by side. */
+/* Writes the clip as an MP4 or WebM video, chosen by the output's extension, from a camera of the
+ * data set or one that moves while the clip plays. An image may consist of several panels side by
+ * side. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
@@ -19,9 +20,9 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    const struct spin_view
-        *first;  /* its camera is used throughout; NULL: not a data set's camera */
-    int size[2]; /* width, height of a panel, pixels */
+    /* View whose camera is used for all frames; NULL: the camera is not one of the data set's. */
+    const struct spin_view *first;
+    int size[2]; /* width, height of a panel in pixels */
 };
 
 static const struct spin_view *view_of(const struct export *x, int frame, int camera_id)
@@ -44,8 +45,9 @@ static spin_status choose_camera(struct export *x)
 
     if (text && spin_camera_path_is_own(&x->drawing))
         return spin_misuse("--camera: %s", job->views
-                                               ? "the camera of --path is not one of the data set"
-                                               : "there is no data set, give --data DIR");
+                                               ? "the camera of --path is not one of the data "
+                                                 "set's; leave out one of the two options"
+                                               : "there is no data set; give --data DIR");
     if (spin_camera_path_is_own(&x->drawing))
         return SPIN_OK;
     x->first = spin_initial_view_view(job->views, row, true);
@@ -85,7 +87,7 @@ static spin_status open_video(struct export *x)
     return SPIN_OK;
 }
 
-static void discard(void *self)
+static void free_export(void *self)
 {
     struct export *x = self;
 
@@ -94,7 +96,7 @@ static void discard(void *self)
     free(x);
 }
 
-static spin_status prepare(struct export *x, const struct spin_export_job *job)
+static spin_status begin_export(struct export *x, const struct spin_export_job *job)
 {
     SPIN_TRY(spin_camera_path_begin(&x->drawing, job));
     SPIN_TRY(choose_camera(x));
@@ -111,8 +113,9 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
     if (!x->first) {
         SPIN_TRY(spin_camera_path_camera(d, picture, splats, &camera));
     } else if (!view) {
-        return spin_not_found("the data set has no camera %d for frame %d: --path orbit needs none",
-                              x->first->camera_id, info->number);
+        return spin_not_found("frame %d: the data set has no view of camera %d; choose another "
+                              "--camera, or --path orbit, which needs no data set",
+                              info->number, x->first->camera_id);
     } else {
         camera = view->camera;
         spin_camera_path_resize(d, &camera);
@@ -142,7 +145,7 @@ static spin_status video_frame(void *self, int frame, const struct spin_frame_in
     return SPIN_OK;
 }
 
-static spin_status finish(struct export *x)
+static spin_status finish_export(struct export *x)
 {
     spin_status status = spin_video_commit(x->video);
 
@@ -153,7 +156,7 @@ static spin_status finish(struct export *x)
 }
 
 SPIN_OWN_EXPORTER(
-    video, "video", prepare, finish, discard,
+    video, "video", begin_export, finish_export, free_export,
     .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
     .options = options, .antialias = true, .looks_at_views = true, .needs_renderer = true,
     .frame = video_frame);

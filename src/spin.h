@@ -438,6 +438,7 @@ struct spin_export_report {
      * these. */
     uint64_t dropped[SPIN_ROW_REASONS];
     uint64_t left_out, filtered;
+    bool rows_differ; /* some frames keep other rows than the first frame. Not set by exporters. */
     struct spin_export_check check;
     struct spin_decimated decimated;
     uint64_t images; /* images rendered and written, by exporters that render; else 0 */
@@ -473,7 +474,7 @@ struct spin_export_job {
      * unknown */
     const size_t *counts;
     /* The exporter increases `bytes` and `images` of the report, and sets `frames` if it exports
-     * only some of them. left_out is final at end(). May be NULL. */
+     * only some of them. left_out and rows_differ are final at end(). May be NULL. */
     struct spin_export_report *report;
 
     /* end() is to read back its files and to fill report->check. Only set for exporters with
@@ -498,7 +499,7 @@ struct spin_export_job {
     /* The data set's absolute folder, and the importer that reads it; NULL: none. */
     const char *data;
     const char *data_from;
-    bool identity; /* row i is the same splat in every frame, if no splat is left_out at end() */
+    bool identity; /* row i is the same splat in every frame, unless rows_differ at end() */
 
     const int *numbers; /* [n_frames] number of each frame, see struct spin_frame_info */
 };

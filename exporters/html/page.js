@@ -9,8 +9,8 @@ root.classList.toggle('loading', true);
 const asked = readParameters(new URL(location.href).searchParams);
 const embedded = window.parent !== window;
 const gl = canvas.getContext('webgl2', { antialias: false, depth: false, alpha: false, powerPreference: 'high-performance' });
-if (!gl) return say('This page needs WebGL 2, which this browser does not offer.');
-if (clip.data && location.href.startsWith('file:')) return say(`This page reads ${clip.data} beside it, which browsers do not allow from the disk. Put both on a web server ("python3 -m http.server" in their folder is one), or export the clip without --split.`);
+if (!gl) return say('This page needs WebGL 2, which this browser does not support.');
+if (clip.data && location.href.startsWith('file:')) return say(`This page loads ${clip.data} from its own folder, which browsers do not allow for local files. Put both files on a web server, such as "python3 -m http.server" in their folder, or export the clip without --split.`);
 if (typeof DecompressionStream === 'undefined') return say('This browser is too old: it has no DecompressionStream.');
 
 // Returns the address if it is relative or of http, https, blob or file; null for other schemes,
@@ -58,8 +58,8 @@ function camera() {
     return { eye: add(target, out, distance), right, down: cross(forward, right), forward, focal };
 }
 
-// The height of the scene in the first view, as a slope: the 90th percentile of the splats in the
-// middle half of the image.
+// Returns the height of the scene in the first view: the 90th percentile of |y| / depth of the
+// splats in the middle half of the image.
 function measureHeight(place, n) {
     const c = camera(), near = clip.near / clip.size, tan = Math.tan(clip.fovy * Math.PI / 360), high = [];
     for (let i = 0; i < n; i++) {
@@ -79,7 +79,7 @@ function shader(type, text) {
     return s;
 }
 
-// Links a program; `at` looks up its uniforms.
+// Links a program. Its method at() looks up a uniform.
 function programOf(vertex, fragment) {
     const p = gl.createProgram();
     gl.attachShader(p, shader(gl.VERTEX_SHADER, vertex));
@@ -89,7 +89,8 @@ function programOf(vertex, fragment) {
     return { use: () => gl.useProgram(p), at: (name) => gl.getUniformLocation(p, name) };
 }
 
-// Each splat is first projected into two textures; then the bounding quads of all splats are drawn.
+// A first pass projects each splat and stores it in two textures. A second pass draws the bounding
+// quads of all splats.
 const ALL = '#version 300 es\nvoid main() { gl_Position = vec4(float(gl_VertexID & 1) * 4.0 - 1.0, float(gl_VertexID & 2) * 2.0 - 1.0, 0, 1); }';
 const project = programOf(ALL, $('project').textContent), boxes = programOf($('vertex').textContent, $('fragment').textContent);
 const at = Object.fromEntries(['turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words', 'antialias', 'count'].map((n) => [n, project.at(n)]));
@@ -98,8 +99,8 @@ project.use();
 Object.entries({ splats: SPLATS, harmonics: HARMONICS, order: ORDER }).forEach(([name, unit]) => gl.uniform1i(project.at(name), unit));
 boxes.use();
 Object.entries({ ellipses: ELLIPSES, paints: PAINTS }).forEach(([name, unit]) => gl.uniform1i(boxes.at(name), unit));
-// Each splat is two triangles; a batch has as many splats as 16-bit indices can address the corners
-// of. Instanced quads would be many times slower on software renderers.
+// Each splat is drawn as two triangles, in batches whose corners can be addressed by 16-bit
+// indices. Instanced quads would be many times slower on software renderers.
 const BATCH = 16384, CORNERS = [0, 1, 2, 2, 1, 3];
 gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
 gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + CORNERS[i % 6]), gl.STATIC_DRAW);
@@ -116,8 +117,9 @@ function storage(unit, format, rows) {
     return made;
 }
 
-// Uploads words into a texture 2048 texels wide, which is reallocated when it has to grow; the last
-// row is padded. Without words it only binds the texture.
+// Returns a function that uploads words into a texture 2048 texels wide. The texture is reallocated
+// when it has to grow, and its last row is padded. Called without words, the function only binds
+// the texture.
 function texture(slot, format, layout, perTexel) {
     let made = null, rows = 0;
     return (words) => {
@@ -139,7 +141,7 @@ function texture(slot, format, layout, perTexel) {
         }
     };
 }
-// For each version the frame that is on the GPU.
+// The frame of each version that is on the GPU.
 const shown = clip.versions.map((v) => ({ v, frame: -1, draft: false, count: 0, words: 0, splats: texture(SPLATS, gl.RGBA32UI, gl.RGBA_INTEGER, 4), harmonics: texture(HARMONICS, gl.R32UI, gl.RED_INTEGER, 1), order: texture(ORDER, gl.R32UI, gl.RED_INTEGER, 1) }));
 
 // The render targets of project.frag: one row for every 2048 splats.
@@ -202,13 +204,14 @@ function draw() {
     }
 }
 
-// ---- What is wanted and what is shown -----------------------------------------------------------
+// ---- Requests to the worker ---------------------------------------------------------------------
 
-const AFTER = 0, BEFORE = 1; // of two versions
+const AFTER = 0, BEFORE = 1; // indices of clip.versions, if there are two
 const between = clip.versions.every((v) => v.rows || v.moves); // splats exist at any time, not only at frames
-// moves: the camera has moved since the last draw; splats then end where they are still faintly
-// visible, and one more draw follows. drawn: the versions that are drawn; wipe: both are wanted,
-// with the line at the share `cut` of the width.
+// Some members of `state`. moves: the camera has moved since the last draw; to save time, splats
+// are then cut off where they are still faintly visible, and one more draw follows. drawn: the
+// indices of the versions that are drawn, or null before the first frame. wipe: both versions are
+// requested, with a line between them at the share `cut` of the width.
 const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, touched: 0, asked: '', waiting: false, dirty: true, drawn: null, view: '', moves: false };
 const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;
@@ -241,13 +244,13 @@ worker.onmessage = ({ data }) => {
 };
 
 const wanted = () => (state.wipe ? [AFTER, BEFORE] : [state.version]);
-// The controls disappear this many milliseconds after the last input, while the clip plays, or
-// always if the canvas is at most this high.
+// The controls disappear REST milliseconds after the last input if the clip plays, or if the canvas
+// is less than SMALL pixels high.
 const REST = 3000, SMALL = 240;
 const isWhole = () => state.drawn && !shown[state.drawn[0]].draft;
 
-// Requests the wanted frame, or a new sort order if the camera has moved. A served page first
-// requests the draft, which is shown before anything else is loaded.
+// Requests the current frame, or only a new sort order if the camera has moved. A page with --split
+// first requests the draft.
 function ask(c) {
     const draft = !state.drawn && !state.wipe && state.frame === 0 && clip.versions[state.version].draft !== undefined;
     const slope = [canvas.width, canvas.height].map((v) => v / 2 / c.focal);
@@ -293,7 +296,7 @@ function tick(now) {
 
 // ---- Buttons, keys, fingers ---------------------------------------------------------------------
 
-// The source's number of a frame; between two frames it is interpolated.
+// The source's number of a frame, interpolated between two frames.
 function numberAt(frame) {
     const k = Math.floor(frame), a = clip.numbers[k];
     return frame === k ? a : Number((a + (frame - k) * (clip.numbers[k + 1] - a)).toFixed(3));
@@ -328,7 +331,7 @@ function show(version) {
     label();
 }
 
-// Shows both versions: before to the left of a line, after to its right.
+// Shows both versions: "before" to the left of a line, "after" to the right of the line.
 function wipe(on) {
     state.wipe = on && clip.versions.length === 2;
     label();
@@ -347,7 +350,7 @@ function reset() {
     state.dirty = true;
 }
 
-// Orbits the target; after flying, the camera turns in place instead.
+// Rotates the camera about the target or, after flying, in place.
 function turnBy(dx, dy) {
     const { eye } = camera();
     orbit.angle -= dx * 0.006;
@@ -362,7 +365,7 @@ function moveBy(dx, dy) {
     aim(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k));
 }
 
-// Sets the target, no farther from the first one than the size of the scene.
+// Sets the target, at most the size of the scene away from the first target.
 function aim(target) {
     const first = inside(clip.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
@@ -370,16 +373,16 @@ function aim(target) {
     welcome(false);
 }
 
-// Flying: W A S D, and Q and E for down and up. Each second a held key moves the camera by half of
-// its first distance from the target.
+// Flying: W, A, S and D, and Q and E for down and up. A pressed key moves the camera by half of the
+// first view's distance from its target per second.
 const FLY = { w: ['forward', 1], s: ['forward', -1], d: ['right', 1], a: ['right', -1], q: ['down', 1], e: ['down', -1] }, held = new Set();
 function fly(seconds) {
     const c = camera(), step = 0.5 * orbit.first * Math.min(seconds, 0.1);
     if (held.size) aim([...held].reduce((p, key) => add(p, c[FLY[key][0]], step * FLY[key][1]), orbit.target));
 }
 
-// Zooms between the distance that shows the whole scene and a fraction of that of the cameras,
-// since walls may be closer.
+// Multiplies the distance from the target by `factor`. The distance is at least clip.reach[0], to
+// avoid walls, and at most one that shows the whole scene; it may always be that of the first view.
 function zoomBy(factor) {
     const [least, most] = clip.reach.map((d) => d / clip.size), whole = 1.5 / Math.tan(clip.fovy * Math.PI / 360);
     orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, whole, orbit.first), orbit.distance * factor));
@@ -392,7 +395,8 @@ function fullscreen() {
     else root.requestFullscreen().catch(() => say('This browser does not allow full screen.'));
 }
 
-// Shows or hides the clip's name and the hint; they are hidden once the scene is touched.
+// Shows or hides the clip's name and the hint, which disappear after 8 seconds or when the view
+// moves.
 function welcome(on) {
     $('title').classList.toggle('away', !on);
 }
@@ -409,7 +413,8 @@ $('scrub').oninput = (e) => {
 $('speed').onchange = (e) => { state.speed = Number(e.target.value); };
 canvas.ondblclick = reset;
 canvas.oncontextmenu = (e) => e.preventDefault();
-// Inside another page, the wheel and one-finger swipes scroll that page until this one is touched.
+// Inside another page, the wheel and one-finger swipes scroll the outer page until the user clicks
+// or touches this page, or presses a key in it.
 const engage = (on) => {
     state.engaged = on || !embedded;
     canvas.style.touchAction = state.engaged ? 'none' : 'pan-y';
@@ -505,7 +510,7 @@ else show(Math.max(0, clip.versions.findIndex((v) => v.name === asked.version)))
 play(asked.autoplay ?? (asked.frame === undefined && !matchMedia('(prefers-reduced-motion: reduce)').matches));
 requestAnimationFrame(tick);
 
-// ---- For whoever scripts the page, or holds it in a frame ---------------------------------------
+// ---- Interface for scripts and embedding pages --------------------------------------------------
 
 // Requests are { play, frame, speed, version }, each optional; frames count from 1, as in the bar.
 const is = { play: (v) => typeof v === 'boolean', frame: (v) => v >= 1 && v <= clip.numbers.length, speed: (v) => v > 0 && v <= 100, version: (v) => clip.versions.some((each) => each.name === v) || (v === 'wipe' && clip.versions.length === 2) };
@@ -531,7 +536,7 @@ window.addEventListener('message', (e) => {
     try { set(e.data.spin4d); } catch (error) { window.parent.postMessage({ spin4d: { error: error.message } }, '*'); }
 });
 tell();
-// The camera is the current one, in world units.
+// The interface for scripts. `camera` is the current camera in world units.
 window.spin4d = {
     clip,
     set,

@@ -1,6 +1,6 @@
 #version 300 es
-// Projects a splat to the screen (Kerbl et al. 2023; Zwicker et al. 2001), once for all of its
-// corners: its ellipse of one standard deviation and its colour, in drawing order.
+// Projects a splat to the screen (Kerbl et al. 2023; Zwicker et al. 2001) and computes its colour.
+// Fragment i is the i-th splat in drawing order; shader.vert reads it for each corner of the splat.
 precision highp float;
 precision highp int;
 precision highp usampler2D;
@@ -12,8 +12,8 @@ uniform vec3 eye;
 uniform vec2 focal, half_size; // pixels
 uniform float near;
 uniform int degree, words, antialias, count;
-layout(location = 0) out uvec4 ellipse; // centre, as floats; both half axes, as halves
-layout(location = 1) out uvec2 paint; // red, green, blue, opacity, as halves; opacity 0: not drawn
+layout(location = 0) out uvec4 ellipse; // centre (floats), half axes of 1 sigma (halves)
+layout(location = 1) out uvec2 paint; // red, green, blue, opacity (halves); opacity 0: not drawn
 
 float sh_half(int splat, int k)
 {
@@ -54,8 +54,8 @@ void main()
     float opacity = float(b.w >> 16) / 65535.0;
 
     if (p.z < near || opacity < 1.0 / 255.0) return;
-    // Outside 1.3 times the field of view the projection is linearised at that limit, as in the
-    // reference.
+    // As in the reference, the Jacobian of a splat outside 1.3 times the field of view is that at
+    // the limit.
     vec2 flat_at = p.xy / p.z, limit = 1.3 * half_size / focal, t = clamp(flat_at, -limit, limit);
     vec2 m01 = unpackHalf2x16(b.x), m23 = unpackHalf2x16(b.y), m45 = unpackHalf2x16(b.z);
     mat3 sigma = mat3(m01.x, m01.y, m23.x, m01.y, m23.y, m45.x, m23.x, m45.x, m45.y) / 1024.0;
@@ -63,7 +63,8 @@ void main()
     vec3 jy = focal.y / p.z * (turn[1] - t.y * turn[2]);
     vec3 sx = sigma * jx, sy = sigma * jy;
     float xx = dot(jx, sx) + 0.3, xy = dot(jx, sy), yy = dot(jy, sy) + 0.3;
-    // Trained with antialiasing: the opacity makes up for the area that the 0.3 adds.
+    // If the clip was trained with antialiasing, the opacity is reduced by as much as the dilation
+    // by 0.3 enlarges the ellipse.
     if (antialias != 0) {
         float area = (xx - 0.3) * (yy - 0.3) - xy * xy, det = xx * yy - xy * xy;
         opacity *= sqrt(max(area / det, 2.5e-5));

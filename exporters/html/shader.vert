@@ -20,7 +20,7 @@ void main()
     gl_Position = vec4(0, 0, 2, 1);
     place = vec2(0);
     if (colour.a == 0.0) return;
-    // The ellipse ends where its opacity falls to 1/255, or earlier.
+    // The quad ends where the opacity falls to 1/255, or at `most` standard deviations.
     float reach = min(most, sqrt(2.0 * log(max(255.0 * colour.a, 1.0))));
     place = reach * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID & 2) - 1);
     gl_Position = vec4(uintBitsToFloat(e.xy) + place.x * unpackHalf2x16(e.z) + place.y * unpackHalf2x16(e.w), 0, 1);

@@ -1,4 +1,5 @@
-// The worker: decodes frames, caches some, and sorts the splats of the wanted one for a view.
+// The worker: decodes frames, caches some of them, and sorts the splats of a requested frame for a
+// view.
 // exporters/html/format.md describes the blocks; exporters/lib/page_*.c write them.
 'use strict';
 
@@ -8,7 +9,8 @@ const frames = new Map(), groups = [], slices = [], fetched = new Map();
 
 // ---- Bytes --------------------------------------------------------------------------------------
 
-// Decodes seven bits per character; 127 and a digit are an escape for what a page cannot contain.
+// Decodes seven bits per character. Character 127 and a digit encode a character that cannot be in
+// a page.
 function bytesOf(text) {
     const special = [0, 10, 13, 60, 127], out = new Uint8Array(Math.ceil(text.length * 7 / 8) + 1);
     let held = 0, bits = 0, n = 0;
@@ -22,15 +24,16 @@ function bytesOf(text) {
     return out.subarray(0, n);
 }
 
-// Fetches bytes of the file; a server may ignore the range and send all of it.
+// Fetches a range of bytes from the file of --split. A server may ignore the range and send the
+// whole file.
 async function rangeOf(from, to) {
     const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
     if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
     return { bytes: new Uint8Array(await answer.arrayBuffer()), whole: answer.status !== 206 };
 }
 
-// Fetches a block from the server: the first time alone, so that the first image appears soon;
-// later together with the blocks behind it, about a megabyte at a time.
+// Fetches a block from the server. The first request is for that block only, so that the first
+// image appears soon; later requests also fetch the next blocks, about RUN_BYTES at a time.
 async function fromServer(v, frame) {
     const name = (f) => `${v.name} ${f}`;
     if (!fetched.has(name(frame))) {
@@ -41,7 +44,7 @@ async function fromServer(v, frame) {
         for (const each of whole ? clip.versions : [v]) {
             for (let f = whole ? 0 : frame; f <= (whole ? each.at.length - 1 : last); f++) {
                 const at = each.at[f] - base;
-                if (at + each.bytes[f] > bytes.length) throw new Error(`${address} is shorter than the page says`);
+                if (at + each.bytes[f] > bytes.length) throw new Error(`${address} is shorter than the page expects`);
                 fetched.set(`${each.name} ${f}`, bytes.slice(at, at + each.bytes[f]));
             }
         }
@@ -60,7 +63,7 @@ const blockOf = async (version, frame) => unpacked(address ? await fromServer(cl
 
 const unfolded = (u) => (u & 1 ? -(u >>> 1) - 1 : u >>> 1);
 
-// Returns a reader of the columns of one block, which have to be read in order.
+// Returns functions that read the columns of one block. Columns must be read in order.
 function columnsIn(bytes) {
     let at = 0;
     const need = (n) => { if (at + n > bytes.length) throw new Error('a block ends early'); };
@@ -73,7 +76,7 @@ function columnsIn(bytes) {
         return out;
     };
     return {
-        // before: the column before, in a block of rows.
+        // Reads n numbers into x. before: in a block of rows, the previous column.
         whole(x, n, before) {
             const [planes, byStep, byColumn] = head();
             need(planes * n);
@@ -84,8 +87,8 @@ function columnsIn(bytes) {
             }
             if (byColumn) for (let i = 0; i < n; i++) x[i] += before[i];
         },
-        // last: the numbers of the frame before, which become those of this one; mean: their moving
-        // average, times 16.
+        // Applies the changes of one frame. last: the previous frame's numbers, updated to those of
+        // this frame. mean: 16 times the exponential moving average of the numbers.
         changes(last, mean, n) {
             const [planes, byMean] = head(), mask = at, nMask = n + 7 >> 3;
             let listed = 0, list = null;
@@ -105,7 +108,7 @@ function columnsIn(bytes) {
     };
 }
 
-// ---- Splats as the shader reads them ------------------------------------------------------------
+// ---- Splats in the shader's layout --------------------------------------------------------------
 
 const float = new Float32Array(1), bits = new Uint32Array(float.buffer);
 // Converts to half precision, rounded to nearest; values too large become the largest half.
@@ -118,7 +121,7 @@ function half(x) {
 }
 
 
-// Rotations of keys as unit quaternions, four numbers per row.
+// Converts the rotations of keys to unit quaternions, four numbers per row.
 function turnsOf(keys, n) {
     const q = new Float64Array(4 * n), half = 0.5 * clip.steps.rotation, [kx, ky, kz] = keys.slice(ROTATION);
     for (let i = 0; i < n; i++) {
@@ -132,7 +135,8 @@ function turnsOf(keys, n) {
     return q;
 }
 
-// Standard deviations in the page's units, by half steps of their logarithm.
+// Converts a logarithm, in half steps, to a standard deviation in the page's units. The table
+// covers logarithms from -MIDDLE to MIDDLE - 1 half steps.
 const MIDDLE = 4096;
 let scales = null;
 function scaleOf(halves) {
@@ -154,8 +158,9 @@ function shape(texels, o, w, x, y, z, e, f, g) {
     texels[o + 6] = half(m * (r3 * r6 + r4 * r7 + r5 * r8)) | half(m * (r6 * r6 + r7 * r7 + r8 * r8)) << 16;
 }
 
-// Fills rows from `from` on: two texels of four words per splat, and its SH as halves, two per
-// word. Row r has the key at offset + r and, if there are any, the numbers at r.
+// Writes n splats to `out`, beginning at splat `from`: two texels of four words per splat, and SH
+// as two halves per word. Row r is the keyframe's value at offset + r plus, if `numbers` is not
+// null, the difference from the keyframe at r, which is in whole steps.
 function fill(out, from, n, keys, turns, numbers, offset, nSh) {
     const s = clip.steps, { texels, place, sh, words, radius } = out;
     const none = numbers ? null : new Int32Array(n), number = (c) => (numbers ? numbers[c] : none);
@@ -197,7 +202,8 @@ function emptyFrame(n, nSh) {
 
 const arrays = (count, n) => Array.from({ length: count }, () => new Int32Array(n));
 
-// Reads keys, in which red and blue are stored as differences from green.
+// Reads the columns of a key frame or of own rows. Red and blue are stored as differences from
+// green.
 function keysFrom(read, keys, n) {
     for (const column of keys) read.whole(column, n);
     const [red, green, blue] = keys.slice(COLOUR);
@@ -207,8 +213,9 @@ function keysFrom(read, keys, n) {
     }
 }
 
-// Decodes a version up to frame `frame`: its key, the numbers of the dynamic splats, and the texels
-// of the static ones.
+// Decodes a group from its key frame, or from the last decoded frame, up to frame `frame`. The
+// result has the key frame's values, the frame's differences of the dynamic splats, and the texels
+// of the static splats.
 async function advance(version, frame) {
     const v = clip.versions[version], columns = SH + v.sh, first = v.first[frame], n = v.shared[frame], still = v.still[frame];
     let g = groups[version];
@@ -246,11 +253,12 @@ async function decoded(version, frame) {
     return out;
 }
 
-// ---- Rows: 4D splats, each once, which are cut at any time --------------------------------------
+// ---- Rows: 4D splats, stored once, from which a slice is computed at any time -------------------
 
 const powerOf = (number) => (number > 0 ? number - 1 : number);
 
-// One side of a window: the time at which it begins to fade, and 1 / sigma; 0: it does not fade.
+// Returns one side of each row's window: the time in frames at which it begins to fade, and 1 /
+// sigma, which is 0 if the window does not fade.
 function sideOf(r, from, length, sigma, middle) {
     const n = from.length, at = new Float64Array(n), by = new Float64Array(n);
     for (let i = 0; i < n; i++) {
@@ -262,7 +270,7 @@ function sideOf(r, from, length, sigma, middle) {
     return { at, by };
 }
 
-// Decodes a block: its columns, and the texels of its rows at their first tick.
+// Decodes block k: its columns, and the texels of its rows at their first tick.
 async function rowsOf(version, k) {
     return keep(`${version} rows ${k}`, async () => {
         const v = clip.versions[version], r = v.rows, n = v.splats[k], read = columnsIn(await blockOf(version, k)), all = [];
@@ -280,14 +288,15 @@ async function rowsOf(version, k) {
     });
 }
 
-// The blocks that have rows at a time.
+// Returns the blocks that may have visible rows at a tick.
 async function blocksAt(version, tick) {
     const v = clip.versions[version], list = [];
     for (let k = 0; k < v.splats.length; k++) if (v.from[k] <= tick && tick < v.end[k]) list.push(await rowsOf(version, k));
     return list;
 }
 
-// Interpolates the rotation by `share`, weighted by the lengths of the quaternions at both ends.
+// Sets `tilt` to the rotation of row i at `share`, 0 to 1, of its time: a linear interpolation of
+// the quaternions at both ends, which have different lengths.
 const tilt = new Float64Array(4);
 function turnTo(b, i, share, r) {
     const [tx, ty, tz, long] = b.turn, a = tx[i] * clip.steps.rotation, c = ty[i] * clip.steps.rotation, d = tz[i] * clip.steps.rotation, angle = Math.sqrt(a * a + c * c + d * d);
@@ -301,7 +310,7 @@ function turnTo(b, i, share, r) {
     for (let c2 = 0; c2 < 4; c2++) tilt[c2] /= size;
 }
 
-// Writes colours and SH of row i to place o of the output.
+// Writes colours and SH of row i to splat o of the output.
 function colourAt(out, o, b, i, v, frame) {
     const s = clip.steps, r = v.rows, turn = 2 * Math.PI * frame / r.period - b.cosines[0][i] * r.phase, c1 = Math.cos(turn), c2 = Math.cos(2 * turn), values = 3 + v.sh;
     const now = (c, key, step, by) => key[i] * step + by * (c1 * b.cosines[1 + c][i] + c2 * b.cosines[1 + values + c][i]);
@@ -311,7 +320,8 @@ function colourAt(out, o, b, i, v, frame) {
     for (let c = 0; c < v.sh; c++) out.sh[2 * out.words * o + c] = half(now(3 + c, b.keys[SH + c], s.sh, r.cosine_sh));
 }
 
-// Adds the visible rows of a block from place o of the output on; returns the next place.
+// Writes the visible rows of a block to the output, beginning at splat o. Returns the index of the
+// next splat.
 function cutRows(out, o, b, v, frame) {
     const r = v.rows, s = clip.steps, step = s.place / clip.size, tick = frame * r.ticks, { whole: { texels, sh, words, radius }, rise, fall, path } = b, clear = b.keys[OPACITY];
     for (let i = 0; i < b.n; i++) {
@@ -339,8 +349,8 @@ function cutRows(out, o, b, v, frame) {
     return o;
 }
 
-// The splats that are visible at a time, counted in frames, also between them; after the last frame
-// the clip stands still.
+// Returns the splats that are visible at a time, which is in frames and may be fractional. Times
+// after the last frame show the last frame.
 async function sliced(version, wanted) {
     const v = clip.versions[version], frame = Math.min(wanted, clip.numbers.length - 1), tick = frame * v.rows.ticks, blocks = await blocksAt(version, tick);
     let n = 0, o = 0;
@@ -350,7 +360,7 @@ async function sliced(version, wanted) {
     return out;
 }
 
-// ---- Splats with a path and a time of their own, in the world's units, as sogst.js reads them ---
+// ---- 4D splats of a .sogst file, as sogst.js reads them, in world units -------------------------
 
 function standing(m, words) {
     const out = emptyFrame(m.n, words), { texels, sh, radius } = out, colour = (k) => cut((m.colour[k] + 1) * 65535 / 4);
@@ -365,7 +375,7 @@ function standing(m, words) {
     return out;
 }
 
-// The splats that are visible at a time.
+// Returns the splats of a .sogst file that are visible at a time, in frames.
 function movedTo(m, nSh, frame) {
     m.whole ??= standing(m, nSh);
     const { texels, sh, words, radius } = m.whole, t = m.first + Math.min(frame, clip.numbers.length - 1) / clip.fps;
@@ -383,7 +393,7 @@ function movedTo(m, nSh, frame) {
     return out;
 }
 
-// The draft has the format of a key.
+// Decodes the draft, which has the format of a key frame.
 async function draftOf(version) {
     const v = clip.versions[version], { splats: n, at, bytes: size } = v.draft, { bytes, whole } = await rangeOf(at, at + size);
     const read = columnsIn(await unpacked(whole ? bytes.subarray(at, at + size) : bytes)), keys = arrays(SH + v.sh, n), out = emptyFrame(n, v.sh);
@@ -392,8 +402,8 @@ async function draftOf(version) {
     return out;
 }
 
-// Returns the object of this name, made if it is not cached; the cache drops the least recently
-// used.
+// Returns the cached object of this name, or calls make() to create it. The cache drops the least
+// recently used objects.
 async function keep(name, make) {
     const known = frames.get(name);
     if (known) {
@@ -413,7 +423,7 @@ async function keep(name, make) {
     return made;
 }
 
-// Of a clip that can be cut at any time only the last slice is cached.
+// Returns a decoded frame. Of 4D splats, only the most recent slice is cached.
 async function frameOf(version, frame) {
     if (!clip.versions[version].rows && !clip.versions[version].moves) return keep(`${version} ${frame}`, () => decoded(version, frame));
     if (slices[version]?.frame !== frame) slices[version] = { frame, made: await decoded(version, frame) };
@@ -422,8 +432,9 @@ async function frameOf(version, frame) {
 
 const ready = (version, frame) => clip.versions[version].moves || (clip.versions[version].rows ? blocksAt(version, frame * clip.versions[version].rows.ticks) : frameOf(version, frame));
 
-// The rows that may be visible, from far to near: a counting sort with 65536 steps of depth. The
-// frustum is widened by as much as the camera may turn before the next order arrives.
+// Returns the rows that may be visible, sorted from far to near by a counting sort with 65536 steps
+// of depth. The frustum is widened by WIDER, since the camera may turn before the next order
+// arrives.
 const WIDER = 1.3;
 function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }) {
     const depth = new Float32Array(n), seen = new Uint32Array(n), [x, y, z] = forward, [rx, ry, rz] = right, [dx, dy, dz] = down;
@@ -439,7 +450,7 @@ function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }
         if (d < least) least = d;
         if (d > most) most = d;
     }
-    // The steps are logarithmic, so that they are finer near the camera.
+    // Logarithmic steps are finer near the camera.
     const low = Math.log(least), by = count ? 65535 / Math.max(Math.log(most) - low, 1e-6) : 0;
     const start = new Uint32Array(65537), step = new Uint16Array(count), order = new Uint32Array(count);
     for (let k = 0; k < count; k++) {
@@ -451,7 +462,7 @@ function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }
     return order;
 }
 
-// Answers a request for a frame of one version, or of both, which are then shown together.
+// Answers a request for a frame of one version, or of both versions of a wipe.
 async function answer(w) {
     const reply = { frame: w.frame, draft: w.draft, parts: [] };
     for (const { version, data } of w.parts) {

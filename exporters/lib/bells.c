@@ -5,12 +5,12 @@
 #include "math/motion.h"
 #include "math/sh.h"
 
-enum { SAMPLES = 9 }; /* times of a row at which the loss is measured */
+enum { SAMPLES = 9 }; /* number of times per row at which the errors are measured */
 
 static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
 static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
 
-static bool is_seen(const struct spin_bells *b, size_t i)
+static bool is_visible(const struct spin_bells *b, size_t i)
 {
     const double *span = b->job->splats_4d->spans + 2 * i;
 
@@ -23,7 +23,7 @@ static bool has_cuts(const struct spin_bells *b)
     const struct spin_splats_4d *s = b->job->splats_4d;
 
     for (size_t i = 0; s->cuts && i < s->n; i++)
-        if (is_seen(b, i) &&
+        if (is_visible(b, i) &&
             ((double)s->cuts[2 * i] > first_time(b) || (double)s->cuts[2 * i + 1] <= last_time(b)))
             return true;
     return false;
@@ -44,7 +44,8 @@ spin_status spin_bells_can(const struct spin_bells *b)
                           : "do not fade to 0");
     if (!(last_time(b) > first_time(b)))
         return spin_unsupported(
-            "%s holds a clip, but this is a single frame: select more with --range", b->name);
+            "%s needs a clip of two or more frames, but one is selected: select more with --range",
+            b->name);
     return SPIN_OK;
 }
 
@@ -64,27 +65,27 @@ void spin_bells_warn(const struct spin_bells *b)
     const struct spin_splats_4d *s = b->job->splats_4d;
 
     if (s->degree > b->degree)
-        spin_warn(
-            "paths of degree %d do not fit into %s and are fitted with degree %d: off by up to "
-            "%.2g while a splat is at least half visible",
-            s->degree, b->name, b->degree, b->lost_place);
+        spin_warn("%s cannot store paths of degree %d: they are approximated by degree %d, with "
+                  "errors of "
+                  "up to %.2g world units while a splat is at least half visible",
+                  b->name, s->degree, b->degree, b->lost_place);
     if (s->spins)
-        spin_warn("%s cannot represent rotations that change: splats keep that at their own time, "
-                  "off by up to %.2g degrees",
+        spin_warn("%s cannot represent rotations that change: each splat keeps the rotation at its "
+                  "centre in time, off by up to %.2g degrees",
                   b->name, b->lost_turn);
     if (s->cov2d[0] > 0 && !b->says_cov2d)
-        spin_warn(
-            "%s cannot store the factors of the covariance on screen, %g and %g, that the splats "
-            "were trained with",
-            b->name, s->cov2d[0], s->cov2d[1]);
+        spin_warn("%s cannot store the scale factors of the screen-space covariance with which the "
+                  "splats "
+                  "were trained, %g and %g",
+                  b->name, s->cov2d[0], s->cov2d[1]);
     if (s->sh_cos)
         spin_warn(
-            "%s cannot represent colours that change: splats keep that at their own time, off by "
-            "up to %.2g (of 1)",
+            "%s cannot represent colours that change: each splat keeps the colour at its centre in "
+            "time, off by up to %.2g (of 1)",
             b->name, b->lost_colour);
 }
 
-/* ---- What is lost ---------------------------------------------------------------------------- */
+/* ---- Conversion errors ----------------------------------------------------------------------- */
 
 /* SAMPLES evenly spaced times of the clip in which row i is visible, as offsets from its centre. */
 static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES])
@@ -97,7 +98,8 @@ static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES]
         d[k] = from + (to - from) * k / (SAMPLES - 1) - (double)s->times[i];
 }
 
-static void lose_colour(struct spin_bells *b, size_t i, double d)
+/* The file stores the colour at the row's centre in time, where both cosines are 1. */
+static void measure_colour_error(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
@@ -112,7 +114,9 @@ static void lose_colour(struct spin_bells *b, size_t i, double d)
     }
 }
 
-static void lose_turn(struct spin_bells *b, size_t i, double d)
+/* The file stores the rotation at the row's centre in time. The rotation between two unit
+ * quaternions is 2 acos |dot|. */
+static void measure_rotation_error(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     double dot = 0, length = 0;
@@ -128,8 +132,8 @@ static void lose_turn(struct spin_bells *b, size_t i, double d)
             fmax(b->lost_turn, 360 / 3.141592653589793 * acos(fmin(fabs(dot) / sqrt(length), 1)));
 }
 
-static void lose_place(struct spin_bells *b, size_t i, double d, const float *centre,
-                       const float *path)
+static void measure_position_error(struct spin_bells *b, size_t i, double d, const float *centre,
+                                   const float *path)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     double is[3], fitted[3], off = 0;
@@ -143,9 +147,9 @@ static void lose_place(struct spin_bells *b, size_t i, double d, const float *ce
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-/* Solves n equations a x = y for three right-hand sides by elimination; a is positive definite.
- * Overwrites y with x. */
-static void solve(double a[3][3], double y[3][3], int n)
+/* Solves a x = y, n equations with three right-hand sides, by Gauss-Jordan elimination; a is
+ * positive definite. Overwrites y with x. */
+static void solve_equations(double a[3][3], double y[3][3], int n)
 {
     for (int p = 0; p < n; p++)
         for (int r = 0; r < n; r++) {
@@ -161,9 +165,9 @@ static void solve(double a[3][3], double y[3][3], int n)
             y[p][c] /= a[p][p];
 }
 
-/* Fits a path of the file's degree to that of row i by least squares over the visible times,
- * weighted by the window; in the source's time. A row that is visible at a single time keeps the
- * first terms of its own path. */
+/* Fits a path of the file's degree to the path of row i: least squares over the times d at which
+ * the row is visible, weighted by its Gaussian window, in the source's unit of time. If all times
+ * coincide, centre and path stay as they are: the first terms of the row's own path. */
 static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
                      float *path)
 {
@@ -184,7 +188,7 @@ static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLE
                 y[r][c] += w * power[r] * place[c];
             }
     }
-    solve(a, y, b->degree + 1);
+    solve_equations(a, y, b->degree + 1);
     for (int c = 0; c < 3; c++) {
         centre[c] = (float)y[0][c];
         for (int p = 1; p <= b->degree; p++)
@@ -208,8 +212,9 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
     s->times[k] = (float)time;
 }
 
-/* Reduces a sigma to `most` such that opacity and slope in the middle of the clip stay the same. */
-static void shorten(struct spin_bells *b, size_t k, double sigma, double most)
+/* Reduces the sigma of row k to `most`. Its opacity and centre change such that the opacity in the
+ * middle of the clip, and its derivative there, stay the same. */
+static void limit_sigma(struct spin_bells *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;
     double middle = b->length / 2, off = middle - (double)s->times[k], share = most / sigma;
@@ -235,11 +240,11 @@ static void convert_path(struct spin_bells *b, size_t i, size_t k)
         fit_path(b, i, d, b->clip.centres + 3 * k, to);
     for (int n = 0; n < SAMPLES; n++) {
         if (s->sh_cos)
-            lose_colour(b, i, d[n]);
+            measure_colour_error(b, i, d[n]);
         if (s->spins)
-            lose_turn(b, i, d[n]);
+            measure_rotation_error(b, i, d[n]);
         if (s->degree > b->degree && spin_splats_4d_weight(s, i, (double)s->times[i] + d[n]) >= 0.5)
-            lose_place(b, i, d[n], b->clip.centres + 3 * k, to);
+            measure_position_error(b, i, d[n], b->clip.centres + 3 * k, to);
     }
     for (size_t c = 0; c < step; c++)
         to[c] = (float)((double)to[c] / pow(per_time(b), c < 3 ? 1 : 2));
@@ -266,7 +271,7 @@ static void convert_row(struct spin_bells *b, size_t i, size_t k)
     }
     convert_path(b, i, k);
     if (sigma > most)
-        shorten(b, k, sigma, most);
+        limit_sigma(b, k, sigma, most);
     b->from[k] = i;
 }
 
@@ -291,10 +296,10 @@ spin_status spin_bells_convert(struct spin_bells *b)
         &b->clip, s->n, degree > b->least_degree ? degree : b->least_degree, s->sh_degree, 0));
     SPIN_TRY(spin_alloc(s->n + 1, sizeof *b->from, (void **)&b->from));
     for (size_t i = 0; i < s->n; i++)
-        if (is_seen(b, i))
+        if (is_visible(b, i))
             convert_row(b, i, n++);
     if (n == 0)
-        return spin_unsupported("no splat is visible at any time of this clip");
+        return spin_unsupported("no splat is visible in the selected frames: check --range");
     b->clip.n = n;
     b->view = spin_splats_of_4d(&b->clip);
     return SPIN_OK;

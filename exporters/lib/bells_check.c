@@ -11,7 +11,7 @@ struct check {
     void *self;
     const struct spin_splats_4d *back;
     struct spin_splats frame;
-    uint32_t *row_of; /* [source rows] of the file; UINT32_MAX: none */
+    uint32_t *row_of; /* [source rows] row of the file; UINT32_MAX: not in the file */
     struct spin_readback values;
 };
 
@@ -28,13 +28,13 @@ static spin_status read_back(struct check *check)
     SPIN_TRY(check->importer->open(path, &values, &check->self, &sequence));
     SPIN_TRY(check->importer->splats_4d(check->self, &check->back));
     if (!check->back || check->back->n != of->n)
-        return spin_fail(SPIN_E_IO, "%zu splats, expected %zu", check->back ? check->back->n : 0,
-                         of->n);
+        return spin_fail(SPIN_E_IO, "the file contains %zu splats, expected %zu",
+                         check->back ? check->back->n : 0, of->n);
     return SPIN_OK;
 }
 
 /* Checks row j of the file against what was to be written, within the precision of the file. */
-static spin_status judge(const struct check *check, size_t j)
+static spin_status check_row(const struct check *check, size_t j)
 {
     const struct spin_bells_check *of = check->of;
     const struct spin_splats_4d *back = check->back, *clip = &of->bells->clip;
@@ -47,10 +47,10 @@ static spin_status judge(const struct check *check, size_t j)
     for (size_t c = 0; c < 3; c++)
         good = good && fabs((double)back->centres[3 * j + c] - (double)place[c]) <=
                            (1 + fabs((double)place[c])) * (of->half[c] + 1e-6);
-    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu differs from what was written", j);
+    return good ? SPIN_OK : spin_fail(SPIN_E_IO, "splat %zu differs from the written values", j);
 }
 
-static void take_back(const struct spin_splats_4d *s, size_t j, double time,
+static void slice_row(const struct spin_splats_4d *s, size_t j, double time,
                       struct spin_gaussian *out)
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
@@ -89,7 +89,7 @@ static spin_status check_frame(struct check *check, int f)
             size_t j = check->row_of[i];
 
             if (j != UINT32_MAX) {
-                take_back(back, j, spin_bells_time(check->of->bells, t), &there);
+                slice_row(back, j, spin_bells_time(check->of->bells, t), &there);
                 spin_readback_row(&check->values, &rows, row, &there, back->sh + n_sh * j,
                                   back->sh_degree);
             }
@@ -110,7 +110,7 @@ static spin_status check_all(struct check *check)
         check->row_of[i] = UINT32_MAX;
     for (size_t j = 0; j < of->n; j++) {
         check->row_of[of->bells->from[of->order[j].row]] = (uint32_t)j;
-        SPIN_TRY(judge(check, j));
+        SPIN_TRY(check_row(check, j));
     }
     for (int f = 0; f < of->bells->job->n_frames; f++)
         SPIN_TRY(check_frame(check, f));

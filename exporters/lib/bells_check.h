@@ -6,8 +6,8 @@
 #include "exporters/lib/sort_rows.h"
 
 struct spin_bells_check {
-    const struct spin_bells *bells;       /* as written: times and sigmas as rounded for the file */
-    const struct spin_splat_filter *rows; /* of bells->view */
+    const struct spin_bells *bells; /* the clip, with times and sigmas rounded as in the file */
+    const struct spin_splat_filter *rows; /* the filter that chose rows of bells->view */
     const struct spin_keyed *order; /* [n] row j of the file is row order[j].row of bells->clip */
     size_t n;
     const char *importer;

@@ -28,9 +28,11 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
                                list);
         d->panel[d->n_panels++] = (enum spin_camera_path_panel)word;
         if (word == SPIN_PANEL_TRUTH && d->path != SPIN_PATH_CAMERA)
-            return spin_misuse("--panels truth: a moving camera has no images");
+            return spin_misuse(
+                "--panels truth: the data set has no images of a moving camera; leave "
+                "out --path or choose other panels");
         if (word == SPIN_PANEL_TRUTH && !d->job->views)
-            return spin_misuse("--panels truth: there is no data set, give --data DIR");
+            return spin_misuse("--panels truth needs a data set: give --data DIR");
         if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
             return spin_not_found(
                 "--panels before: the bundle does not contain both imported and retrained splats");
@@ -61,12 +63,13 @@ static spin_status parse_size(struct spin_camera_path *d)
     if (sscanf(text, "%5dx%5d%n", &d->size[0], &d->size[1], &end) != 2 || text[end] ||
         d->size[0] < LEAST_SIDE || d->size[1] < LEAST_SIDE || d->size[0] > MOST_SIDE ||
         d->size[1] > MOST_SIDE)
-        return spin_misuse("--size '%s': expected WxH, both from %d to %d", text, LEAST_SIDE,
-                           MOST_SIDE);
+        return spin_misuse("--size '%s': expected WxH in pixels, both from %d to %d", text,
+                           LEAST_SIDE, MOST_SIDE);
     for (int p = 0; p < d->n_panels; p++)
         if (d->panel[p] == SPIN_PANEL_TRUTH)
-            return spin_misuse("--size does not apply to the data set's images: leave it out or "
-                               "choose other --panels");
+            return spin_misuse(
+                "--size cannot resize the images of the panel truth: leave out --size "
+                "or choose other --panels");
     return SPIN_OK;
 }
 
@@ -101,8 +104,8 @@ static spin_status parse_pace(struct spin_camera_path *d)
     if (d->path == SPIN_PATH_FILE) {
         d->n_pictures = (int64_t)d->file.n;
         return seconds > 0 || spin_plugin_value(v, "repeat", NULL)
-                   ? spin_misuse("--duration, --repeat: the file of --path already has one camera "
-                                 "per image")
+                   ? spin_misuse("--duration and --repeat have no effect: the file of --path has "
+                                 "one camera for each image")
                    : SPIN_OK;
     }
     if (seconds <= 0 && d->path != SPIN_PATH_CAMERA && !spin_plugin_value(v, "repeat", NULL))
@@ -113,9 +116,10 @@ static spin_status parse_pace(struct spin_camera_path *d)
         return SPIN_OK;
     }
     if (spin_plugin_value(v, "repeat", NULL))
-        return spin_misuse("--duration and --repeat: give only one of them");
+        return spin_misuse("--duration and --repeat exclude each other: give one of the two");
     if (seconds * d->fps > MOST_PICTURES)
-        return spin_misuse("--duration: more than %d images", MOST_PICTURES);
+        return spin_misuse("--duration %g: the clip would have more than %d images", seconds,
+                           MOST_PICTURES);
     d->n_pictures = (int64_t)fmax(1, rint(seconds * d->fps));
     return SPIN_OK;
 }
@@ -139,8 +143,8 @@ void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camer
     camera->height = d->size[1];
 }
 
-/* Sets the lens of a moving camera: that of a view of the data set, else that of the page's view
- * from the front; then its size. */
+/* Sets the intrinsics of a moving camera, from a view of the data set or else from the web page's
+ * front view, and then applies --size. */
 static void set_lens(struct spin_camera_path *d)
 {
     const struct spin_views *views = d->job->views;
@@ -194,13 +198,13 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", "after")));
     SPIN_TRY(parse_size(d));
     if (d->path == SPIN_PATH_TRAIN && !job->views)
-        return spin_misuse("--path train: there is no data set, give --data DIR");
+        return spin_misuse("--path train needs a data set: give --data DIR");
     if (d->path == SPIN_PATH_TRAIN)
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
     SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
-        spin_log(0, "no data set: rendering from the front, like the web page");
+        spin_log(0, "no data set: the camera is in front of the scene, as in the web page");
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     return SPIN_OK;
 }
@@ -224,13 +228,13 @@ void spin_camera_path_free(struct spin_camera_path *d)
 
 /* ---- Through the cameras of a rig ------------------------------------------------------------ */
 
-static double apart(const struct spin_rig_stop *a, const struct spin_rig_stop *b)
+static double stop_distance(const struct spin_rig_stop *a, const struct spin_rig_stop *b)
 {
     return sqrt(pow(a->eye[0] - b->eye[0], 2) + pow(a->eye[1] - b->eye[1], 2) +
                 pow(a->eye[2] - b->eye[2], 2));
 }
 
-static void swap(struct spin_rig_stop *a, struct spin_rig_stop *b)
+static void swap_stops(struct spin_rig_stop *a, struct spin_rig_stop *b)
 {
     struct spin_rig_stop kept = *a;
 
@@ -238,8 +242,8 @@ static void swap(struct spin_rig_stop *a, struct spin_rig_stop *b)
     *b = kept;
 }
 
-/* Orders the stops greedily: next is always the nearest of those left. */
-static void chain(struct spin_rig_path *path)
+/* Orders the stops greedily: each is followed by the nearest of the remaining ones. */
+static void order_stops(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
 
@@ -247,13 +251,13 @@ static void chain(struct spin_rig_path *path)
         int next = i;
 
         for (int k = i + 1; k < path->n; k++)
-            next = apart(&s[i - 1], &s[k]) < apart(&s[i - 1], &s[next]) ? k : next;
-        swap(&s[i], &s[next]);
+            next = stop_distance(&s[i - 1], &s[k]) < stop_distance(&s[i - 1], &s[next]) ? k : next;
+        swap_stops(&s[i], &s[next]);
     }
 }
 
 /* Reverses sections of the path while that shortens it (2-opt); the first stop stays. */
-static void uncross(struct spin_rig_path *path)
+static void shorten_path(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
 
@@ -262,27 +266,29 @@ static void uncross(struct spin_rig_path *path)
         for (int i = 1; i < path->n; i++)
             for (int k = i + 1; k < path->n; k++) {
                 bool last = k + 1 == path->n;
-                double now = apart(&s[i - 1], &s[i]) + (last ? 0 : apart(&s[k], &s[k + 1]));
-                double then = apart(&s[i - 1], &s[k]) + (last ? 0 : apart(&s[i], &s[k + 1]));
+                double now =
+                    stop_distance(&s[i - 1], &s[i]) + (last ? 0 : stop_distance(&s[k], &s[k + 1]));
+                double then =
+                    stop_distance(&s[i - 1], &s[k]) + (last ? 0 : stop_distance(&s[i], &s[k + 1]));
 
                 if (!(then < now * (1 - 1e-9)))
                     continue;
                 turned = 1;
                 for (int a = i, b = k; a < b; a++, b--)
-                    swap(&s[a], &s[b]);
+                    swap_stops(&s[a], &s[b]);
             }
     }
 }
 
-/* Sets the path length up to each stop, and flips quaternions into the hemisphere of the one
- * before. */
-static void measure(struct spin_rig_path *path)
+/* Sets the path length up to each stop, and negates quaternions where needed so that neighbouring
+ * ones are in one hemisphere and can be interpolated. */
+static void measure_path(struct spin_rig_path *path)
 {
     for (int i = 1; i < path->n; i++) {
         struct spin_rig_stop *was = &path->stop[i - 1], *s = &path->stop[i];
         double dot = 0;
 
-        s->at = was->at + apart(was, s);
+        s->at = was->at + stop_distance(was, s);
         for (int c = 0; c < 4; c++)
             dot += was->turn[c] * s->turn[c];
         for (int c = 0; c < 4 && dot < 0; c++)
@@ -293,7 +299,7 @@ static void measure(struct spin_rig_path *path)
 static bool is_new(const struct spin_rig_path *path, const struct spin_rig_stop *stop)
 {
     for (int i = 0; i < path->n; i++)
-        if (apart(&path->stop[i], stop) < 1e-9)
+        if (stop_distance(&path->stop[i], stop) < 1e-9)
             return false;
     return true;
 }
@@ -318,12 +324,11 @@ spin_status spin_rig_path_open(const struct spin_views *views, int row, struct s
 
         spin_rig_path_free(path);
         return spin_not_found(
-            "--path train: %d training camera%s in the first frame, expected two or more", n,
-            n == 1 ? "" : "s");
+            "--path train needs two or more training cameras in the first frame, found %d", n);
     }
-    chain(path);
-    uncross(path);
-    measure(path);
+    order_stops(path);
+    shorten_path(path);
+    measure_path(path);
     return SPIN_OK;
 }
 
@@ -340,7 +345,7 @@ static double value_of(const struct spin_rig_path *path, int i, int c)
 }
 
 /* The derivative of a component along the path at stop i, from the neighbouring stops. */
-static double slope(const struct spin_rig_path *path, int i, int c)
+static double derivative_at(const struct spin_rig_path *path, int i, int c)
 {
     int a = i > 0 ? i - 1 : 0, b = i + 1 < path->n ? i + 1 : i;
 
@@ -359,7 +364,8 @@ void spin_rig_path_camera(const struct spin_rig_path *path, double share, double
     for (int c = 0; c < 7; c++) /* cubic Hermite spline */
         v[c] = value_of(path, i, c) * (1 + 2 * u) * (1 - u) * (1 - u) +
                value_of(path, i + 1, c) * u * u * (3 - 2 * u) +
-               step * u * (1 - u) * (slope(path, i, c) * (1 - u) - slope(path, i + 1, c) * u);
+               step * u * (1 - u) *
+                   (derivative_at(path, i, c) * (1 - u) - derivative_at(path, i + 1, c) * u);
     for (int c = 3; c < 7; c++)
         length += v[c] * v[c];
     for (int c = 3; c < 7; c++)
@@ -387,21 +393,22 @@ static void make_unit(double v[3])
         v[c] /= length + 1e-300;
 }
 
-static void cross(const double a[3], const double b[3], double out[3])
+static void cross_product(const double a[3], const double b[3], double out[3])
 {
     for (int c = 0; c < 3; c++)
         out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
 }
 
 /* The axes (right, down, forward) of a camera at `eye` that looks at `target`. */
-static void aim(const double eye[3], const double target[3], const double up[3], double axis[3][3])
+static void look_at(const double eye[3], const double target[3], const double up[3],
+                    double axis[3][3])
 {
     for (int c = 0; c < 3; c++)
         axis[2][c] = target[c] - eye[c];
     make_unit(axis[2]);
-    cross(axis[2], up, axis[0]);
+    cross_product(axis[2], up, axis[0]);
     make_unit(axis[0]);
-    cross(axis[2], axis[0], axis[1]);
+    cross_product(axis[2], axis[0], axis[1]);
 }
 
 /* Rotates v about a unit axis (Rodrigues' formula). */
@@ -409,14 +416,14 @@ static void turn_about(const double v[3], const double axis[3], double angle, do
 {
     double across[3], along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2];
 
-    cross(axis, v, across);
+    cross_product(axis, v, across);
     for (int c = 0; c < 3; c++)
         out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
 }
 
-/* The position of the camera at share `turn` of its path. Orbit: a circle around the target.
- * Spiral: three loops beside the first view, as wide as a tenth of its distance to the target,
- * while the camera moves forward and back once. */
+/* The position of the camera at share `turn`, 0 to 1, of its path. Orbit: a circle around the
+ * target. Spiral: three loops beside the position of the first view, with an amplitude of a tenth
+ * of the distance to the target, while the camera moves forward and back once. */
 static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 {
     const double *from = d->look.eye, *to = d->look.target;
@@ -437,14 +444,15 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
             eye[c] += to[c];
         return;
     }
-    aim(from, to, d->look.up, axis);
+    look_at(from, to, d->look.up, axis);
     for (int c = 0; c < 3; c++)
         eye[c] = from[c] + 0.1 * distance *
                                (sin(3 * angle) * axis[0][c] +
                                 (1 - cos(3 * angle)) * axis[1][c] * 0.5 + sin(angle) * axis[2][c]);
 }
 
-/* Targets the point that the data set's cameras look at, from no farther away than their median. */
+/* Aims at the point nearest to the axes of the data set's cameras, and moves the camera closer if
+ * its distance from that point exceeds the median of theirs. */
 static void move_into_rig(struct spin_camera_path *d, int row)
 {
     double pivot[3], median, distance = 0;
@@ -461,8 +469,8 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
-/* Sets where a moving camera starts, and its near plane. */
-static spin_status look(struct spin_camera_path *d, const struct spin_splats *splats)
+/* Sets the start position and the near plane of a moving camera. */
+static spin_status set_first_view(struct spin_camera_path *d, const struct spin_splats *splats)
 {
     const struct spin_views *views = d->job->views;
 
@@ -482,7 +490,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
     double turn = (double)picture / (double)d->n_pictures;
 
     if (!d->looked)
-        SPIN_TRY(look(d, splats));
+        SPIN_TRY(set_first_view(d, splats));
     *out = d->lens;
     if (d->path == SPIN_PATH_FILE) {
         const struct spin_path_pose *pose = &d->file.pose[picture];
@@ -502,7 +510,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
         return SPIN_OK;
     }
     eye_of(d, turn, eye);
-    aim(eye, d->look.target, d->look.up, axis);
+    look_at(eye, d->look.target, d->look.up, axis);
     for (int r = 0; r < 3; r++) {
         out->w2c[4 * r + 3] = 0;
         for (int c = 0; c < 3; c++) {
@@ -515,7 +523,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* ---- Panels ---------------------------------------------------------------------------------- */
 
-/* Reads the frame as it was imported into d->source. */
+/* Reads the imported attributes of the frame into d->source. */
 static spin_status read_source(struct spin_camera_path *d, int frame)
 {
     if (d->source_frame == frame)
@@ -526,9 +534,10 @@ static spin_status read_source(struct spin_camera_path *d, int frame)
     return SPIN_OK;
 }
 
-/* ---- The name of a panel --------------------------------------------------------------------- */
+/* ---- Labels of panels ------------------------------------------------------------------------ */
 
-/* The letters of the panels' names, 5 x 7 pixels: one byte per row; bit 4 is the leftmost pixel. */
+/* Glyphs of 5 x 7 pixels for the panels' names: one byte per row, whose bit 4 is the leftmost
+ * pixel. */
 static const struct {
     char letter;
     unsigned char row[7];
@@ -551,7 +560,7 @@ static bool is_ink(const char *word, int x, int y)
 
 /* Draws `word` into the upper left corner of image [3][height][width], white on black, unless the
  * image is too small. */
-static void put_label(const char *word, int width, int height, float *image)
+static void draw_label(const char *word, int width, int height, float *image)
 {
     int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);
     int wide = (6 * n + 3) * dot, high = 11 * dot;
@@ -596,7 +605,7 @@ spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
     for (size_t p = 0; p < n; p++) {
         SPIN_TRY(draw_panel(d, d->panel[p], frame, splats, camera, truth));
         if (n > 1 && d->labels)
-            put_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
+            draw_label(panel_words[d->panel[p]], camera->width, camera->height, d->image);
         for (size_t row = 0; row < 3 * h; row++)
             memcpy(d->wide + (row * n + p) * w, d->image + row * w, w * sizeof *d->image);
     }

@@ -56,11 +56,11 @@ struct spin_rig_path {
     int n;
 };
 
-/* Opens a path through the training cameras of this row of the data set, each once: greedily from
- * the first to the nearest next one, then improved until the path does not cross itself.
- * SPIN_E_NOT_FOUND: fewer than two distinct positions. */
+/* Opens a path that visits every training camera of this data-set frame once: from the first
+ * always to the nearest remaining one, then shortened by 2-opt. SPIN_E_NOT_FOUND: fewer than two
+ * distinct positions. */
 spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path);
-/* The camera at share 0..1 of the path: smooth, at nearly constant speed. */
+/* The camera at share 0..1 of the path, which is smooth and has nearly constant speed. */
 void spin_rig_path_camera(const struct spin_rig_path *path, double share, double w2c[12]);
 void spin_rig_path_free(struct spin_rig_path *path);
 
@@ -73,21 +73,21 @@ struct spin_camera_path {
     int64_t n_pictures;            /* images to render, over all frames */
     double fps;                    /* frames per second */
     int size[2];                   /* width, height of a panel in pixels; 0: the camera's own */
-    int row;                       /* of the first frame in the data set */
-    struct spin_rig_path rig;      /* of SPIN_PATH_TRAIN */
-    struct spin_path_file file;    /* of SPIN_PATH_FILE: one camera per image */
-    struct spin_camera lens;       /* of a moving camera: everything but the pose */
+    int row;                       /* data-set frame of the first exported frame */
+    struct spin_rig_path rig;      /* for SPIN_PATH_TRAIN */
+    struct spin_path_file file;    /* for SPIN_PATH_FILE: one camera per image */
+    struct spin_camera lens;       /* a moving camera without its pose */
     double middle[3], reach;       /* centre and half extent of the scene; reach 0: not yet known */
-    bool looked;                   /* look is set */
+    bool looked;                   /* `look` is set */
     struct spin_initial_view look; /* where a moving camera starts */
-    float *image;                  /* [3][h][w] of a panel */
-    float *wide;                   /* [3][h][n_panels w] */
-    int n_drawn, n_blank;          /* renders; those that show only the background */
+    float *image;                  /* [3][h][w] one panel */
+    float *wide;                   /* [3][h][n_panels w] all panels side by side */
+    int n_drawn, n_blank;          /* all renders; renders that show only the background */
     struct spin_splats source;     /* frame source_frame as imported, for the panel "before" */
     int source_frame;              /* -1: none */
 };
 
-/* Zero *d before; free it also after a failure. */
+/* Zero *d before the call, and free it even if the call fails. */
 spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job);
 
 void spin_camera_path_free(struct spin_camera_path *d);
@@ -95,29 +95,31 @@ void spin_camera_path_free(struct spin_camera_path *d);
 /* Warns if some renders showed only the background. */
 void spin_camera_path_say_blank(const struct spin_camera_path *d);
 
-/* The first image of frame f; frame f has those up to the first of frame f + 1. */
+/* The number of the first image of frame f. The images of frame f end before the first image of
+ * frame f + 1. */
 int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
 
-/* Applies --size to a camera, or the size of a moving camera. The vertical field of view and the
- * shape of pixels stay; the image gains or loses at the sides. */
+/* Resizes a camera to --size, or to the size of the moving camera. The vertical field of view and
+ * the aspect of pixels are kept; the image is extended or cropped at its left and right. */
 void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
 
-/* Whether the images come from a camera that is not the data set's: a moving one, or there is no
- * data set. */
+/* Whether images are rendered from a camera that is not one of the data set's. */
 static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 {
     return d->path != SPIN_PATH_CAMERA || !d->job->views || d->job->views->n == 0;
 }
-/* The name of such a camera in file names. */
+/* The name of a camera that is not the data set's, for file names. */
 const char *spin_camera_path_name(const struct spin_camera_path *d);
 
-/* Such a camera at image number `picture`. It turns about the point nearest to the axes of all
- * cameras, but no farther away than the median of them; if the axes are parallel, about the target
- * of the first view. Without a data set it starts at the front, like the web page. */
+/* The camera for image number `picture` if it is not one of the data set's. Orbit and spiral aim
+ * at the point nearest to the axes of all cameras of the data set, from at most their median
+ * distance; if the axes are parallel, at the target of the first view. Without a data set the
+ * camera starts in front of the scene, as in the web page. */
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
 
-/* Renders the panels into d->wide. truth: path of the data set's image; NULL: no panel shows it. */
+/* Renders the panels into d->wide. truth: the path of the data set's image; NULL if no panel shows
+ * that image. */
 spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth);

@@ -1,6 +1,6 @@
 /* Exporters that write a folder of frames; see frames.h. The rows of a frame are divided into
- * blocks, which all threads code in parallel and write straight to their offsets in the file, so
- * that no frame is held in memory twice. */
+ * blocks. All threads encode blocks in parallel and write each directly to its offset in the file,
+ * so memory contains no second copy of the frame. */
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
@@ -64,9 +64,9 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     if (x->format->open)
         return SPIN_OK;
     if (job->n_frames != 1)
-        return spin_misuse("'%s' is the name of a single file, but there are %d frames: name a "
-                           "folder ('%.*s/'), or select one frame with --range",
-                           job->output, job->n_frames, (int)(n - n_ending), job->output);
+        return spin_misuse("cannot write %d frames to the single file '%s': name a folder "
+                           "('%.*s/'), or select one frame with --range",
+                           job->n_frames, job->output, (int)(n - n_ending), job->output);
     if (spin_path_is_taken(job->output) && !x->job->force)
         return spin_fail(SPIN_E_IO, "cannot write '%s': it exists; use --force to overwrite",
                          job->output);
@@ -80,7 +80,7 @@ static spin_status path_of(const struct spin_frames *x, int number, char **out)
                    : spin_pattern_path(&x->pattern, x->folder.path, number, out);
 }
 
-static spin_status begin(struct spin_frames *x, const struct spin_export_job *job)
+static spin_status begin_frames(struct spin_frames *x, const struct spin_export_job *job)
 {
     const struct spin_plugin_values *v = job->values;
 
@@ -110,7 +110,7 @@ spin_status spin_frames_begin(const struct spin_frames_format *format,
 
     SPIN_TRY(spin_alloc(1, format->self_bytes, (void **)&x));
     x->format = format;
-    status = begin(x, job);
+    status = begin_frames(x, job);
     if (status != SPIN_OK) {
         free_frames(x);
         return status;
@@ -169,8 +169,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
-/* Adds "identity", whether row i is the same splat in all frames, and "data", the data set, unless
- * the scene was turned and its cameras do not fit any more. */
+/* Adds "identity": whether row i is the same splat in all frames. Adds "data", the data set,
+ * unless its cameras no longer fit because the scene was rotated. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
@@ -179,7 +179,7 @@ static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 
     for (size_t i = 1; i < x->n_entries; i++)
         same = same && x->entry[i].n == x->entry[0].n;
-    same = same && !(x->rows.report && x->rows.report->left_out > 0);
+    same = same && !(x->rows.report && x->rows.report->rows_differ);
     spin_json_set_bool(root, "identity", same);
     if (!x->job->data || turned)
         return SPIN_OK;
@@ -226,7 +226,7 @@ static spin_status write_frame(struct spin_frames *x, const struct spin_frame_in
     SPIN_TRY(spin_grow(n + 1, sizeof *x->block_quant, (void **)&x->block_quant));
     memset(x->block_quant, 0, (n + 1) * sizeof *x->block_quant);
     SPIN_TRY(x->format->write(x, info, out));
-    for (size_t b = 0; b < n; b++) /* in this order, so that sums do not depend on the threads */
+    for (size_t b = 0; b < n; b++) /* in a fixed order, so that sums are reproducible */
         spin_quant_error_merge(&x->quant, &x->block_quant[b]);
     return SPIN_OK;
 }
@@ -262,9 +262,10 @@ static void warn_clipped(const struct spin_frames *x)
     double rms = spin_quant_error_rms(&x->quant, SPIN_QUANT_COLOUR);
 
     if (x->format->clips_colours && rms > 0.004)
-        spin_warn("'%s' clamps bright and dark colours, with errors of up to %.2g (of 1): ply, sog "
-                  "and compressed-ply keep them",
-                  x->format->name, x->quant.part[SPIN_QUANT_COLOUR].largest);
+        spin_warn(
+            "'%s' clamps bright and dark colours, with errors of up to %.2g (of 1): write ply, "
+            "sog or compressed-ply to keep these colours",
+            x->format->name, x->quant.part[SPIN_QUANT_COLOUR].largest);
 }
 
 spin_status spin_frames_end(void *self)
@@ -295,7 +296,7 @@ out:
     return status;
 }
 
-/* Keeps the finished frames; the folder is removed if it was created here and is empty. */
+/* Keeps the finished frames. Removes the folder if this export created it and it is empty. */
 void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
@@ -363,7 +364,8 @@ spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at
 
 /* ---- Comments -------------------------------------------------------------------------------- */
 
-/* Replaces control characters: a name from a file must not add lines to the header. */
+/* Replaces control characters: a name that was read from a file must not add lines to the header.
+ */
 static void copy_printable(const char *text, char *out, size_t n_out)
 {
     size_t n = 0;

@@ -4,8 +4,8 @@
 
 #define FRONT_FOVY_DEG 50.0
 
-/* Least determinant of the mean of I - d d^T over all axes d. It is 0 for parallel axes; this value
- * is reached when they spread by about 3 degrees. */
+/* Least determinant of the mean of I - d d^T over all camera axes d. Parallel axes have a
+ * determinant of 0; axes that spread by about 3 degrees reach this value. */
 #define LEAST_SPREAD 2e-3
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)
@@ -103,8 +103,9 @@ static double det3(const double a[3], const double b[3], const double c[3])
            a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-/* Sums I - d d^T (into columns a) and (I - d d^T) e over the cameras with axis d and centre e: the
- * normal equations of the point nearest to all axes. Returns the number of cameras. */
+/* Sums I - d d^T into the columns a, and (I - d d^T) e into b, over all cameras with axis d and
+ * centre e: the normal equations of the point nearest to all axes. Returns the number of cameras.
+ */
 static int sum_axes(const struct spin_views *views, int row, double a[3][3], double b[3])
 {
     int n = 0;
@@ -164,7 +165,8 @@ bool spin_initial_view_pivot(const struct spin_views *views, int row, double piv
     return 2 * n_behind < n;
 }
 
-/* Sets the reach from a third of the nearest camera's distance to slightly beyond the farthest. */
+/* Sets the nearest zoom distance to a third of the nearest camera's distance, and the farthest to
+ * slightly more than that of the farthest camera. */
 static void set_reach(const struct spin_views *views, int row, struct spin_initial_view *out)
 {
     double least = INFINITY, most = 0;
@@ -199,7 +201,7 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         out->eye[2] -= away;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
-        out->z_near = SPIN_NEAR * fmin(size, 1); /* less than reach[0] */
+        out->z_near = SPIN_NEAR * fmin(size, 1); /* smaller than reach[0] */
         return;
     }
     if (!mean_up(views, row, out->up)) {

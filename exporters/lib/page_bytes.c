@@ -32,7 +32,7 @@ static inline int32_t unfolded(uint32_t u)
     return u & 1 ? (int32_t)(-(int64_t)(u >> 1) - 1) : (int32_t)(u >> 1);
 }
 
-/* The approximate number of bits that a number needs. */
+/* The approximate number of coded bits of a number: 2 more than its length, 0 for zero. */
 static inline unsigned cost_of(uint32_t u) { return u ? 34 - (unsigned)__builtin_clz(u) : 0; }
 
 static int planes_of(uint32_t all)
@@ -72,7 +72,8 @@ spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, siz
 
 static spin_status too_short(void) { return spin_malformed("a block of the page ends early"); }
 
-/* Reads a column's first byte. allowed: the predictors that this kind of column may use. */
+/* Reads a column's first byte into *planes and *from, the flags of its predictors. allowed: the
+ * flags that this kind of column may have. */
 static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int allowed, int *planes,
                             int *from)
 {
@@ -124,7 +125,8 @@ spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, i
 
 /* ---- Columns of rows ------------------------------------------------------------------------- */
 
-/* Number i as coded: x, or its difference from the other column; then from the row before. */
+/* Number i as it is coded: x, minus the number of the other column if `from` has FROM_COLUMN, and
+ * then minus the result for the row before if it has FROM_OTHER; zigzag coded. */
 static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
 {
     uint32_t now = (uint32_t)x[i] - (from & FROM_COLUMN ? (uint32_t)other[i] : 0), last = 0;
@@ -134,7 +136,8 @@ static inline uint32_t column_number(const int32_t *x, const int32_t *other, int
     return folded((int32_t)(now - last));
 }
 
-/* The size in bits of an ideal entropy coder for the byte planes. */
+/* The size of the byte planes in bits after an ideal entropy coder. Sets *all to the OR of all
+ * coded numbers. */
 static double entropy_of(const int32_t *x, const int32_t *other, int from, size_t n, uint32_t *all)
 {
     size_t count[4][256] = {{0}};
@@ -187,12 +190,13 @@ spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, co
 
 /* ---- Differences ----------------------------------------------------------------------------- */
 
-static inline int32_t told(const struct spin_page_state *s, size_t i, bool by_mean)
+/* The prediction of number i; mean[] is scaled by 16. */
+static inline int32_t predicted(const struct spin_page_state *s, size_t i, bool by_mean)
 {
     return by_mean ? (s->mean[i] + 8) >> 4 : s->last[i];
 }
 
-static inline void go_on(struct spin_page_state *s, size_t i, int32_t x)
+static inline void update_state(struct spin_page_state *s, size_t i, int32_t x)
 {
     s->last[i] = x;
     s->mean[i] += (int32_t)((uint32_t)x * 16 - (uint32_t)s->mean[i]) >> 1;
@@ -209,7 +213,7 @@ spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, s
 
     for (size_t i = 0; i < n; i++)
         for (by = 0; by < 2; by++) {
-            uint32_t u = folded(x[i] - told(state, i, by));
+            uint32_t u = folded(x[i] - predicted(state, i, by));
 
             cost[by] += cost_of(u);
             n_other[by] += u != 0;
@@ -225,9 +229,9 @@ spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, s
     if (planes)
         memset(mask, 0, (n + 7) / 8);
     for (size_t i = 0; i < n; i++) {
-        uint32_t u = folded(x[i] - told(state, i, by));
+        uint32_t u = folded(x[i] - predicted(state, i, by));
 
-        go_on(state, i, x[i]);
+        update_state(state, i, x[i]);
         if (u == 0)
             continue;
         mask[i / 8] |= (uint8_t)(1 << i % 8);
@@ -258,12 +262,12 @@ spin_status spin_page_get_changes(const uint8_t *data, size_t size, size_t *at, 
             return too_short();
     }
     for (size_t i = 0; i < n; i++) {
-        int32_t x = told(state, i, by);
+        int32_t x = predicted(state, i, by);
 
         if (planes && mask[i / 8] >> i % 8 & 1)
             x = (int32_t)((uint32_t)x +
                           (uint32_t)unfolded(number_at(data + *at, listed, k++, planes) + 1));
-        go_on(state, i, x);
+        update_state(state, i, x);
     }
     *at += (size_t)planes * listed;
     return SPIN_OK;

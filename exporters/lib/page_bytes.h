@@ -8,7 +8,8 @@
 
 #include "spin.h"
 
-/* No number may be larger, so that sums and products in the decoder do not overflow. */
+/* Upper limit of the magnitude of numbers, so that sums and products in the decoder do not
+ * overflow. */
 #define SPIN_PAGE_MOST (1 << 26)
 
 struct spin_page_bytes {
@@ -17,12 +18,12 @@ struct spin_page_bytes {
 };
 void spin_page_bytes_free(struct spin_page_bytes *b);
 
-/* Appends a key column: n numbers as they are or as differences from the number before, whichever
- * is smaller. */
+/* Appends a column of a key frame or of own rows: n numbers as they are, or as differences from the
+ * number before, whichever is smaller. */
 spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n);
 
-/* Appends a column of rows: as above, or as differences from `other`, the column before (NULL:
- * none), or from both. */
+/* Appends a column of 4D splats: numbers are predicted by zero, by the number before, by the same
+ * row of `other`, the column before (NULL: none), or by both, whichever is smallest. */
 spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, const int32_t *other,
                                  size_t n);
 
@@ -38,7 +39,8 @@ struct spin_page_state {
 spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, size_t n,
                                   struct spin_page_state *state);
 
-/* Decode the same from byte *at, which advances. SPIN_E_MALFORMED: the data ends early. */
+/* The inverse functions decode a column that begins at byte *at and set *at to its end.
+ * SPIN_E_MALFORMED: the data ends early or the first byte of the column is invalid. */
 spin_status spin_page_get_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x, size_t n);
 spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, int32_t *x,
                                  const int32_t *other, size_t n);

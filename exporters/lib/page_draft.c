@@ -2,10 +2,11 @@
 
 #include "base/base.h"
 
-#define FEWEST 32     /* splats; with fewer a draft shows nothing */
-#define TRIES 8       /* to find the number of splats that fits */
-#define BYTES_EACH 14 /* approximate size of a splat in a key */
-#define MOST_GROWTH 8 /* factor of a splat's scale */
+#define FEWEST 32     /* least number of splats that show a recognisable scene */
+#define TRIES 8       /* attempts to find the number of splats that fit */
+#define BYTES_EACH 14 /* approximate size of a splat in a key frame */
+#define MOST_GROWTH 8 /* largest factor by which a splat is enlarged */
+
 /* The area that a splat covers in the view, weighted by opacity; nearly 0 behind the camera. */
 static float area_of(const float *value, const struct spin_initial_view *view)
 {
@@ -48,22 +49,22 @@ spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_sp
     return SPIN_OK;
 }
 
-/* The probability to choose a row, if rows of area `sure` are chosen with certainty. */
-static double chance(const struct spin_page_draft_row *r, double sure)
+/* The probability of choosing a row: proportional to its area, and 1 from area `sure` on. */
+static double choice_probability(const struct spin_page_draft_row *r, double sure)
 {
     return (double)r->area < sure ? (double)r->area / sure : 1;
 }
 
-static double expected(const struct spin_page_draft *d, double sure)
+static double expected_count(const struct spin_page_draft *d, double sure)
 {
     double n = 0;
 
     for (size_t i = 0; i < d->n; i++)
-        n += chance(&d->row[i], sure);
+        n += choice_probability(&d->row[i], sure);
     return n;
 }
 
-/* Finds the area for which about n rows are chosen. */
+/* Finds the value of `sure` for which about n rows are expected to be chosen, by bisection. */
 static double sure_area(const struct spin_page_draft *d, size_t n)
 {
     double low = -80, high = 80; /* logarithms */
@@ -71,7 +72,7 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
     for (int i = 0; i < 50; i++) {
         double middle = 0.5 * (low + high);
 
-        if (expected(d, exp(middle)) > (double)n)
+        if (expected_count(d, exp(middle)) > (double)n)
             low = middle;
         else
             high = middle;
@@ -79,9 +80,9 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
     return exp(high);
 }
 
-/* Marks about n rows, evenly along the Morton curve, and enlarges each by the area of the rows that
- * it represents. */
-static void choose(struct spin_page_draft *d, size_t n)
+/* Chooses about n rows by systematic sampling along the Morton curve. Each is enlarged, by at most
+ * MOST_GROWTH, to also cover the area of the skipped rows that it represents. */
+static void choose_rows(struct spin_page_draft *d, size_t n)
 {
     struct spin_page_frame *frame = &d->group.frame[0];
     double sure = sure_area(d, n), sum = 0;
@@ -90,7 +91,8 @@ static void choose(struct spin_page_draft *d, size_t n)
     for (size_t i = 0; i < d->n; i++) {
         const struct spin_page_draft_row *r = &d->row[i];
         float *scale = frame->value + r->row * spin_page_width(&d->group) + SPIN_PAGE_SCALE;
-        double p = chance(r, sure), before = floor(sum), growth = fmin(1 / sqrt(p), MOST_GROWTH);
+        double p = choice_probability(r, sure), before = floor(sum),
+               growth = fmin(1 / sqrt(p), MOST_GROWTH);
 
         sum += p;
         frame->present[r->row] = floor(sum) > before;
@@ -99,13 +101,13 @@ static void choose(struct spin_page_draft *d, size_t n)
     }
 }
 
-/* A copy of a block, kept until its size is known. */
+/* A copy of a block, which is written once it is known to fit. */
 struct kept {
     struct spin_page_block block;
     uint8_t *data;
 };
 
-static spin_status keep(void *context, const struct spin_page_block *block)
+static spin_status keep_block(void *context, const struct spin_page_block *block)
 {
     struct kept *k = context;
 
@@ -126,9 +128,9 @@ spin_status spin_page_draft_write(struct spin_page_draft *d, uint64_t most_bytes
     for (int i = 0; i < TRIES && n >= FEWEST; i++) {
         double room;
 
-        choose(d, n);
+        choose_rows(d, n);
         d->group.n_frames = 1;
-        SPIN_TRY_OUT(spin_page_group_write(&d->group, keep, &kept));
+        SPIN_TRY_OUT(spin_page_group_write(&d->group, keep_block, &kept));
         room = (double)most_bytes / (double)kept.block.n_bytes;
         if (room >= 1 && (room < 1.1 || n == d->n || i == TRIES - 1)) {
             status = sink(context, &kept.block);

@@ -36,8 +36,8 @@ static const float *row_value(const struct spin_page_group *g, int frame, size_t
     return f->value + (f->row ? f->row[i] : i) * spin_page_width(g);
 }
 
-/* Lists the shared rows, those of the first frame that exist in all frames, and each frame's own
- * rows, sorted by position. */
+/* Lists the shared rows, which are those rows of the first frame that exist in all frames, and the
+ * own rows of each frame, sorted by position. */
 static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *order)
 {
     const struct spin_page_frame *first = &g->frame[0];
@@ -90,9 +90,10 @@ struct number {
     _Atomic bool failed;
 };
 
-/* The values of a shared row in each frame; where it is absent, those of the last frame that had
- * it, or else of the first one that will. */
-static void gather(const struct spin_page_group *g, size_t i, const float **value, uint8_t *present)
+/* Sets value[f] to the values of shared row i in frame f. In frames that lack the row, it has the
+ * values of the nearest earlier frame with the row or, before all of these, of the first one. */
+static void gather_values(const struct spin_page_group *g, size_t i, const float **value,
+                          uint8_t *present)
 {
     int first = -1;
 
@@ -124,7 +125,7 @@ static void number_task(void *context, size_t from, size_t to)
         size_t i = g->shared[k];
         uint64_t activity = 0, level = 0;
 
-        gather(g, i, value, present);
+        gather_values(g, i, value, present);
         if (!spin_page_number_row(&g->space, value, present, g->n_frames, g->n_sh,
                                   g->key + k * columns, number, n))
             t->failed = true;
@@ -135,7 +136,8 @@ static void number_task(void *context, size_t from, size_t to)
                 g->number[(c * n + f) * g->n_shared + k] = x;
                 activity += f ? bits_of(x - number[c * n + f - 1]) : 0;
             }
-        /* one level for each half bit per value and frame */
+        /* The level is 0 for static rows, else 1 plus the mean size of a number's change from frame
+         * to frame, in half bits. */
         if (activity)
             level = 1 + 2 * activity / (columns * (n - 1));
         t->order[k] = (struct spin_keyed){.key = (level > 15 ? 15 : level) << 60 |
@@ -159,14 +161,14 @@ struct blocks {
     struct column *column;
     int32_t **own; /* [n_frames][n_own][columns] */
     struct spin_page_bytes packed;
-    /* while a block is checked */
+    /* The block that is being checked. */
     int frame;
-    const size_t *start; /* [2 columns] of the shared rows, then of the frame's own */
+    const size_t *start; /* [2 columns] offsets of columns: of shared rows, then of own rows */
     uint8_t *again;
 };
 
 /* A key's number as stored: red and blue as differences from green. */
-static int32_t written(const int32_t *key, size_t c)
+static int32_t stored_number(const int32_t *key, size_t c)
 {
     enum { GREEN = SPIN_PAGE_COLOUR + 1 };
 
@@ -181,7 +183,7 @@ static spin_status column_bytes(struct blocks *b, size_t c)
     struct spin_page_state state = {col->last, col->mean};
 
     for (size_t k = 0; k < g->n_shared; k++)
-        col->row[k] = written(g->key + b->order[k].row * columns, c);
+        col->row[k] = stored_number(g->key + b->order[k].row * columns, c);
     SPIN_TRY(spin_page_put_whole(&col->bytes[0], col->row, g->n_shared));
     memset(col->last, 0, moving * sizeof *col->last);
     memset(col->mean, 0, moving * sizeof *col->mean);
@@ -194,7 +196,7 @@ static spin_status column_bytes(struct blocks *b, size_t c)
     }
     for (size_t f = 0; f < n; f++) {
         for (size_t k = 0; k < g->frame[f].n_own; k++)
-            col->row[k] = written(b->own[f] + k * columns, c);
+            col->row[k] = stored_number(b->own[f] + k * columns, c);
         if (g->frame[f].n_own)
             SPIN_TRY(spin_page_put_whole(&col->own[f], col->row, g->frame[f].n_own));
     }
@@ -210,7 +212,7 @@ static void column_task(void *context, int c)
     b->column[c].status = column_bytes(b, (size_t)c);
 }
 
-/* ---- What was written, read again ------------------------------------------------------------ */
+/* ---- Verification ---------------------------------------------------------------------------- */
 
 /* Decodes a column of the current block and compares it with the numbers that were coded. */
 static spin_status column_again(struct blocks *b, size_t c)
@@ -231,15 +233,17 @@ static spin_status column_again(struct blocks *b, size_t c)
         size_t row = b->order[k].row;
 
         wrong += f ? state.last[k - first] != g->number[(c * n + f) * g->n_shared + row]
-                   : col->row[k] != written(g->key + row * columns, c);
+                   : col->row[k] != stored_number(g->key + row * columns, c);
     }
     if (frame->n_own) {
         at = b->start[columns + c];
         SPIN_TRY(spin_page_get_whole(b->again, b->packed.n, &at, col->row, frame->n_own));
         for (size_t k = 0; k < frame->n_own; k++)
-            wrong += col->row[k] != written(b->own[f] + k * columns, c);
+            wrong += col->row[k] != stored_number(b->own[f] + k * columns, c);
     }
-    return wrong ? spin_malformed("a block of the page does not read back as written") : SPIN_OK;
+    return wrong ? spin_malformed("a block of the page decodes to other values than were encoded: "
+                                  "a bug in spin4d")
+                 : SPIN_OK;
 }
 
 static void again_task(void *context, int c)
@@ -264,7 +268,7 @@ struct errors {
     size_t first_task[SPIN_PAGE_MOST_FRAMES + 1];
 };
 
-/* Decodes all values of some rows of a frame and adds their errors against the source. */
+/* Decodes the values of one task's rows of a frame and adds their errors against the source. */
 static void error_task(void *context, int task)
 {
     struct errors *e = context;
@@ -322,12 +326,13 @@ static spin_status check_values(struct blocks *b)
     return spin_page_errors_judge(&g->quant, &g->space.bounds);
 }
 
-/* ---- All of it ------------------------------------------------------------------------------- */
+/* ---- The whole group ------------------------------------------------------------------------- */
 
 static spin_status too_far(const struct spin_page_group *g)
 {
     return spin_unsupported(
-        "a splat is too far from the others for steps of %g: set a larger --bound-place",
+        "a splat is too far from the others to store positions in steps of %g: set a larger "
+        "--bound-place",
         2 * g->space.bounds.place);
 }
 
@@ -369,8 +374,8 @@ static spin_status number_own(struct blocks *b)
     return SPIN_OK;
 }
 
-/* Concatenates the columns of a frame; start[] is the offset of each. */
-static spin_status join(struct blocks *b, size_t *start)
+/* Concatenates the columns of the current frame and sets start[] to their offsets. */
+static spin_status join_columns(struct blocks *b, size_t *start)
 {
     size_t columns = columns_of(b->g), f = (size_t)b->frame, n = 0;
 
@@ -404,14 +409,15 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
     size_t start[2 * SPIN_PAGE_COLUMNS], n_room = 0, n_again = 0;
     SPIN_FREED unsigned char *bytes = NULL;
 
-    SPIN_TRY(join(b, start));
+    SPIN_TRY(join_columns(b, start));
     b->start = start;
     SPIN_TRY(
         spin_gzip_write(g->pool, 6, b->packed.data, b->packed.n, &bytes, &n_room, &block.n_bytes));
     block.data = bytes;
     SPIN_TRY(spin_gzip_read(bytes, block.n_bytes, b->again, b->packed.n + 1, &n_again));
     if (n_again != b->packed.n)
-        return spin_malformed("a block of the page does not read back as written");
+        return spin_malformed(
+            "a block of the page decodes to other values than were encoded: a bug in spin4d");
     SPIN_TRY(run_columns(b, again_task));
     return sink(context, &block);
 }

@@ -5,8 +5,8 @@
 
 #define NONE UINT32_MAX
 #define TAKEN (UINT32_MAX - 1)
-#define MOST_BYTES ((size_t)512 << 20) /* of a group's values */
-#define LEAST_SHARED 0.25 /* share of matched rows that a frame needs to join a group */
+#define MOST_BYTES ((size_t)512 << 20) /* largest size of a group's values */
+#define LEAST_SHARED 0.25 /* least share of matched rows with which a frame joins a group */
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
@@ -16,7 +16,7 @@ struct take {
     struct spin_page_frame *frame;
 };
 
-static void take_block(void *context, size_t from, size_t to)
+static void copy_block(void *context, size_t from, size_t to)
 {
     struct take *t = context;
     size_t width = spin_page_width(t->g);
@@ -41,7 +41,7 @@ static void take_block(void *context, size_t from, size_t to)
     }
 }
 
-static spin_status take_frame(const struct spin_page_group *g, const struct spin_splat_filter *rows,
+static spin_status copy_frame(const struct spin_page_group *g, const struct spin_splat_filter *rows,
                               size_t n, struct spin_page_frame *f)
 {
     struct take take = {.g = g, .rows = rows, .frame = f};
@@ -50,14 +50,15 @@ static spin_status take_frame(const struct spin_page_group *g, const struct spin
     SPIN_TRY(spin_grow(n + 1, spin_page_width(g) * sizeof *f->value, (void **)&f->value));
     SPIN_TRY(spin_grow(n + 1, 1, (void **)&f->present));
     f->n = n;
-    spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, take_block, &take);
+    spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, copy_block, &take);
     return SPIN_OK;
 }
 
-/* ---- Which row is which ---------------------------------------------------------------------- */
+/* ---- Matching of rows ------------------------------------------------------------------------ */
 
-static double apart(const struct spin_page_group *g, const struct spin_page_frame *a, size_t i,
-                    const struct spin_page_frame *b, size_t j)
+/* The L1 distance of two positions. */
+static double row_distance(const struct spin_page_group *g, const struct spin_page_frame *a,
+                           size_t i, const struct spin_page_frame *b, size_t j)
 {
     const float *x = a->value + i * spin_page_width(g), *y = b->value + j * spin_page_width(g);
     double sum = 0;
@@ -67,8 +68,8 @@ static double apart(const struct spin_page_group *g, const struct spin_page_fram
     return sum;
 }
 
-/* Whether row i is the same splat in both frames: then rows move, on average, much less than rows
- * are apart from each other. */
+/* Whether row i is the same splat in both frames, for every i. This is assumed if the mean distance
+ * that a row moves is much smaller than the mean distance between two rows of a frame. */
 static bool keeps_rows(const struct spin_page_group *g, const struct spin_page_frame *last,
                        const struct spin_page_frame *now)
 {
@@ -82,8 +83,8 @@ static bool keeps_rows(const struct spin_page_group *g, const struct spin_page_f
 
         if (!last->present[i] || !now->present[i] || !last->present[j])
             continue;
-        moved += apart(g, now, i, last, i);
-        others += apart(g, now, i, last, j);
+        moved += row_distance(g, now, i, last, i);
+        others += row_distance(g, now, i, last, j);
     }
     return moved <= LEAST_SHARED * others;
 }
@@ -141,9 +142,9 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
     return SPIN_OK;
 }
 
-/* Matches rows of `now`, which are the same as those of `last`, with the group's first frame. */
-static spin_status follow(const struct spin_page_frame *last, struct spin_page_frame *now,
-                          size_t n_first)
+/* Matches rows of `now`, which have the same indices in `last`, with the group's first frame. */
+static spin_status follow_rows(const struct spin_page_frame *last, struct spin_page_frame *now,
+                               size_t n_first)
 {
     if (!last->row)
         return SPIN_OK;
@@ -168,11 +169,11 @@ spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_spl
                  (n > n_first ? n : n_first));
     if (*full)
         return SPIN_OK;
-    SPIN_TRY(take_frame(g, rows, n, now));
+    SPIN_TRY(copy_frame(g, rows, n, now));
     free(now->row);
     now->row = NULL;
     if (g->n_frames && keeps_rows(g, now - 1, now))
-        SPIN_TRY(follow(now - 1, now, n_first));
+        SPIN_TRY(follow_rows(now - 1, now, n_first));
     else if (g->n_frames) {
         SPIN_TRY(spin_alloc(n_first + 1, sizeof *now->row, (void **)&now->row));
         SPIN_TRY(match_places(g, now, &n_matched));

@@ -9,22 +9,22 @@
 #define TURN 6.283185307179586 /* radians of a full turn */
 #define NARROWER 0.999         /* as in spin_page_step() */
 #define FAINT (0.5 / 255)      /* fainter splats are invisible */
-#define UNEVEN 1e-5            /* tolerance of frame times, which are rounded, in frames */
-#define LEAST_DOT 0.707        /* of the quaternions at both ends of a row: 90 degrees apart */
-enum { CHECKED = 33 };         /* evenly spaced ticks of a row to check, besides 4 of its window */
+#define UNEVEN 1e-5            /* tolerance of rounded frame times, in frames */
+#define LEAST_DOT 0.707        /* dot product of two quaternions that are 90 degrees apart */
+enum { CHECKED = 33 };         /* number of evenly spaced ticks of a row at which it is checked */
 
-/* How the bound of an opacity is divided. With w = exp(-z^2/2), the errors of a Gaussian window add
- * up to at most w (height + z middle + z^2 width) and that of a gate to 1 - w times its share; the
- * total is below 1 for all z. */
+/* Shares of an opacity's bound. With w = exp(-z^2/2), the error of a Gaussian window is at most
+ * w (height + z middle + z^2 width), and that of a gate at most (1 - w) gate. The sum is below 1
+ * for all z. */
 #define HEIGHT 0.5
 #define WIDTH 0.45
 #define GATE 0.3
-/* How the bound of a rotation is divided: between the rotations at both ends, and the ratio of the
- * lengths of their quaternions. The interpolated error stays below 1 while the ends are at most 90
+/* Shares of a rotation's bound: of the rotations at both ends of a piece, and of the ratio of the
+ * lengths of their quaternions. The error between the ends is below 1 if the ends are at most 90
  * degrees apart. */
 #define ENDS 0.78
 #define RATIO 0.1
-/* How the bound of a colour that changes is divided: its mean, two cosines, their phase. */
+/* Shares of the bound of a colour that changes: its mean, each of two cosines, their phase. */
 #define MEAN 0.4
 #define COSINE 0.2
 #define PHASE 0.2
@@ -53,7 +53,8 @@ static const float *cosines_of(const struct spin_page_rows *r, size_t i)
     return r->splats->sh_cos + 6 * (size_t)spin_sh_count(r->splats->sh_degree) * i;
 }
 
-/* The coefficient of cosine k, 0 or 1, in column c: three colours, then the SH that is written. */
+/* The coefficient of cosine k, 0 or 1, in column c. The first three columns are colours, the others
+ * SH coefficients in the order of the file. */
 static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
 {
     size_t width = 3 * (size_t)spin_sh_count(r->splats->sh_degree);
@@ -62,7 +63,7 @@ static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
     return c < 3 ? SPIN_SH_C0 * v : v;
 }
 
-/* The largest derivative of a value with respect to the phase, in bounds. */
+/* The largest derivative of a value with respect to the phase, in units of the value's bound. */
 static double steepest(const struct spin_page_rows *r)
 {
     double most = 0;
@@ -76,7 +77,8 @@ static double steepest(const struct spin_page_rows *r)
 
 void spin_page_rows_begin(struct spin_page_rows *r)
 {
-    /* Lebesgue constants: how much errors at evenly spaced nodes grow in between, by degree */
+    /* Lebesgue constants of interpolation at evenly spaced nodes, by degree: the factor by which an
+     * error between the nodes can exceed those at the nodes. */
     static const double lebesgue[] = {1, 1, 1.25, 1.64};
     const struct spin_splats_4d *s = r->splats;
     const struct spin_page_bounds *b = &r->space.bounds;
@@ -102,8 +104,9 @@ void spin_page_rows_begin(struct spin_page_rows *r)
         r->gate = 2 * GATE * b->opacity;
     if (s->spins) {
         r->inner.bounds.rotation *= ENDS;
-        r->ratio = 4 * RATIO *
-                   b->rotation; /* 1 in the logarithm rotates by about a quarter of 90 degrees */
+        /* An error e of the logarithm changes the rotation between the ends by at most about e / 4
+         * times the angle between them. */
+        r->ratio = 4 * RATIO * b->rotation;
     }
     if (s->sh_cos) {
         r->inner.bounds.colour *= MEAN;
@@ -158,7 +161,7 @@ static double opacity_at(const struct spin_page_rows *r, size_t i, double t)
            spin_splats_4d_weight(r->splats, i, t);
 }
 
-/* The times at which a window begins and ends its plateau, and how fast it fades on each side. */
+/* A window is 1 from lo to hi, with Gaussian sides: of sigma before lo, of sigma2 after hi. */
 struct window {
     double lo, hi, sigma, sigma2;
 };
@@ -174,8 +177,8 @@ static struct window window_of(const struct spin_page_rows *r, size_t i)
                            .sigma2 = (double)(p ? p[2] : s->sigmas[i])};
 }
 
-/* Sets the ticks of the clip in which row i is visible; false if there are none. */
-static bool seen(const struct spin_page_rows *r, size_t i, struct piece *p)
+/* Sets *p to the ticks of the clip in which row i is visible. Returns false if there are none. */
+static bool find_ticks(const struct spin_page_rows *r, size_t i, struct piece *p)
 {
     const struct spin_splats_4d *s = r->splats;
     double opacity = spin_sigmoid_of((double)s->logit_opacities[i]), from, to;
@@ -207,7 +210,7 @@ static bool seen(const struct spin_page_rows *r, size_t i, struct piece *p)
 
 /* ---- Rotations ------------------------------------------------------------------------------- */
 
-/* The rotation at time t, as a quaternion that is not of unit length. */
+/* The rotation at time t, as a quaternion that is not normalised. */
 static void turned_at(const struct spin_page_rows *r, size_t i, double t, double q[4])
 {
     const struct spin_splats_4d *s = r->splats;
@@ -231,8 +234,9 @@ static bool unit_of(const double q[4], double out[4])
     return length > 0;
 }
 
-/* The rotations at both ends of a piece, and their dot product as unit quaternions. Too far apart
- * within a single tick, they are made the same. */
+/* Sets a and b to the rotations at both ends of a piece and returns the dot product of the
+ * normalised quaternions. A piece of a single tick cannot be split: if its ends are more than 90
+ * degrees apart, b is set to a. */
 static double ends_of(const struct spin_page_rows *r, const struct piece *p, double a[4],
                       double b[4])
 {
@@ -250,7 +254,7 @@ static double ends_of(const struct spin_page_rows *r, const struct piece *p, dou
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-static bool put(int32_t *key, double x)
+static bool quantise(int32_t *key, double x)
 {
     if (!(fabs(x) < SPIN_PAGE_MOST - 1))
         return false;
@@ -258,7 +262,7 @@ static bool put(int32_t *key, double x)
     return true;
 }
 
-static int32_t *behind(const struct spin_page_rows *r, int32_t *key)
+static int32_t *extra_columns(const struct spin_page_rows *r, int32_t *key)
 {
     return key + SPIN_PAGE_SH + r->n_sh;
 }
@@ -270,7 +274,8 @@ static double centre_of(const int32_t *extra)
     return ((double)extra[FROM] + 0.5 * extra[LENGTH]) / SPIN_PAGE_TICKS;
 }
 
-/* The exponent in a sigma's number; the number 0 means that the window does not fade. */
+/* The exponent of a coded sigma. Code 0 means that the window does not fade, so positive exponents
+ * are coded with an offset of 1. */
 static int32_t exponent_of(int32_t number) { return number > 0 ? number - 1 : number; }
 
 static double octave_of(const struct spin_page_rows *r, const int32_t *extra, int32_t number)
@@ -278,18 +283,18 @@ static double octave_of(const struct spin_page_rows *r, const int32_t *extra, in
     return half_of(extra) * exp2(floor((double)exponent_of(number) / r->octave));
 }
 
-static bool put_side(const struct spin_page_rows *r, const int32_t *extra, double sigma,
-                     double middle, int32_t *number, int32_t *at)
+static bool quantise_side(const struct spin_page_rows *r, const int32_t *extra, double sigma,
+                          double middle, int32_t *number, int32_t *at)
 {
-    if (!put(number, r->octave * log2(sigma / half_of(extra))))
+    if (!quantise(number, r->octave * log2(sigma / half_of(extra))))
         return false;
     if (*number >= 0)
         ++*number;
-    return put(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
+    return quantise(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
 }
 
-/* Codes the window and sets the opacity that it multiplies. A window whose opacity hardly varies is
- * not coded. */
+/* Codes the window of a piece and sets the opacity that is multiplied by it. If the opacity hardly
+ * varies within the piece, it is constant and no window is coded. */
 static bool number_window(const struct spin_page_rows *r, const struct piece *p, int32_t *key,
                           double *opacity)
 {
@@ -297,24 +302,24 @@ static bool number_window(const struct spin_page_rows *r, const struct piece *p,
     double from = time_of(r, p->from), to = time_of(r, p->end - 1);
     double most = opacity_at(r, p->row, fmin(fmax(w.lo, from), fmin(to, fmax(w.hi, from))));
     double least = fmin(opacity_at(r, p->row, from), opacity_at(r, p->row, to));
-    int32_t *extra = behind(r, key);
+    int32_t *extra = extra_columns(r, key);
 
     if (most - least <= HEIGHT * r->space.bounds.opacity) {
         *opacity = 0.5 * (most + least);
         return true;
     }
     *opacity = spin_sigmoid_of((double)r->splats->logit_opacities[p->row]);
-    if (r->gates && !put(&key[r->gates], (double)r->splats->gates[p->row] / r->gate))
+    if (r->gates && !quantise(&key[r->gates], (double)r->splats->gates[p->row] / r->gate))
         return false;
     w = (struct window){frames_of(r, w.lo), frames_of(r, w.hi), w.sigma / r->step,
                         w.sigma2 / r->step};
     if (!r->plateau)
-        return put_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]);
+        return quantise_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]);
     if (w.lo > (double)p->from / SPIN_PAGE_TICKS &&
-        !put_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]))
+        !quantise_side(r, extra, w.sigma, w.lo, &extra[SIGMA], &extra[MIDDLE]))
         return false;
     return !(w.hi < (double)(p->end - 1) / SPIN_PAGE_TICKS) ||
-           put_side(r, extra, w.sigma2, w.hi, &key[r->plateau + 1], &key[r->plateau]);
+           quantise_side(r, extra, w.sigma2, w.hi, &key[r->plateau + 1], &key[r->plateau]);
 }
 
 static bool number_path(const struct spin_page_rows *r, const struct piece *p, int32_t *key)
@@ -333,7 +338,7 @@ static bool number_path(const struct spin_page_rows *r, const struct piece *p, i
             spin_path_at(s->centres + 3 * (size_t)p->row,
                          s->paths ? s->paths + 3 * (size_t)degree * p->row : NULL, degree,
                          t - (double)s->times[p->row], place);
-            if (!put(&node[j], (place[c] - r->space.centre[c]) / step))
+            if (!quantise(&node[j], (place[c] - r->space.centre[c]) / step))
                 return false;
         }
         key[SPIN_PAGE_PLACE + c] = node[0];
@@ -346,7 +351,7 @@ static bool number_path(const struct spin_page_rows *r, const struct piece *p, i
     return true;
 }
 
-/* The key's rotation as a reader decodes it. */
+/* The rotation at the beginning of a piece, as a reader decodes it. */
 static void rotation_of(const struct spin_page_rows *r, const int32_t *key, double q[4])
 {
     double step = spin_page_step(&r->inner, SPIN_PAGE_ROTATION), v[3];
@@ -369,9 +374,9 @@ static bool number_turn(const struct spin_page_rows *r, const double a[4], const
     spin_scene_rotation_join(to, from, q);
     spin_page_vector_of(q, v);
     for (int c = 0; c < 3; c++)
-        if (!put(&key[r->turn + c], v[c] / step))
+        if (!quantise(&key[r->turn + c], v[c] / step))
             return false;
-    return put(&key[r->turn + 3], log(length_of(b) / fmax(length_of(a), 1e-30)) / r->ratio);
+    return quantise(&key[r->turn + 3], log(length_of(b) / fmax(length_of(a), 1e-30)) / r->ratio);
 }
 
 static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *key)
@@ -380,11 +385,11 @@ static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *ke
     double round = ((double)s->times[i] - r->times[0]) / s->period;
     int32_t *to = key + r->cosines;
 
-    if (!put(to++, TURN * (round - floor(round)) / r->phase))
+    if (!quantise(to++, TURN * (round - floor(round)) / r->phase))
         return false;
     for (int k = 0; k < 2; k++)
         for (int c = 0; c < 3 + r->n_sh; c++)
-            if (!put(to++, cosine_at(r, i, k, c) / (c < 3 ? r->cosine : r->cosine_sh)))
+            if (!quantise(to++, cosine_at(r, i, k, c) / (c < 3 ? r->cosine : r->cosine_sh)))
                 return false;
     return true;
 }
@@ -394,7 +399,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
                          const struct piece *p, int32_t *key)
 {
     float value[SPIN_PAGE_WIDTH] = {0}, room[3 * SPIN_SH_MAX];
-    int32_t *extra = behind(r, key);
+    int32_t *extra = extra_columns(r, key);
     struct spin_gaussian is;
     double opacity, a[4], b[4], q[4];
 
@@ -422,7 +427,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
            (!r->cosines || number_cosines(r, p->row, key));
 }
 
-/* ---- What a reader makes of them ------------------------------------------------------------- */
+/* ---- Decoding -------------------------------------------------------------------------------- */
 
 static double side_at(const struct spin_page_rows *r, const int32_t *extra, int32_t sigma,
                       int32_t middle, double frames, bool before)
@@ -436,6 +441,7 @@ static double side_at(const struct spin_page_rows *r, const int32_t *extra, int3
     return (before ? z < 0 : z > 0) ? exp(-0.5 * z * z) : 1;
 }
 
+/* Decodes all values of a piece at a tick, as the page does. */
 static void read_piece(const struct spin_page_rows *r, const int32_t *key, int tick, double *value)
 {
     const int32_t *extra = key + SPIN_PAGE_SH + r->n_sh,
@@ -526,6 +532,8 @@ struct block {
     _Atomic bool failed;
 };
 
+/* Adds the errors of a piece at CHECKED evenly spaced ticks, or at all if there are fewer, and at
+ * four times at which its window bends. */
 static void check_piece(const struct block *b, const struct piece *p, const int32_t *key, int task)
 {
     const struct spin_page_rows *r = b->r;
@@ -553,7 +561,7 @@ static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
 
     for (int c = 0; r->path && c < 3 * r->splats->degree; c++)
         moves |= key[r->path + c] != 0;
-    return moves << 32 | (uint64_t)(behind(r, key)[FROM]);
+    return moves << 32 | (uint64_t)(extra_columns(r, key)[FROM]);
 }
 
 static void number_task(void *context, int task)
@@ -587,7 +595,7 @@ static void column_of(const struct block *b, size_t c, int32_t *out)
         out[k] = b->key[b->order[k].row * (size_t)b->r->n_columns + c];
 }
 
-static spin_status pack(const struct block *b, spin_page_rows_sink sink, void *context)
+static spin_status pack_block(const struct block *b, spin_page_rows_sink sink, void *context)
 {
     struct spin_page_rows_block out = {.n = b->n, .from = b->piece[0].from, .end = b->piece[0].end};
     SPIN_LEAVES(spin_page_bytes_free) struct spin_page_bytes bytes = {0};
@@ -619,7 +627,8 @@ static spin_status pack(const struct block *b, spin_page_rows_sink sink, void *c
         SPIN_TRY(spin_page_get_column(back, n_back, &at, again,
                                       c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
         if (memcmp(now, again, b->n * sizeof *now) != 0)
-            return spin_malformed("a block of the page does not read back as written");
+            return spin_malformed(
+                "a block of the page decodes to other values than were encoded: a bug in spin4d");
     }
     out.data = packed;
     return sink(context, &out);
@@ -642,9 +651,10 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     b.order = order.item;
     spin_pool_run(r->pool, n_tasks, number_task, &b);
     if (b.failed)
-        SPIN_TRY_OUT(spin_unsupported("a splat is too far from the others, or visible for too "
-                                      "short a time, for steps of %g: set a larger --bound-place",
-                                      2 * r->space.bounds.place));
+        SPIN_TRY_OUT(spin_unsupported(
+            "a splat is too far from the others, or visible for too short a time, to store "
+            "positions in steps of %g: set a larger --bound-place",
+            2 * r->space.bounds.place));
     for (int t = 0; t < n_tasks; t++) {
         r->n_values += b.n_values[t];
         spin_quant_error_merge(&r->quant, &b.quant[t]);
@@ -656,7 +666,7 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     spin_sort_rows_sort(&order); /* stable: rows of one class stay in Morton order */
     b.order = order.item;
     r->n_rows += n;
-    status = pack(&b, sink, context);
+    status = pack_block(&b, sink, context);
 out:
     free(b.key);
     free(b.quant);
@@ -665,7 +675,7 @@ out:
     return status;
 }
 
-/* ---- All of it ------------------------------------------------------------------------------- */
+/* ---- The whole clip -------------------------------------------------------------------------- */
 
 struct pieces {
     struct piece *at;
@@ -687,8 +697,8 @@ static spin_status add_piece(const struct spin_page_rows *r, struct pieces *to, 
     return SPIN_OK;
 }
 
-/* Block 0 has the rows that last long; each other block those that begin within one key interval.
- */
+/* The block of a piece: 0 if it lasts more than two key intervals, else 1 + the key interval in
+ * which it begins. */
 static int block_of(const struct spin_page_rows *r, const struct piece *p)
 {
     int long_one = r->key_every * SPIN_PAGE_TICKS;
@@ -696,7 +706,7 @@ static int block_of(const struct spin_page_rows *r, const struct piece *p)
     return p->end - p->from > 2 * long_one ? 0 : 1 + p->from / long_one;
 }
 
-static spin_status by_time(const struct spin_page_rows *r, struct pieces *p)
+static spin_status sort_by_block(const struct spin_page_rows *r, struct pieces *p)
 {
     SPIN_LEAVES(spin_sort_rows_free) struct spin_sort_rows order = {.n = p->n};
     struct piece *sorted = NULL;
@@ -724,11 +734,11 @@ spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_spl
     spin_status status = SPIN_OK;
 
     for (size_t i = 0; i < r->splats->n; i++)
-        if (rows->keep[i] && seen(r, i, &p))
+        if (rows->keep[i] && find_ticks(r, i, &p))
             SPIN_TRY_OUT(add_piece(r, &pieces, p));
     if (pieces.n == 0)
-        SPIN_TRY_OUT(spin_unsupported("no splat is visible at any time of this clip"));
-    SPIN_TRY_OUT(by_time(r, &pieces));
+        SPIN_TRY_OUT(spin_unsupported("no splat is visible in the selected frames: check --range"));
+    SPIN_TRY_OUT(sort_by_block(r, &pieces));
     for (size_t k = 1; k <= pieces.n; k++) {
         if (k < pieces.n && block_of(r, &pieces.at[k]) == block_of(r, &pieces.at[from]))
             continue;

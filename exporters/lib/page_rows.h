@@ -1,9 +1,11 @@
-/* 4D splats as blocks of a page: each row once, with its path, its window and the time in which it
- * is visible, for clips with evenly spaced frames. exporters/html/format.md describes the columns.
+/* 4D splats as blocks of a page, for clips with evenly spaced frames: each splat is stored once,
+ * with its path, its window and the time in which it is visible. exporters/html/format.md describes
+ * the columns.
  *
- * The page counts time in ticks from the first frame. At each tick of a row all its values are
- * within the bounds: a path at evenly spaced sample times; an opacity by dividing its bound among
- * height, centre and width of the window. A row that rotates far is split into consecutive ones. */
+ * The page counts time in ticks from the first frame. All values of a row are within their bounds
+ * at every tick in which the row is visible. Paths are stored as positions at evenly spaced times;
+ * the bound of an opacity is divided among height, centre and width of the window. A splat that
+ * rotates by more than 90 degrees becomes several consecutive rows. */
 #pragma once
 
 #include "exporters/lib/page_group.h"
@@ -17,15 +19,19 @@ struct spin_page_rows {
     struct spin_pool *pool;
     const struct spin_splats_4d *splats;
     int n_sh, n_frames, key_every;
-    const double *times; /* [n_frames] in the source's unit */
-    double step;         /* between two of them */
+    const double *times; /* [n_frames] times of the frames in the source's unit */
+    double step;         /* time from one frame to the next */
 
     /* Set by spin_page_rows_begin(). */
     struct spin_page_space inner; /* bounds used for quantising */
     int octave;                   /* quantisation steps per doubling of sigma */
-    double middle, gate, ratio;   /* steps: of a centre in octaves of sigma, of a gate, of a log */
+    /* Quantisation steps: of a window's centre, relative to sigma rounded down to an octave; of a
+     * gate; of the logarithm of the ratio of two quaternions' lengths; of the phase in radians; of
+     * colour and SH amplitudes. */
+    double middle, gate, ratio;
     double phase, cosine, cosine_sh;
-    int n_columns, path, plateau, gates, turn, cosines; /* first column of each; 0: absent */
+    /* The number of columns, and the index of the first column of each part; 0: absent. */
+    int n_columns, path, plateau, gates, turn, cosines;
 
     /* Set by spin_page_rows_write(). */
     struct spin_quant_error quant; /* rotations in radians */
@@ -34,7 +40,7 @@ struct spin_page_rows {
 
 struct spin_page_rows_block {
     size_t n;
-    int from, end; /* ticks: nothing of it is visible outside of them */
+    int from, end; /* first tick, and last + 1, in which rows of the block are visible */
     const uint8_t *data;
     size_t n_bytes;
 };
@@ -44,9 +50,9 @@ typedef spin_status (*spin_page_rows_sink)(void *context, const struct spin_page
 bool spin_page_rows_can(const double *times, int n_frames, double *step);
 /* Chooses quantisation steps and columns. */
 void spin_page_rows_begin(struct spin_page_rows *r);
-/* Writes the rows that the filter keeps; its frame is `view`, the arrays of the 4D splats as a
- * frame's. Blocks come in order of time, preceded by that of the rows which last; each is decoded
- * and compared with the bounds before. */
+/* Writes the rows that the filter keeps. The filter's frame must be that of spin_splats_of_4d().
+ * The first block contains the rows that are visible for long; the others are in order of time.
+ * Each block is decoded and compared with the bounds before it is passed to the sink. */
 spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_filter *rows,
                                  spin_page_rows_sink sink, void *context);
 /* The parameters that the page needs to decode the rows. */

@@ -75,9 +75,9 @@ void spin_page_vector_of(const double q[4], double v[3])
         v[c] = k * q[c + 1];
 }
 
-/* The rotation vector from the quaternion `from` to the value's. Of the two directions of rotation
- * it takes the one nearer to `last`, so that the vector is continuous over time; NULL: the shorter.
- */
+/* The rotation vector from the quaternion `from` to the value's quaternion. A rotation has two such
+ * vectors, of opposite directions: v is the one nearer to `last`, so that it is continuous over
+ * time, or the shorter one if `last` is NULL. */
 static void vector_from(const double from[4], const float *value, const double *last, double v[3])
 {
     double back[4] = {from[0], -from[1], -from[2], -from[3]}, to[4], q[4], angle, other, near = 0,
@@ -139,7 +139,7 @@ spin_status spin_page_errors_judge(const struct spin_quant_error *q,
     return SPIN_OK;
 }
 
-/* ---- Places ---------------------------------------------------------------------------------- */
+/* ---- Positions ------------------------------------------------------------------------------- */
 
 uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3])
 {
@@ -167,8 +167,8 @@ static inline unsigned cost_of(int32_t d)
     return u ? 35 - (unsigned)__builtin_clz(u) : 0;
 }
 
-/* Chooses the key, in half steps and within half a step of x[0], for which the numbers of the later
- * frames change least. Returns false if a value is out of range. */
+/* Chooses the key, in half steps and at most half a step from x[0], that minimises the coded size
+ * of the later frames' numbers. Returns false if a value is out of range. */
 static bool choose_key(const double *x, int n, double step, int32_t *key)
 {
     double half = step / 2, least = (double)UINT32_MAX;
@@ -186,7 +186,7 @@ static bool choose_key(const double *x, int n, double step, int32_t *key)
             double at = (x[f] - k * half) / step;
             int32_t now = f ? nearest(at) : 0;
 
-            /* bits; the rounding error breaks ties */
+            /* The cost in bits; the squared rounding error breaks ties. */
             cost += cost_of(now - last) + 0.2 * (at - now) * (at - now);
             last = now;
         }
@@ -204,8 +204,8 @@ static void number_rotation(const struct spin_page_space *space, const float *co
     double step = spin_page_step(space, SPIN_PAGE_ROTATION), base[4], first[4], off[3], part[4],
            v[3], last[3] = {0};
 
-    /* As choose_key(): find an offset from the first frame's rotation for which the numbers of
-     * later frames change least. */
+    /* Find an offset from the first frame's rotation that minimises the coded size of the later
+     * frames' numbers, as choose_key() does. */
     for (int c = 0; c < 4; c++)
         first[c] = (double)value[0][SPIN_PAGE_ROTATION + c];
     for (int f = 0; f < n_frames; f++) {
@@ -217,7 +217,7 @@ static void number_rotation(const struct spin_page_space *space, const float *co
         int32_t k;
 
         choose_key(x + (ptrdiff_t)c * n_frames, n_frames, step, &k);
-        off[c] = 0.5 * step / 2 * k; /* only half of it: rounding the key needs the other half */
+        off[c] = 0.5 * step / 2 * k; /* half of the offset; rounding the key needs the other half */
     }
     spin_page_turn_of(off, part);
     spin_scene_rotation_join(part, first, base);

@@ -1,16 +1,18 @@
-/* Quantises a splat to integers within given error bounds and back, for a page's blocks. A row has
- * a key, in half steps, and for each frame a distance from the key, in whole steps. The columns:
+/* Quantises splats to integers within given error bounds, and dequantises them, for the blocks of a
+ * page. A row has a key, in half quantisation steps, and in each frame a difference from the key,
+ * in whole steps. The columns:
  *
  *     0 place x y z      world units, from the centre
  *     3 colour r g b     of the degree 0 term: 0.5 + C0 dc
  *     6 opacity          clamped to 0..1
  *     7 log scale x y z  natural logarithm, world units
- *    10 rotation         axis times angle in radians; in a frame, the rotation from that of the key
- *    13 sh               coefficient by coefficient, each r g b
+ *    10 rotation         rotation vector: axis times angle in radians; in a frame, relative to the
+ *                        key's rotation
+ *    13 sh               r g b of each coefficient above degree 0
  *
- * A step is twice the bound, so the nearest number is within the bound. The bound of a rotation is
- * divided among its three numbers; the curvature of the space of rotations only makes the error
- * smaller. */
+ * A step is slightly less than twice the bound, so rounding to the nearest step stays within the
+ * bound. The bound of a rotation is divided among its three numbers; the angle between two
+ * rotations is never larger than the distance of their rotation vectors. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -27,8 +29,8 @@ enum {
 
 /* Largest allowed errors, in the order of enum spin_quant_error_part. */
 struct spin_page_bounds {
-    double place;    /* world units, of each coordinate */
-    double scale;    /* of the logarithm */
+    double place;    /* of each coordinate, world units */
+    double scale;    /* of the natural logarithm */
     double rotation; /* radians */
     double opacity, colour, sh;
 };
@@ -44,29 +46,32 @@ spin_status spin_page_bounds_from(const struct spin_plugin_values *v, double siz
                                   struct spin_page_bounds *out);
 double spin_page_step(const struct spin_page_space *space, int column);
 
-/* Quantises a row over n_frames. value[f][SPIN_PAGE_WIDTH] has the columns above, but the rotation
- * is a quaternion w x y z, so SH begins one later. present[f] 0: absent in frame f, coded with
- * opacity 0. Writes key[columns] and number[c * pitch + f]. Returns false if a number reaches
- * SPIN_PAGE_MOST. */
+/* Quantises a row over n_frames. value[f][SPIN_PAGE_WIDTH] contains the columns above, but with
+ * rotations as quaternions w x y z, so SH begins one column later. If present[f] is 0, the row is
+ * absent in frame f and gets an opacity of 0 there. Writes key[columns] and the differences of
+ * column c in frame f to number[c * pitch + f]. Returns false if a number reaches SPIN_PAGE_MOST.
+ */
 enum { SPIN_PAGE_WIDTH = SPIN_PAGE_COLUMNS + 1, SPIN_PAGE_VALUE_SH = SPIN_PAGE_SH + 1 };
 bool spin_page_number_row(const struct spin_page_space *space, const float *const *value,
                           const uint8_t *present, int n_frames, int n_sh, int32_t *key,
                           int32_t *number, size_t pitch);
-/* Quantises a row of a single frame: its key in whole steps [columns]. */
+/* Quantises a row that exists in one frame only: key[columns] in whole steps. */
 bool spin_page_number_own(const struct spin_page_space *space, const float *value, int n_sh,
                           int32_t *key);
-/* A rotation vector to a quaternion w x y z; and back, to the shorter rotation. */
+/* Convert a rotation vector to a quaternion w x y z, and a quaternion to the shorter of its two
+ * rotation vectors. */
 void spin_page_turn_of(const double v[3], double q[4]);
 void spin_page_vector_of(const double q[4], double v[3]);
 /* The Morton code of a position, as a sort key. */
 uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3]);
-/* Adds the errors of decoded values against those wanted, rotations in radians; of an absent row
- * only the opacity counts. */
+/* Adds the errors of decoded values against the source's, rotations in radians. If the row is
+ * absent in the source, only the error of its opacity is added. */
 void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
                           bool present, int n_sh);
 /* SPIN_E_MALFORMED: an error is larger than its bound. */
 spin_status spin_page_errors_judge(const struct spin_quant_error *q,
                                    const struct spin_page_bounds *bounds);
-/* Decodes a row into value[14 + n_sh], as above. number NULL: the key. */
+/* Decodes a row into value[14 + n_sh], in the layout of spin_page_number_row(). number: the
+ * differences from the key; NULL: decode the key itself. */
 void spin_page_value_of(const struct spin_page_space *space, const int32_t *key,
                         const int32_t *number, int n_sh, double *value);

@@ -4,8 +4,8 @@
 #include "io/file.h"
 #include "io/json.h"
 
-/* Tolerance of the length of an axis, and of the cosine between two: more than rounding to a few
- * digits causes. */
+/* Tolerance of the length of an axis, and of the cosine between two axes: large enough for matrices
+ * that are rounded to three digits. */
 #define CROOKED 2e-3
 
 enum { MOST_POSES = 10000000, MOST_SIDE = 16384 };
@@ -17,10 +17,10 @@ static double dot(const double *a, const double *b)
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Inverts a camera-to-world matrix (3 x 4) into w2c; `sign` -1 flips y and z of the camera. The
- * axes are orthonormalised: the direction of the third is kept, the second is made perpendicular to
- * it. Returns false if the matrix is not a rotation. */
-static bool invert(const double m[12], double sign, double w2c[12])
+/* Inverts a camera-to-world matrix (3 x 4) into w2c. A `sign` of -1 negates the y and z axes of the
+ * camera. The axes are orthonormalised: the third keeps its direction, and the second is made
+ * perpendicular to the third. Returns false if the matrix is not a rotation and a translation. */
+static bool invert_matrix(const double m[12], double sign, double w2c[12])
 {
     double axis[3][3], length[3], across[3], det;
 
@@ -55,9 +55,10 @@ static bool invert(const double m[12], double sign, double w2c[12])
     return det > 0;
 }
 
-/* Adds a matrix of n numbers, which must be 12 or 16. */
-static spin_status add(struct spin_path_file *f, size_t *room, const double *m, size_t n,
-                       double sign, double fovy_deg)
+/* Adds a matrix. Fails unless n, the number of its values, is 12 or 16; n = 0 means that a value
+ * was not a number. */
+static spin_status add_matrix(struct spin_path_file *f, size_t *room, const double *m, size_t n,
+                              double sign, double fovy_deg)
 {
     struct spin_path_pose pose = {.fovy_deg = fovy_deg};
 
@@ -72,7 +73,7 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
     if (n == 16 && (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1))
         return spin_malformed("matrix %zu ends in %g %g %g %g, expected 0 0 0 1", f->n + 1, m[12],
                               m[13], m[14], m[15]);
-    if (!invert(m, sign, pose.w2c))
+    if (!invert_matrix(m, sign, pose.w2c))
         return spin_malformed(
             "matrix %zu is not a rotation and a translation from a camera to the world", f->n + 1);
     if (f->n == MOST_POSES)
@@ -84,8 +85,8 @@ static spin_status add(struct spin_path_file *f, size_t *room, const double *m, 
 
 /* ---- JSON ------------------------------------------------------------------------------------ */
 
-/* Reads the numbers of a list, and of lists in it, into m[17]. Returns how many there are, at most
- * 17; 0 if there is anything else. */
+/* Reads the numbers of a list and of nested lists into m[17]. Returns their count, at most 17, or 0
+ * if the list contains anything else. */
 static size_t numbers_of(const spin_json *j, double *m)
 {
     size_t n = 0;
@@ -111,7 +112,7 @@ static spin_status read_list(const spin_json *list, struct spin_path_file *out)
     size_t room = 0;
 
     for (size_t i = 0; i < spin_json_length(list); i++)
-        SPIN_TRY(add(out, &room, m, numbers_of(spin_json_at(list, i), m), 1, 0));
+        SPIN_TRY(add_matrix(out, &room, m, numbers_of(spin_json_at(list, i), m), 1, 0));
     return SPIN_OK;
 }
 
@@ -156,8 +157,8 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
         if (spin_json_number(spin_json_get(camera, "fov"), &fovy) && !(fovy > 0.1 && fovy < 179))
             return spin_unsupported(
                 "camera %zu has a field of view of %g degrees, expected 0.1 to 179", i + 1, fovy);
-        SPIN_TRY(
-            add(out, &room, m, numbers_of(spin_json_get(camera, "camera_to_world"), m), -1, fovy));
+        SPIN_TRY(add_matrix(out, &room, m, numbers_of(spin_json_get(camera, "camera_to_world"), m),
+                            -1, fovy));
     }
     return SPIN_OK;
 }
@@ -196,7 +197,7 @@ static spin_status read_text(char *text, struct spin_path_file *out)
         if (at[strspn(at, " \t\r")] && n < 17)
             return spin_malformed("'%.20s' is not a number", at);
         if (n > 0)
-            SPIN_TRY(add(out, &room, m, n, 1, 0));
+            SPIN_TRY(add_matrix(out, &room, m, n, 1, 0));
     }
     return SPIN_OK;
 }
@@ -226,7 +227,7 @@ spin_status spin_path_file_open(const char *path, struct spin_path_file *out)
     status = read_file(path, &map, out);
     spin_map_close(&map);
     if (status == SPIN_OK && out->n == 0)
-        status = spin_malformed("it contains no cameras");
+        status = spin_malformed("the file contains no cameras");
     if (status == SPIN_OK)
         return SPIN_OK;
     spin_path_file_close(out);

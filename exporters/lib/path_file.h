@@ -15,9 +15,9 @@ struct spin_path_file {
     double fps;                  /* 0: unspecified */
 };
 
-/* A JSON object is nerfstudio's: its matrices map from a camera with x right, y up, z back to the
- * world. A JSON list, or a text with one matrix per line, contains matrices of 3 x 4 or 4 x 4
- * numbers in row-major order, from a camera with x right, y down, z forward to the world.
- * SPIN_E_MALFORMED: the error names the matrix. */
+/* Reads a camera path. A JSON object is a path of nerfstudio's viewer; its matrices map from a
+ * camera with x right, y up, z back to the world. A JSON list, or a text with one matrix per line,
+ * contains matrices of 3 x 4 or 4 x 4 numbers in row-major order, which map from a camera with x
+ * right, y down, z forward to the world. SPIN_E_MALFORMED: the error names the matrix. */
 spin_status spin_path_file_open(const char *path, struct spin_path_file *out);
 void spin_path_file_close(struct spin_path_file *file);

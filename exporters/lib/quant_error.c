@@ -39,7 +39,7 @@ void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4]
 {
     double d = distance(is, shown, 4);
 
-    d = d * d > 2 ? sqrt(fmax(4 - d * d, 0)) : d; /* q and -q are one rotation */
+    d = d * d > 2 ? sqrt(fmax(4 - d * d, 0)) : d; /* q and -q are the same rotation */
     spin_quant_error_add(q, SPIN_QUANT_ROTATION,
                          4 * asin(fmin(d / 2, 1)) * (180 / 3.14159265358979));
 }

@@ -1,5 +1,5 @@
-/* Rounding errors of lossy formats: the difference between what a reader decodes and what the
- * bundle contains, collected row by row and logged once at the end. */
+/* Rounding errors of lossy formats: differences between the values that a reader decodes and those
+ * of the bundle, accumulated row by row and logged once at the end. */
 #pragma once
 
 #include <math.h>
@@ -33,7 +33,7 @@ static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_qu
         q->part[part].largest = error;
 }
 
-/* Adds n errors at once, which is faster. */
+/* Adds n errors of SH coefficients, faster than one by one. */
 void spin_quant_error_add_sh(struct spin_quant_error *q, const float *error, size_t n);
 
 double spin_quant_error_distance(const float is[3], const float shown[3]);
@@ -41,7 +41,8 @@ double spin_quant_error_distance(const float is[3], const float shown[3]);
 void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3],
                                 const float shown[3]);
 
-/* Unit quaternions of one sign at distance d differ by a rotation of 4 asin(d / 2). */
+/* Adds the angle between two unit quaternions: at distance d, with signs chosen such that their dot
+ * product is >= 0, they differ by a rotation of 4 asin(d / 2). */
 void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4],
                                    const float shown[4]);
 

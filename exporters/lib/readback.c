@@ -14,13 +14,14 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
     for (int c = 0; c < 6; c++)
         e->is_box[c] = e->there_box[c] = c < 3 ? HUGE_VAL : -HUGE_VAL;
     for (size_t i = 0; views && row >= 0 && i < views->n; i++)
-        if (views->view[i].dataset_frame == row) { /* views of a row are consecutive */
+        if (views->view[i].dataset_frame == row) { /* views of a data-set frame are consecutive */
             e->view = e->view ? e->view : &views->view[i];
             e->n_views++;
         }
 }
 
-/* The largest number of pixels that a displacement of length `off` covers; -1: not visible. */
+/* The length in pixels of a displacement `off` at this position, for the direction in which it is
+ * longest. -1: the position is not visible. */
 static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
 {
     double p[3];
@@ -40,7 +41,7 @@ void spin_readback_add(struct spin_readback *e, const float mean[3], const float
         e->pixels = fmax(e->pixels, pixels_of(&e->view[i].camera, mean, off));
 }
 
-static void widen(double box[6], const float place[3])
+static void widen_box(double box[6], const float place[3])
 {
     for (int c = 0; c < 3; c++) {
         box[c] = fmin(box[c], (double)place[c]);
@@ -75,8 +76,8 @@ void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *
     spin_readback_add(e, rows->splats->means + 3 * i, rows->splats->log_scales + 3 * i,
                       spin_quant_error_distance(is.place, there->place));
     compare_sh(e, rows, i, sh, degree);
-    widen(e->is_box, is.place);
-    widen(e->there_box, there->place);
+    widen_box(e->is_box, is.place);
+    widen_box(e->there_box, there->place);
     for (int c = 0; c < 3; c++)
         e->reach = fmax(e->reach, fabs((double)is.place[c]));
     e->n++;

@@ -1,5 +1,6 @@
-/* Compares what was written with what its importer reads: the errors of all values; of positions
- * also relative to the splats' sizes, and in pixels of the cameras in which they are visible. */
+/* Compares the source with the splats that the importer reads back: the errors of all values.
+ * Errors of positions are also measured relative to the splat's size, and in pixels of the cameras
+ * to which the splat is visible. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -14,22 +15,24 @@ struct spin_readback {
     uint64_t n;       /* splats of all frames */
     uint64_t sh_lost; /* splats with nonzero SH above the degree of the file */
     const struct spin_view *view;
-    size_t n_views;                 /* of the current frame */
-    double is_box[6], there_box[6]; /* of the current frame so far: minimum, maximum */
+    size_t n_views; /* views of the current frame, from `view` on */
+    double is_box[6],
+        there_box[6]; /* bounding boxes of the frame so far, source and file: minimum, maximum */
 };
 
 /* Starts without any rows. */
 void spin_readback_begin(struct spin_readback *e);
-/* Starts a frame of the job: positions are measured in the data set's cameras of this frame. */
+/* Starts a frame of the job, whose cameras in the data set are used to measure pixels. */
 void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *job, int frame);
-/* Adds a splat whose position is wrong by `off`, in the source's axes and units. */
+/* Adds a splat whose position has an error of `off`, in the source's axes and units. */
 void spin_readback_add(struct spin_readback *e, const float mean[3], const float log_scale[3],
                        double off);
-/* Compares row i of the source with what the file contains: `there`, and the coefficients sh[3 *
- * spin_sh_count(degree)]. Coefficients that the source lacks should be zero. */
+/* Compares row i of the source with the file's values: `there`, and the coefficients sh[3 *
+ * spin_sh_count(degree)]. Coefficients that the source lacks are compared with zero. */
 void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
                        const struct spin_gaussian *there, const float *sh, int degree);
 /* Ends the frame, after all of its rows. */
 void spin_readback_end(struct spin_readback *e);
-/* Sets the values of *out, and the rest of it as for a check that rendered no image. */
+/* Fills *out for a check that rendered no image; a caller that renders sets `rendered` and `psnr`.
+ */
 void spin_readback_say(const struct spin_readback *e, int n_frames, struct spin_export_check *out);

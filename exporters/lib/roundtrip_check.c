@@ -5,8 +5,8 @@
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/readback.h"
 
-/* Tolerances of float arithmetic when writing and reading; of positions relative to the largest
- * coordinate. */
+/* Tolerances of the float arithmetic of writing and reading. That of positions is relative to the
+ * largest coordinate. */
 static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
 
 struct check {
@@ -35,17 +35,19 @@ static bool is_finite(const struct spin_splats *s, size_t j)
     return sum + s->logit_opacities[j] * 0 == 0;
 }
 
-/* Compares a frame as read from its file, in the file's axes and order, with the chosen rows of the
- * bundle. row[j] is the source of the file's row j; NULL: the kept rows in the source's order. */
-static spin_status compare(struct check *check, const char *path, const struct spin_keyed *row)
+/* Compares a frame as read from its file, in the file's axes and order, with the kept rows of the
+ * bundle. row[j].row is the source row of the file's row j; with row NULL, the file contains the
+ * kept rows in the source's order. */
+static spin_status compare_frame(struct check *check, const char *path,
+                                 const struct spin_keyed *row)
 {
     const struct spin_splat_filter *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
-    const struct spin_splat_filter plain = {.splats = back}; /* does not turn rows */
+    const struct spin_splat_filter plain = {.splats = back}; /* applies no rotation */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)
-        return spin_fail(SPIN_E_IO, "check: '%s' holds %zu splats, expected %zu", path, back->n,
+        return spin_fail(SPIN_E_IO, "check: '%s' contains %zu splats, expected %zu", path, back->n,
                          rows->n_kept);
     for (size_t j = 0; j < back->n; j++) {
         struct spin_gaussian there;
@@ -55,7 +57,8 @@ static spin_status compare(struct check *check, const char *path, const struct s
             next++;
         i = row ? row[j].row : next++;
         if (!is_finite(back, j))
-            return spin_fail(SPIN_E_IO, "check: '%s' holds NaN or infinity in splat %zu", path, j);
+            return spin_fail(SPIN_E_IO, "check: '%s' contains NaN or infinity in splat %zu", path,
+                             j);
         spin_splat_filter_take(&plain, j, &there);
         spin_readback_row(&check->values, rows, i, &there, back->sh + n_sh * j, back->sh_degree);
     }
@@ -65,8 +68,8 @@ static spin_status compare(struct check *check, const char *path, const struct s
 
 /* ---- A render -------------------------------------------------------------------------------- */
 
-/* A camera of the data set for this frame, if possible a held-out one; else the view from the
- * front, as in a page. */
+/* Chooses a camera of the data set for this frame, preferably a held-out one. Without a data set,
+ * the camera is in front of the scene, as in the web page. */
 static spin_status choose_camera(const struct spin_export_job *job, int frame,
                                  const struct spin_splats *s, struct spin_camera *out)
 {
@@ -105,7 +108,8 @@ static double psnr_of(const float *a, const float *b, size_t n)
     return sum > 0 ? 10 * log10((double)n / sum) : HUGE_VAL;
 }
 
-/* Renders the frame of the file, turned back to the source's axes, and the bundle's own. */
+/* Renders the frame from the file, rotated back to the source's axes, and the frame from the
+ * bundle, and measures the PSNR between the two images. */
 static spin_status compare_pictures(struct check *check, int frame, int number)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -138,9 +142,9 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
 
 /* ---- All frames ------------------------------------------------------------------------------ */
 
-/* Checks that the files contain what was written: errors must not exceed those of the rounding, as
- * measured while writing (none in formats that do not round). */
-static spin_status judge(const struct check *check, const struct spin_quant_error *written)
+/* Fails if an error exceeds the rounding error that was measured while the files were written,
+ * which is 0 for formats that do not round. */
+static spin_status check_errors(const struct check *check, const struct spin_quant_error *written)
 {
     static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
                                        "opacities", "colours",    "SH"};
@@ -155,8 +159,8 @@ static spin_status judge(const struct check *check, const struct spin_quant_erro
 
         if (!(largest <= most) || !(rms <= most_rms))
             return spin_fail(SPIN_E_IO,
-                             "check: '%s' differs from what was written: %s are off by %.3g, RMS "
-                             "%.3g, expected at most %.3g, RMS %.3g",
+                             "check: '%s' differs from the written values: %s have errors of up to "
+                             "%.3g, RMS %.3g, expected at most %.3g, RMS %.3g",
                              check->x->job->output, name[p], largest, rms, most, most_rms);
     }
     return SPIN_OK;
@@ -188,7 +192,8 @@ static spin_status open_file(struct check *check, const char *path)
     return status;
 }
 
-/* The frame nearest to the middle of the clip that has splats; -1: none has. */
+/* The index of the frame with splats that is nearest to the middle of the clip. -1: no frame has
+ * splats. */
 static int rendered_frame(const struct spin_frames *x)
 {
     int middle = (int)x->n_entries / 2, best = -1;
@@ -199,8 +204,8 @@ static int rendered_frame(const struct spin_frames *x)
     return best;
 }
 
-/* Checks frame f of the export, which is frame `within` of the file. Importers refuse files without
- * splats, so these are not read. */
+/* Checks frame f of the export, which is frame `within` of the file. Frames without splats are not
+ * read, because importers refuse empty files. */
 static spin_status check_frame(struct check *check, int f, const char *path, int within)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -225,7 +230,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
         SPIN_TRY(spin_frames_order(x));
         row = x->order.item;
     }
-    SPIN_TRY(compare(check, path, row));
+    SPIN_TRY(compare_frame(check, path, row));
     return f == rendered_frame(x) && x->job->renderer
                ? compare_pictures(check, f, x->entry[f].number)
                : SPIN_OK;
@@ -251,7 +256,7 @@ spin_status spin_frames_check(struct spin_frames *x)
         out->psnr = check.psnr > 0 ? check.psnr : (double)NAN;
     }
     if (status == SPIN_OK)
-        status = judge(&check, &x->quant);
+        status = check_errors(&check, &x->quant);
 out:
     close_file(&check);
     spin_splats_free(&check.back);

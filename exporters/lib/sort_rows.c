@@ -37,8 +37,9 @@ void spin_sort_rows_sort(struct spin_sort_rows *order)
     }
 }
 
-/* Maps log(volume times opacity) to an integer, so that the largest comes first: positive floats
- * are inverted; negative ones, whose bits grow with the magnitude, follow. */
+/* Maps log(volume times opacity) to an integer that is smaller for larger splats. The bits of a
+ * positive float grow with its value and are inverted; those of a negative float grow with its
+ * magnitude and are kept. */
 static uint64_t size_key(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;

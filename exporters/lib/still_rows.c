@@ -4,7 +4,7 @@
 
 #define NONE UINT32_MAX
 
-/* A column of which n floats per row are written. */
+/* A column of floats, `width` per row, of which the first n are written. */
 struct column {
     const float *at;
     size_t width, n;
@@ -27,7 +27,7 @@ static int by_hash(const void *a, const void *b)
     return order ? order : (x->row > y->row) - (x->row < y->row);
 }
 
-/* Lists the chosen rows of the current frame in s->now, by hash. */
+/* Lists the kept rows of the current frame in s->now, sorted by hash. */
 static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t room = rows->splats->n + 1, n = 0;
@@ -49,9 +49,9 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
     return SPIN_OK;
 }
 
-/* Finds a row of the current frame for each of s->kept, or NONE; equal rows are matched one to one.
- */
-static void pair(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+/* Finds for each row of s->kept the equal row of the current frame, or NONE. Several rows with
+ * equal values are matched one to one. */
+static void pair_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t at = 0;
 
@@ -66,7 +66,7 @@ static void pair(struct spin_still_rows *s, const struct spin_splat_filter *rows
     }
 }
 
-static spin_status take_first(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+static spin_status copy_first_frame(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     s->n = rows->n_kept;
     s->n_first = rows->splats->n;
@@ -77,12 +77,12 @@ static spin_status take_first(struct spin_still_rows *s, const struct spin_splat
     return SPIN_OK;
 }
 
-/* Keeps the rows that the current frame has, too. */
-static void narrow(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+/* Drops the rows of s->kept that the current frame does not contain. */
+static void narrow_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t n = 0;
 
-    pair(s, rows);
+    pair_rows(s, rows);
     for (size_t k = 0; k < s->n; k++) {
         if (s->mate[s->kept[k].row] != NONE)
             s->kept[n++] = s->kept[k];
@@ -100,19 +100,19 @@ spin_status spin_still_rows_find(struct spin_still_rows *s, struct spin_splat_fi
         SPIN_TRY(spin_splat_filter_choose(rows, splats));
         SPIN_TRY(list_rows(s, rows));
         if (f == 0)
-            SPIN_TRY(take_first(s, rows));
+            SPIN_TRY(copy_first_frame(s, rows));
         else
-            narrow(s, rows);
+            narrow_rows(s, rows);
     }
     return SPIN_OK;
 }
 
 /* Sets s->mate and s->keep for the current frame. */
-static spin_status match(struct spin_still_rows *s, const struct spin_splat_filter *rows,
-                         int number)
+static spin_status match_frame(struct spin_still_rows *s, const struct spin_splat_filter *rows,
+                               int number)
 {
     SPIN_TRY(list_rows(s, rows));
-    pair(s, rows);
+    pair_rows(s, rows);
     if (rows->splats->n > 0)
         memcpy(s->keep, rows->keep, rows->splats->n);
     for (size_t k = 0; k < s->n; k++) {
@@ -131,7 +131,7 @@ static spin_status match(struct spin_still_rows *s, const struct spin_splat_filt
 spin_status spin_still_rows_leave_out(struct spin_still_rows *s, struct spin_splat_filter *rows,
                                       int number)
 {
-    SPIN_TRY(match(s, rows, number));
+    SPIN_TRY(match_frame(s, rows, number));
     spin_splat_filter_keep(rows, s->keep);
     return SPIN_OK;
 }
@@ -149,7 +149,7 @@ spin_status spin_still_rows_order(struct spin_still_rows *s, const struct spin_s
 {
     size_t n = 0;
 
-    SPIN_TRY(match(s, rows, number));
+    SPIN_TRY(match_frame(s, rows, number));
     for (size_t i = 0; i < rows->splats->n; i++) {
         if (s->keep[i])
             s->order[n++].row = (uint32_t)i;

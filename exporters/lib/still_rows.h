@@ -1,5 +1,5 @@
-/* Static splats: those that would be written with the same bits in all frames of a clip. They are
- * identified by their values, so the order of rows may differ from frame to frame. */
+/* Static splats of a clip: splats that are written with the same bits in all frames. They are
+ * matched by their values, so the order of rows may differ from frame to frame. */
 #pragma once
 
 #include <string.h>
@@ -7,23 +7,23 @@
 #include "exporters/lib/sort_rows.h"
 
 struct spin_still_row {
-    uint64_t hash[2]; /* of the row's values */
+    uint64_t hash[2]; /* hash of the row's values */
     uint32_t row;
 };
 
 struct spin_still_rows {
     size_t n;                    /* static rows */
-    struct spin_still_row *kept; /* [n] in the first frame, by hash */
-    struct spin_still_row *now;  /* the chosen rows of the current frame, by hash */
-    unsigned char *keep;         /* [rows] 1: a chosen row of the current frame that is dynamic */
-    uint32_t *mate; /* [n_first] for each row of the first frame its row in the current frame;
-                       UINT32_MAX: it is not static */
+    struct spin_still_row *kept; /* [n] the static rows in the first frame, sorted by hash */
+    struct spin_still_row *now;  /* the kept rows of the current frame, sorted by hash */
+    unsigned char *keep;         /* [rows] 1: a kept row of the current frame that is dynamic */
+    uint32_t *mate; /* [n_first] the current frame's row of each row of the first frame; UINT32_MAX:
+                       the row is not static */
     size_t n_first;
     struct spin_keyed *order; /* [rows] see spin_still_rows_order() */
 };
 
-/* Hashes n words of 4 bytes into two 64-bit numbers with different factors: 128 bits, so that equal
- * hashes can be taken for equal bytes. */
+/* Hashes n words of 4 bytes into two 64-bit numbers, with different factors. With 128 bits, equal
+ * hashes are assumed to mean equal bytes. */
 static inline void spin_still_hash(uint64_t hash[2], const void *words, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -37,18 +37,18 @@ static inline void spin_still_hash(uint64_t hash[2], const void *words, size_t n
     }
 }
 
-/* Reads all frames with job->again() and finds the static rows; stops at the frame that leaves
- * none. Zero *still before; free it also after a failure. */
+/* Reads the frames with job->again() and finds the static rows; stops reading once there are none.
+ * Zero *still before the call, and free it even if the call fails. */
 spin_status spin_still_rows_find(struct spin_still_rows *still, struct spin_splat_filter *rows,
                                  const struct spin_export_job *job);
-/* Leaves the static rows out of a frame's choice. SPIN_E_IO if one of them is missing: the frame
- * has changed since it was first read. */
+/* Removes the static rows from the frame's kept rows. SPIN_E_IO: a static row is missing, because
+ * the frame has changed since it was first read. */
 spin_status spin_still_rows_leave_out(struct spin_still_rows *still, struct spin_splat_filter *rows,
                                       int number);
-/* After it, in the first frame: chooses only the static rows instead. */
+/* Call it in the first frame, after spin_still_rows_leave_out(): keeps only the static rows. */
 void spin_still_rows_only(const struct spin_still_rows *still, struct spin_splat_filter *rows);
-/* Lists all chosen rows of a frame: the dynamic ones, then the static ones in the order of the
- * first frame. */
+/* Lists all kept rows of a frame: the dynamic ones, then the static ones in the order of the first
+ * frame. */
 spin_status spin_still_rows_order(struct spin_still_rows *still,
                                   const struct spin_splat_filter *rows, int number,
                                   const struct spin_keyed **order);

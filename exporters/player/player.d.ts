@@ -6,7 +6,7 @@ export interface State {
     speed: number;
     /** 'after', 'before' or 'wipe' if there are two versions; else the version's name. */
     version: string;
-    /** The first image is drawn. */
+    /** Whether the first image has been drawn. */
     ready: boolean;
 }
 
@@ -18,15 +18,15 @@ export interface Options {
     poster?: string;
     version?: string;
     fps?: number | string;
-    /** RGB in hexadecimal. */
+    /** RGB in hexadecimal, such as 'ffffff'. */
     background?: string;
-    /** The title of the frame, for screen readers. */
+    /** The title of the iframe, for screen readers. */
     title?: string;
 }
 
 export type Wishes = Partial<Pick<State, 'play' | 'frame' | 'speed' | 'version'>>;
 
-/** Events: 'ready', 'change', and 'error', which has a message. */
+/** Dispatches the events 'ready', 'change' and 'error'; 'error' has a message. */
 export declare class Player extends EventTarget {
     constructor(element: Element, url: string, options?: Options);
     /** null until the page is loaded. */
@@ -40,7 +40,7 @@ export declare class Player extends EventTarget {
     destroy(): void;
 }
 
-/** url: a page of spin-export, the .bin of --split beside its page, or a .sogst file. Throws a
- * TypeError unless it and the poster are relative or of http, https, blob or file. */
+/** url: a page of spin-export, the .bin file of a page with --split, or a .sogst file. Throws a
+ * TypeError if the url or the poster is neither relative nor of http, https, blob or file. */
 export declare function createPlayer(element: Element, url: string, options?: Options): Player;
 export declare function addressOf(url: string, options?: Options): string;

@@ -1,21 +1,22 @@
-// Embeds a clip in a web page: a page that `spin-export -o clip.html` wrote, the .bin of --split
-// beside its page, or a .sogst file. It plays in a frame that fills an element, and an object
-// controls it. Frames count from 1; in a clip of 4D splats they may be fractions.
+// Embeds a clip in a web page. The clip is a page that `spin-export -o clip.html` wrote, the .bin
+// file of such a page with --split, or a .sogst file. It plays in an iframe that fills an element
+// and is controlled by a Player object. Frames count from 1; in a clip of 4D splats they may be
+// fractions.
 
 const PATIENCE = 5000; // milliseconds in which a loaded page must have reported its state
 const WISHES = ['frame', 'autoplay', 'noui', 'poster', 'version', 'fps', 'background'];
 
-// Parses an address of http, https, blob or file. Other schemes throw: javascript: would run in the
-// embedding page.
+// Parses an address of http, https, blob or file. Throws for other schemes, because javascript:
+// would run in the embedding page.
 function safeUrl(url) {
     const made = new URL(url, document.baseURI);
     if (!/^(https?|blob|file):$/.test(made.protocol)) throw new TypeError(`spin4d: the address '${String(url).slice(0, 60)}' is not one of http, https, blob or file`);
     return made;
 }
 
-// The page's address with the options as parameters; true or '' stands for a switch. Throws a
-// TypeError if the address of the clip or of the poster is invalid or has a scheme that is not
-// allowed.
+// Returns the address of the clip's page with the options as parameters. The value of a switch is
+// true or ''. Throws a TypeError if the address of the clip or of the poster is invalid or has a
+// scheme that is not allowed.
 export function addressOf(url, options = {}) {
     const source = safeUrl(url), address = source.pathname.endsWith('.sogst') ? new URL('view.html', import.meta.url) : source;
     if (address !== source) address.searchParams.set('src', source.href);
@@ -59,7 +60,8 @@ export class Player extends EventTarget {
         return this.dispatchEvent(new Event('change'));
     }
 
-    // Requests { play, frame, speed, version }, each optional, are queued until the page is loaded.
+    // Changes the state. Requests are { play, frame, speed, version }, each optional, and are
+    // queued until the page is loaded.
     set(wishes) {
         if (!this.state) this.#waiting.push(wishes);
         else this.#frame.contentWindow.postMessage({ spin4d: wishes }, '*');
@@ -81,8 +83,8 @@ export class Player extends EventTarget {
 
 export const createPlayer = (element, url, options) => new Player(element, url, options);
 
-// <spin-clip src="clip.html" autoplay noui ...>: attributes are the options; the property `player`
-// is the Player.
+// The element <spin-clip src="clip.html" autoplay noui ...>. Its attributes are the options; its
+// property `player` is the Player.
 if (globalThis.customElements && !customElements.get('spin-clip')) {
     customElements.define('spin-clip', class extends HTMLElement {
         static observedAttributes = ['src'];

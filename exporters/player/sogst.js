@@ -1,21 +1,21 @@
-// Reads the .sogst file named by ?src= for the page that follows: its clip and its 4D splats. Then
-// it starts the page.
+// Reads the .sogst file named by ?src=, converts it to the clip and the 4D splats that the web page
+// expects, and starts that page.
 'use strict';
 
 (async () => {
 const $ = (id) => document.getElementById(id);
 const fail = (text) => { throw new Error(text); };
 
-// ---- Limits: a file of some kilobytes must not end the tab --------------------------------------
+// ---- Limits: a small malicious file must not crash the tab --------------------------------------
 
-// Those of src/formats/sog_4d.c and sogst.c; the limit of frames is this page's own.
+// The limits are those of src/formats/sog_4d.c and sogst.c, except MOST_FRAMES.
 const SLACK = 4096, MOST_SPLATS = 2 ** 20, MOST_SEGMENTS = 65536, MOST_PALETTE = 65536, MOST_FRAMES = 2 ** 18, BOOK = 256, FLOAT = 3.4028234663852886e38;
 const number = (v, name, least = -FLOAT, most = FLOAT) => (typeof v === 'number' && v >= least && v <= most ? v : fail(`its ${name} is not a number from ${least} to ${most}`));
 const whole = (v, name, least, most) => (Number.isInteger(number(v, name, least, most)) ? v : fail(`its ${name} is not a whole number`));
 const numbers = (list, name, n) => (Array.isArray(list) && list.length === n ? list.map((v) => number(v, name)) : fail(`its ${name} is not ${n} numbers`));
 const listOf = (list, name, most) => (Array.isArray(list) && list.length <= most ? list : fail(`its ${name} is not a list of at most ${most}`));
 
-// The parts of a clip to read, consecutive: [folder, first splat, last + 1].
+// Returns the parts of a clip in order, as [folder, first splat, last splat + 1].
 function partsOf({ segments, streams }, n) {
     if (!streams) return [['', 0, n]];
     const names = listOf(streams.segments, 'list of streams', MOST_SEGMENTS), list = listOf(segments?.list, 'list of segments', names.length);
@@ -25,11 +25,11 @@ function partsOf({ segments, streams }, n) {
         if (from !== at || whole(end, 'end of a segment', from, n) === from) return [name, at, at];
         return [name, from, at = end];
     });
-    return at === n ? parts : fail(`its segments hold ${at} of ${n} splats`);
+    return at === n ? parts : fail(`its segments contain ${at} of ${n} splats`);
 }
 
-// Width and height of a lossless WebP, from its chunks: no image is decoded before its size is
-// checked.
+// Returns the width and height of a lossless WebP from its chunks, so that the size can be checked
+// before the image is decoded.
 function sizeOf(bytes, name) {
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.length), word = (at) => String.fromCharCode(...bytes.subarray(at, at + 4));
     if (bytes.length < 30 || word(0) !== 'RIFF' || word(8) !== 'WEBP') fail(`${name} is not a WebP`);
@@ -63,9 +63,9 @@ function entriesOf(bytes) {
     return entries;
 }
 
-// The bytes R G B A of a lossless image, unchanged: a 2D canvas would premultiply colours by
-// opacities.
-const gl = document.createElement('canvas').getContext('webgl2') ?? fail('this browser does not offer WebGL 2');
+// Decodes a lossless image to R G B A bytes by WebGL: a 2D canvas would premultiply colours by
+// opacities and lose bits.
+const gl = document.createElement('canvas').getContext('webgl2') ?? fail('this browser does not support WebGL 2');
 gl.pixelStorei(gl.UNPACK_COLORSPACE_CONVERSION_WEBGL, gl.NONE);
 gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
 gl.bindFramebuffer(gl.FRAMEBUFFER, gl.createFramebuffer());
@@ -79,9 +79,9 @@ async function pixelsOf(bytes, name, n) {
     return { width, out };
 }
 
-// ---- Its splats ---------------------------------------------------------------------------------
+// ---- Splats -------------------------------------------------------------------------------------
 
-// Three 16-bit numbers per splat, in two images: steps of their logarithms.
+// Decodes three coordinates per splat, whose signed logarithms are 16-bit numbers in two images.
 function path(out, from, n, range, low, high) {
     const mins = numbers(range.mins, 'mins', 3), maxs = numbers(range.maxs, 'maxs', 3);
     for (let i = 0; i < n; i++) {
@@ -92,7 +92,7 @@ function path(out, from, n, range, low, high) {
     }
 }
 
-// Reads the splats from `from` on, whose images are in a folder.
+// Reads n splats, beginning at splat `from`, from the images in a folder.
 async function group(s, meta, entries, folder, from, n, sh) {
     const picture = async (of, k = 0) => {
         const name = folder ? `${folder}/${of.files[k]}` : of.files[k];
@@ -117,7 +117,8 @@ async function group(s, meta, entries, folder, from, n, sh) {
     }
 }
 
-// SH from a palette: an image with 64 entries per row.
+// Returns a function that copies an entry of the SH palette to a row. The palette is an image with
+// 64 entries per row.
 async function paletteOf(s, { shN }, entries, coefficients) {
     const count = whole(shN.count, 'count of shN', 1, MOST_PALETTE), book = numbers(shN.codebook, 'codebook', BOOK), { width, out } = await pixelsOf(entries.get(shN.files[0]), shN.files[0], 64 * coefficients * Math.ceil(count / 64));
     if (width !== 64 * coefficients) fail('its SH palette does not match its degree');
@@ -145,8 +146,8 @@ async function read(bytes) {
 
 // ---- The page's clip ----------------------------------------------------------------------------
 
-// The region with most of the splats, and a view of it: these files have x right, y down and z
-// forward.
+// Describes the clip as the JSON of a page does. The first view shows the region that contains most
+// of the splats; the axes of these files are x right, y down, z forward.
 function clipOf(name, { s, meta, bands }) {
     const { min, max, fps } = meta.time, sides = [0, 1, 2].map((c) => {
         const x = Float32Array.from({ length: s.n }, (_, i) => s.place[3 * i + c]).sort();

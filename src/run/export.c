@@ -87,6 +87,7 @@ static double clip_fps(const struct spin_clip *clip)
 static void report_rows(struct export *x)
 {
     memcpy(x->report->dropped, x->filter.n_by, sizeof x->report->dropped);
+    x->report->rows_differ = !x->filter.same_rows;
     x->report->left_out = spin_row_filter_n_undrawable(&x->filter);
     x->report->filtered = spin_row_filter_n_filtered(&x->filter);
 }
@@ -222,8 +223,7 @@ static spin_status begin_export(struct export *x)
         .numbered = x->clip.bundle.meta.numbered,
         .pair = x->o->pair ? x->o->pair : x->clip.bundle.meta.pair,
         .data_from = x->clip.bundle.meta.data_from,
-        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity &&
-                    !x->filter.varies && !(decimates && x->decimation.n_sets > 1),
+        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity,
         .source = x->clip.bundle.meta.from,
         .sh_degree = x->clip.bundle.meta.sh_degree,
         .antialias = x->clip.bundle.meta.antialias,

@@ -74,6 +74,7 @@ spin_status spin_row_filter_open(struct spin_row_filter *f, const struct spin_ex
     f->varies = o->n_crop > 0 || o->min_views > 0 || o->floaters > 0 || f->tracks.n_backdrop > 0 ||
                 o->min_opacity > 0;
     SPIN_TRY(check_options(o, clip));
+    spin_row_filter_restart(f);
     return spin_pool_create(o->n_threads, &f->pool);
 }
 
@@ -85,6 +86,7 @@ void spin_row_filter_close(struct spin_row_filter *f)
     free(f->track);
     free(f->reason);
     free(f->reason_4d);
+    free(f->first_kept);
     spin_splats_free(&f->kept);
     spin_splats_4d_free(&f->kept_4d);
     *f = (struct spin_row_filter){0};
@@ -93,6 +95,8 @@ void spin_row_filter_close(struct spin_row_filter *f)
 void spin_row_filter_restart(struct spin_row_filter *f)
 {
     f->n_seen = 0;
+    f->same_rows = true;
+    f->n_first = SIZE_MAX;
     memset(f->n_by, 0, sizeof f->n_by);
 }
 
@@ -391,12 +395,28 @@ spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
     return SPIN_OK;
 }
 
+/* Compares the rows that remain of a frame with those of the first one. */
+static spin_status compare_with_first(struct spin_row_filter *f, size_t n)
+{
+    if (f->n_first == SIZE_MAX) {
+        SPIN_TRY(spin_grow(n + 1, 1, (void **)&f->first_kept));
+        for (size_t i = 0; i < n; i++)
+            f->first_kept[i] = !f->reason[i];
+        f->n_first = n;
+    }
+    f->same_rows = f->same_rows && n == f->n_first;
+    for (size_t i = 0; i < n && f->same_rows; i++)
+        f->same_rows = f->first_kept[i] == !f->reason[i];
+    return SPIN_OK;
+}
+
 spin_status spin_row_filter_frame(struct spin_row_filter *f, int frame,
                                   const struct spin_splats **splats)
 {
     size_t n = (*splats)->n;
 
     SPIN_TRY(spin_row_filter_reread(f, frame, splats));
+    SPIN_TRY(compare_with_first(f, n));
     count_rows(f, f->reason, n, number_of(f, frame));
     return SPIN_OK;
 }

@@ -21,6 +21,7 @@ struct spin_row_filter {
     bool varies;                        /* options may drop a row in some frames only */
     /* Statistics of all frames since spin_row_filter_restart(), or of the 4D splats. */
     uint64_t n_seen, n_by[SPIN_ROW_REASONS];
+    bool same_rows; /* the counted frames have the same rows, and the same of them remain */
     /* An enum spin_row_reason for each row of the frame judged last, and for each 4D splat; NULL
      * before. */
     unsigned char *reason, *reason_4d;
@@ -31,6 +32,8 @@ struct spin_row_filter {
     double max_scale; /* in diagonals of the frame's bounding box; INFINITY: no limit */
     struct spin_bundle_tracks tracks; /* opened with --backdrop off */
     uint32_t *track;                  /* [rows of the frame] */
+    unsigned char *first_kept; /* [n_first] whether the first counted frame keeps each row */
+    size_t n_first;
     struct spin_splats kept;
     struct spin_splats_4d kept_4d;
 };

@@ -1,18 +1,18 @@
 #!/bin/sh
 # deps.sh FOLDER: compiles the libraries that spin4d needs from Debian's sources to WebAssembly,
 # into FOLDER/usr. Needs emscripten, cmake, libtinygltf-dev, nlohmann-json3-dev, and deb-src in
-# apt's sources. Takes minutes, but is done only once.
+# apt's sources. Takes minutes; does nothing if FOLDER/usr is complete.
 to=${1:?usage: deps.sh FOLDER}
 usr=$(realpath -m "$to")/usr
 [ ! -f "$usr/done" ] || exit 0
-export NODE_PATH=/usr/share/nodejs # where emscripten of Debian looks for acorn
+export NODE_PATH=/usr/share/nodejs # Debian's emscripten needs acorn from this folder
 
 fail() {
     echo "deps.sh: $*" >&2
     exit 1
 }
 
-# build NAME COMMAND...: runs COMMAND in the source folder of NAME; its output is in FOLDER/NAME.log
+# build NAME COMMAND...: runs COMMAND in the source folder of NAME; the log is FOLDER/NAME.log
 build() {
     name=$1
     shift

@@ -1,4 +1,4 @@
-/* spin-import and spin-export as one program for the browser; argv[1] is import or export. */
+/* spin-import and spin-export as one program for the browser. argv[1] is "import" or "export". */
 #include <stdio.h>
 #include <string.h>
 

@@ -4,7 +4,7 @@ const worker = new Worker(URL.createObjectURL(new Blob([$('worker').textContent]
 const waiting = new Map();
 let count = 0, busy = false, name = 'clip';
 
-// Runs a task in the worker and shows its output. Resolves to its result.
+// Runs a task in the worker and shows the output of the task. Resolves to the task's result.
 function ask(task, rest = {}) {
     const id = ++count;
     return new Promise((resolve) => {
@@ -30,7 +30,7 @@ function print(stream, text) {
     $('log').scrollTop = $('log').scrollHeight;
 }
 
-// Runs work() with all buttons disabled; ignored while another task runs.
+// Runs work() with all buttons disabled. Does nothing while another task runs.
 async function alone(what, work) {
     if (busy) return;
     busy = true;
@@ -46,12 +46,13 @@ async function alone(what, work) {
     busy = false;
 }
 
-// files: [{ name: path, data: File }]. Their common folder is the input.
+// Imports files, [{ name: path, data: File }], and shows the clip. The input is their common
+// folder.
 function open(files) {
     if (!files.length) return;
     const top = new Set(files.map((f) => f.name.split('/')[0]));
     let input = files[0].name.split('/')[0];
-    if (top.size > 1) { // several files: a folder of frames
+    if (top.size > 1) { // files without a common folder: one folder with all of them
         input = 'files';
         files = files.map((f) => ({ name: `files/${f.name}`, data: f.data }));
     }
@@ -89,7 +90,7 @@ async function below(entry, out) {
         return;
     }
     const reader = entry.createReader();
-    for (;;) { // a reader gives a hundred at a time
+    for (;;) { // browsers return at most a hundred entries per call
         const some = await new Promise((yes, no) => reader.readEntries(yes, no));
         if (!some.length) return;
         for (const e of some) await below(e, out);
@@ -112,8 +113,8 @@ const crcTable = Uint32Array.from({ length: 256 }, (_, n) => {
     return n;
 });
 
-// Stores files as a zip without compression, since most are compressed already. Without zip64 it is
-// limited to 4 GB.
+// Returns a zip of the files. They are stored without compression, since most are already
+// compressed, and without zip64, so the limit is 4 GB.
 function zip(files) {
     const parts = [], directory = [], text = new TextEncoder();
     let at = 0, n = 0;

@@ -1,5 +1,5 @@
-/* Replaces base/shim.c in the browser, which cannot load libraries at run time: looks up functions
- * of the linked libraries by name. */
+/* Replaces base/shim.c in the browser, where libraries cannot be loaded at run time. Functions of
+ * the linked libraries are looked up by name. */
 #include "base/shim.h"
 
 #include <stdio.h>

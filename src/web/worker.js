@@ -1,5 +1,5 @@
-// Runs commands of spin4d in a worker. Each command gets a fresh module, so that no state is left
-// of the previous one. The bundle is passed between commands as the bytes of its files.
+// Runs commands of spin4d in a worker. Each command runs in a new module, so that no state remains
+// of the previous command. The bundle is passed between commands as the bytes of its files.
 let clip = [], bundle = '/bundle/clip.spin';
 
 function readTree(FS, path, out = []) {
@@ -15,8 +15,8 @@ function writeTree(FS, files) {
     }
 }
 
-// Collects bytes into lines for say(). Progress lines end with a carriage return or begin with an
-// escape sequence.
+// Returns a function that collects bytes into lines and passes each line to say(). Progress lines
+// end with a carriage return or begin with an escape sequence.
 function lines(say) {
     const decoder = new TextDecoder();
     let bytes = [];
@@ -31,7 +31,8 @@ function lines(say) {
     };
 }
 
-// Dropped files are read in parts. emscripten's WORKERFS cannot map files, so mmap() copies.
+// Adds mmap() to emscripten's WORKERFS, which mounts dropped files without reading them. It cannot
+// map files, so mmap() copies the requested part.
 function mapDropped(module) {
     const ops = module.WORKERFS.stream_ops;
     ops.mmap = (stream, address, length, position) => {

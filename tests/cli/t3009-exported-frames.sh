@@ -67,7 +67,7 @@ cp -r "$work/long" "$work/failed"
 cp -r "$work/long" "$work/hostile"
 run "$bin/spin-export" "$work/named.spin" --to ply --range 1:3 -o "$work/long" --force
 is "$code $(files "$work/long")" "0 frame_00001.ply frame_00002.ply sequence.json " "the frames of a longer export go"
-err_has "removed 4 files of the former export from '$work/long'" "and are counted"
+err_has "removed 4 files of the previous export from '$work/long'" "and are counted"
 ! grep -q warning "$work/err"
 ok $? "without a warning"
 run "$bin/spin-export" "$work/named.spin" --to spz --range 1:3 -o "$work/long" --force

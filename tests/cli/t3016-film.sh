@@ -162,8 +162,8 @@ bad '1 0 0 0 0 1 0 0 0 0 2 0' 'matrix 1 is not a rotation'
 bad '1 0 0 0 0 1 0 0 0 0 -1 0' 'matrix 1 is not a rotation'
 bad '1 0 0 0 0 1 0 0 0 0 1 nan' 'matrix 1 has a value'
 bad '1 0 0 0 0 1 0 0 0 0 1 x' "'x' is not a number"
-bad '# nothing' 'it contains no cameras'
-bad '{"camera_path": []}' 'it contains no cameras'
+bad '# nothing' 'the file contains no cameras'
+bad '{"camera_path": []}' 'the file contains no cameras'
 bad '{"frames": []}' "the list 'camera_path' is missing"
 bad '{"camera_type": "fisheye", "camera_path": []}' "'camera_type' is 'fisheye'"
 bad '[[1,0,0,0,0,1,0,0,0,0,1,null]]' 'matrix 1 has values that are not numbers'

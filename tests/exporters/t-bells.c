@@ -169,5 +169,5 @@ TAP_MAIN
     refused(&job, &s, SPIN_4D_GATES, "do not fade to 0");
     refused(&job, &s, SPIN_4D_PLATEAUS, "do not fade for some time");
     job.n_frames = 1;
-    refused(&job, &s, 0, "single frame");
+    refused(&job, &s, 0, "two or more frames");
 }

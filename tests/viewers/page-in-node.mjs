@@ -297,7 +297,7 @@ for (let f = 0; f < FRAMES; f++) ok(Buffer.from(await wholly.w.blockOf(0, f)).eq
 is(wholly.asked.length, 1, 'once');
 const missing = server({ status: 404 }), short = server({ status: 200, cut: served.data.length - s0.at[6] });
 await fails('a file that is not there', 'http://x/served.bin: 404 Not Found', () => missing.w.blockOf(0, 0));
-await fails('a file that is too short', 'served.bin is shorter than the page says', () => short.w.blockOf(0, 0));
+await fails('a file that is too short', 'served.bin is shorter than the page expects', () => short.w.blockOf(0, 0));
 for (const { w } of [partly, wholly]) {
     const draft = await w.draftOf(0), why = wrongIn(draft, clips[0][0], 1.6 * bounds.place, 1);
     ok(draft.n === s0.draft.splats && why === '', 'the draft has splats of the first frame', why);
@@ -716,7 +716,7 @@ page.key('r');
     refused.key('F');
     await until(() => refused.$('message').textContent);
     is(refused.$('message').textContent, 'This browser does not allow full screen.', 'a full screen that is refused');
-    is([openPage(two, { noGl: true }), openPage(two, { old: true })].map((q) => [q.$('message').textContent, q.frames.length]), [['This page needs WebGL 2, which this browser does not offer.', 0], ['This browser is too old: it has no DecompressionStream.', 0]], 'browsers that are too old');
+    is([openPage(two, { noGl: true }), openPage(two, { old: true })].map((q) => [q.$('message').textContent, q.frames.length]), [['This page needs WebGL 2, which this browser does not support.', 0], ['This browser is too old: it has no DecompressionStream.', 0]], 'browsers that are too old');
     const torn = openPage({ ...two, texts: [two.texts[0].map((t) => t.slice(0, 300)), two.texts[1]] });
     await torn.settle();
     ok(torn.$('message').textContent.startsWith('The clip cannot be read: '), 'a page that is torn', torn.$('message').textContent);

@@ -26,9 +26,9 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
                               struct spin_image_cache *pixels, const struct spin_pair *pairs,
                               const struct spin_eval_report *report, struct spin_player *player,
                               const float background[3]);
-/* Writes the HTML page. */
+/* Writes the page. */
 spin_status spin_compare_page(const struct spin_compare *c, const char *path, bool force);
-/* Writes figures into a folder: psnr.svg, ssim.svg, and for each row a PNG, and an SVG that also
- * shows the names of the runs. */
+/* Writes figures into a folder: psnr.svg, ssim.svg, and for each row a PNG, and an SVG that labels
+ * its images. */
 spin_status spin_compare_figures(const struct spin_compare *c, const char *folder);
 void spin_compare_free(struct spin_compare *c);
