@@ -45,6 +45,8 @@ SILENT_CALLS = re.compile(
     # The size of an allocation: too small is undefined behaviour, which the sanitisers of .ci/run
     # detect and the release build of these tests does not; too large has no effect.
     r"|\w*alloc|\w*reserve|spin_grow|spin_room|spin_scratch_need|spin_arena_take|realloc|SPIN_LEAVES"
+    # Times of stages, in the log.
+    r"|SPIN_CPU_CLOCK|cuda_clocked|clocked"
     # Hints to the system, and locks, whose absence only ThreadSanitizer detects (CONFIG=tsan).
     r"|\w*prefetch\w*|\w*advise|\w*fadvise|pthread_\w+|spin_lock\w*|spin_unlock\w*|fflush|setvbuf)$")
 # Calls whose removal leaks memory or handles, which LeakSanitizer detects and these tests do not.
@@ -56,10 +58,11 @@ SILENT_STATEMENTS = re.compile(r"^\(void\)")
 # Lines of which no fault is made, and why.
 SILENT_LINES = [re.compile(p) for p in (
     r"(spin_no_memory|SPIN_E_MEMORY|SPIN_E_NOMEM)",  # allocation fails in few tests (tests/*/t-no_memory.c)
-    r"\bcapacity\b",  # growth of a buffer: any factor gives the same content
+    r"capacity\b|\bn_threads\b",  # of a buffer, and of the pool: any gives the same result
     r"\b(grain|GRAIN|chunk_rows|PER_TASK|AHEAD)\b",  # rows per task of the thread pool
     r"\b(spin_log_level|isatty|getenv|EINTR|EAGAIN)\b",  # the terminal and the environment
     r"\bstatic bool (said|warned|told)\b|\b(said|warned|told) = true\b",  # a message is printed once
+    r"SPIN_ARG\(\"[\w-]+\", 0,",  # no short name
     r"\b[A-Z_]*ABI[A-Z_]*\b|\bSPIN_VERSION\b",
 )]
 # Files with code for systems that these tests do not run on, or tables of text.
@@ -350,16 +353,18 @@ class Source:
             self.exchange(i, last)
 
     def exchange(self, i, last):
-        """Two assignments or calls in the other order, where the second reads what the first changes."""
+        """Two statements in the other order, if the second one names what the first one assigns to."""
         j = last + 1
         if self.kind(j) != "word" or self.tokens[j].text in CONTROL | JUMPS | {"else", "do", "case", "default"} or \
                 self.is_declaration(j) or not self.is_(i - 1, ";", "{", "}"):
             return
         end = self.semicolon(j, min(j + 80, len(self.tokens) - 1))
-        words = [{t.text for t in self.tokens[a:b] if t.kind == "word"} for a, b in ((i, last), (j, end))]
-        if words[0] & words[1] and self.is_(end, ";"):
+        written = [self.tokens[k + 1].text for k in range(i, last) if self.is_(k, "&") and not self.is_binary(k)]
+        written += [self.of(i, k - 1) for k in range(i + 1, last) if self.tokens[k].text in ASSIGN]
+        second = self.of(j, end)
+        if any(re.search(r"(?<![\w.>])%s(?!\w)" % re.escape(w), second) for w in written) and self.is_(end, ";"):
             between = self.text[self.tokens[last].end:self.tokens[j].start]
-            self.add("order", i, end, self.of(j, end) + between + self.of(i, last))
+            self.add("order", i, end, second + between + self.of(i, last))
 
     def is_declaration(self, i):
         if self.tokens[i].text in TYPES or (self.kind(i) == "word" and self.kind(i + 1) == "word"):
@@ -426,7 +431,7 @@ class Source:
 
     def change_word(self, i):
         t = self.tokens[i]
-        if t.text in COUNTERPART:
+        if t.text in COUNTERPART and self.kind(i - 1) != "word":
             self.add("name", i, i, COUNTERPART[t.text])
         if not self.is_(i + 1, "(") or t.text in CONTROL or t.text in TYPES or t.text in ("return", "SPIN_TRY"):
             return
@@ -441,10 +446,12 @@ class Source:
                 self.add("swap", a[0], b[1], y + self.text[self.tokens[a[1]].end:self.tokens[b[0]].start] + x)
 
     def looks_alike(self, a, b):
-        """Whether two arguments may have one type: neither is a number beside an address."""
+        """Whether two arguments may have one type; a constant and a variable rarely have."""
         def shape(first, last):
             if self.is_(first, "&"):
                 return "address"
+            if first == last and (self.kind(first) == "number" or self.tokens[first].text.isupper()):
+                return "constant"
             return "text" if self.kind(first) == "string" else "value"
         return shape(*a) == shape(*b) and a[1] - a[0] < 16 and b[1] - b[0] < 16
 

@@ -424,8 +424,7 @@ def listed_files():
 
 
 def copy_tree(tree, files):
-    """Copies the sources, and the build if the tree has none. A file that an interrupted run has left
-    changed gets a new time, so that it is compiled again."""
+    """Copies the sources. The first copy of a file keeps its time, since the build is copied too."""
     keep = set(files)
     for folder, _, names in os.walk(tree):
         inside = os.path.relpath(folder, tree)
@@ -457,6 +456,8 @@ def make_trees(n):
     files = listed_files()
     trees = [os.path.join(WORK, str(i)) for i in range(n + 1)]
     for i, tree in enumerate(trees):
+        if os.path.exists(tree + ".fault"):  # left by an interrupted run
+            shutil.rmtree(tree)
         copy_tree(tree, files)
         copy_build(trees[0] if i else ROOT, tree)
         code, out = build(tree, {"all", "test-bins"})
@@ -504,7 +505,7 @@ class Inserted:
     objects are newer, so that all that links them is linked again."""
 
     def __init__(self, tree, trial, objects):
-        self.path, self.trial = os.path.join(tree, trial.file), trial
+        self.path, self.trial, self.mark = os.path.join(tree, trial.file), trial, tree + ".fault"
         self.objects = [os.path.join(tree, BUILD, o) for o in objects]
         self.restores = not trial.file.endswith(".cu") and self.objects
 
@@ -516,6 +517,7 @@ class Inserted:
             self.kept = tempfile.mkdtemp(prefix="mutant")
             for i, o in enumerate(self.objects):
                 shutil.copyfile(o, os.path.join(self.kept, str(i)))
+        open(self.mark, "w").close()
         with open(self.path, "w") as f:
             f.write(self.trial.change(self.whole))
 
@@ -528,6 +530,7 @@ class Inserted:
             f.write(self.whole)
         if self.restores:
             os.utime(self.path, ns=self.times)
+        os.remove(self.mark)
 
 
 class Judge:
@@ -686,7 +689,12 @@ def main():
     return 2 if word and report.mistakes else 1 if report.survivors else 0
 
 
+def stop(*_):
+    raise KeyboardInterrupt
+
+
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, stop)
     try:
         sys.exit(main())
     except Mistake as mistake:
