@@ -396,7 +396,8 @@ class Source:
             return
         if t.text in ("1.0f", "1.0") and self.is_(i + 1, "}"):
             return
-        if i not in self.silent:
+        # memset(p, 0, n) clears a structure, most of whose fields are set anyway.
+        if i not in self.silent and not (self.is_(i - 1, ",") and self.of(max(0, i - 6), i).find("memset") >= 0):
             self.change_number(t)
 
     def in_declarator(self, i):
