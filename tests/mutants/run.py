@@ -332,9 +332,9 @@ def run(command, cwd):
 
 
 def limit_resources():
-    """A fault may allocate or write without an end."""
-    resource.setrlimit(resource.RLIMIT_AS, (64 << 30, 64 << 30))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4 << 30, 4 << 30))
+    """A fault may allocate or write without an end. Tests may raise these limits again."""
+    for what, most in ((resource.RLIMIT_AS, 64 << 30), (resource.RLIMIT_FSIZE, 4 << 30)):
+        resource.setrlimit(what, (most, resource.getrlimit(what)[1]))
 
 
 def run_test(tree, test, limit):
@@ -360,8 +360,18 @@ def run_test(tree, test, limit):
         why = "did not end within %.0f s" % limit
     late.cancel()
     running.discard(p)
-    shutil.rmtree(room, ignore_errors=True)  # a test that is ended does not clean up
+    clean_up(room)
     return why or ("exit code %d" % p.returncode if p.returncode or n == 0 else None), used
+
+
+def clean_up(room):
+    """What a test that was ended leaves in its folder of temporary files, file systems included."""
+    with open("/proc/mounts") as f:
+        mounted = [line.split()[1] for line in f]
+    for path in mounted:
+        if path.startswith(room + "/"):
+            subprocess.run(["umount", path], stderr=subprocess.DEVNULL)
+    shutil.rmtree(room, ignore_errors=True)
 
 
 def wait_for(p):
