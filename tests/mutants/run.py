@@ -679,8 +679,8 @@ def drawn_slots(n, seed, below, since):
     faults, texts, mistakes = draw(random.Random(seed), below, since)
     for mistake in mistakes:
         say("accepted.list is not up to date: " + mistake)
-    if not faults:
-        raise Mistake("no fault can be made here")
+    if not faults and not since:
+        raise Mistake("no fault can be made in '%s'" % below)
     n = min(n, len(faults))
     # A fault that does not compile is replaced by one of the faults behind the n drawn.
     return [[lambda scope, f=f: drawn_trial(f, texts[f.file], scope) for f in faults[k::n][:6]] for k in range(n)], \
@@ -709,7 +709,10 @@ def main():
         say("%d faults; semantic.list and accepted.list have no mistake" % len(shown[mine]))
         return 0
     if not slots[mine]:
-        raise Mistake("no fault is called '%s'" % word)
+        if word:
+            raise Mistake("no fault is called '%s'" % word)
+        say("no fault to try: no code has changed since %s" % env["SINCE"])
+        return 0
     report = judge_all(slots[mine], words)
     return 2 if word and report.mistakes else 1 if report.survivors else 0
 
