@@ -6,7 +6,7 @@
 
 extern const struct spin_exporter spin_exporter_images;
 
-static int n_renders;
+static int n_renders, n_alphas, n_depths;
 static bool renderer_fails, antialiased;
 static size_t n_drawn; /* pixels of the last render */
 
@@ -34,6 +34,8 @@ spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splat
 spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth)
 {
     (void)r;
+    n_alphas += alpha != NULL;
+    n_depths += depth != NULL;
     for (size_t i = 0; i < n_drawn; i++) {
         if (alpha)
             alpha[i] = 0.75f;
@@ -146,6 +148,21 @@ static void test_renders(const struct spin_views *views)
        "puts the data set's image to the left");
 }
 
+/* Alpha and depth are independent of each other, and fetched once per image. */
+static void test_layers(const struct spin_views *views)
+{
+    static const char *const depth[] = {"format", "exr", "depth", "", NULL};
+    struct spin_plugin_values values = {depth};
+    struct spin_export_job job = make_job(views, "transparent", NULL);
+
+    n_alphas = n_depths = 0;
+    job.transparent = true;
+    ok(export_clip(&job) == SPIN_OK && n_alphas == 2 && n_depths == 0, "alpha without depth");
+    n_alphas = n_depths = 0;
+    job = make_job(views, "depth", &values);
+    ok(export_clip(&job) == SPIN_OK && n_alphas == 0 && n_depths == 2, "depth without alpha");
+}
+
 /* Cameras of one number keep a picture each. */
 static void test_twins(void)
 {
@@ -209,6 +226,7 @@ TAP_MAIN
     make_views(&views, image);
     make_frame(&splats, 9, 0, 3);
     test_renders(&views);
+    test_layers(&views);
     test_twins();
     test_failures(&views);
     spin_views_free(&views);

@@ -84,6 +84,27 @@ static void test_places(void)
     ok(memcmp(shown, far, sizeof far) == 0, "the farthest place");
 }
 
+/* Half a step of the quantisation at most lies between a value and its decoded one. */
+static void test_decoded_values(void)
+{
+    static const float colour[3] = {0.1f, 0.5f, 0.9f}, scale[3] = {-9.3f, -4.77f, 2.21f};
+    float shown[3] = {0}, worst = 0;
+    unsigned char out[3];
+
+    for (int k = 0; k <= 10; k++) {
+        spin_spz_code_alpha((float)k / 10, shown);
+        worst = (float)larger((double)worst, fabs((double)shown[0] - k / 10.0));
+    }
+    ok(worst < 0.501f / 255, "the decoded opacity");
+    spin_spz_code_colour(colour, out, shown);
+    for (int c = 0; c < 3; c++)
+        ok(fabsf(shown[c] - colour[c]) < 0.5f * 0.2820948f / (0.15f * 255) + 1e-6f,
+           "the decoded colour, channel %d", c);
+    spin_spz_code_scale(scale, out, shown);
+    for (int c = 0; c < 3; c++)
+        ok(fabsf(shown[c] - scale[c]) <= 1.001f / 32, "the decoded log scale, axis %d", c);
+}
+
 /* Headers that lie, in a gzip that is whole. */
 static void test_headers(void)
 {
@@ -399,6 +420,7 @@ TAP_MAIN
     for (int degree = 0; degree <= 3; degree++)
         test_round_trip(degree);
     test_places();
+    test_decoded_values();
     test_headers();
     test_version_2();
     test_plain(2);
