@@ -85,13 +85,13 @@ static const struct spin_args_row rows[] = {
              .min = 1, .max = 1e6),
     SPIN_ARG("backdrop", 0, "auto|off", ENUM, options.backdrop,
              "off: drop the backdrop that spin-retrain added behind the scene (auto)"),
-    SPIN_ARG("min-opacity", 0, "V", CUSTOM, options.min_opacity,
-             "drop splats whose opacity is below V, 0 to 1", .parse = parse_min_opacity, .max = 1),
     SPIN_ARG(
         "max-scale", 0, "F", CUSTOM, options.max_scale,
         "drop splats larger than F times the diagonal of the frame's bounding box; 0: no limit "
         "(1; no limit for images and video)",
         .parse = parse_max_scale, .max = 1e30),
+    SPIN_ARG("min-opacity", 0, "V", CUSTOM, options.min_opacity,
+             "drop splats whose opacity is below V, 0 to 1", .parse = parse_min_opacity, .max = 1),
     SPIN_ARG("scale", 0, "S", DOUBLE, options.scale,
              "scale the scene by S, after the filters above (1)", .min = 1e-6, .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
