@@ -318,7 +318,8 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
     if (job->counts) /* an upper bound for a clip, since frames share equal attributes */
-        spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n), job->n_frames > 1);
+        spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n),
+                             job->n_frames > 1 || job->counts_are_bounds);
     return SPIN_OK;
 }
 

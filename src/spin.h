@@ -473,6 +473,7 @@ struct spin_export_job {
     /* [n_frames] number of splats of each frame, or an upper bound if some cannot be drawn; NULL:
      * unknown */
     const size_t *counts;
+    bool counts_are_bounds; /* options drop more splats */
     /* The exporter increases `bytes` and `images` of the report, and sets `frames` if it exports
      * only some of them. left_out and rows_differ are final at end(). May be NULL. */
     struct spin_export_report *report;

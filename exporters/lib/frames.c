@@ -32,7 +32,8 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
     for (int f = 0; f < job->n_frames && job->counts; f++)
         bytes += x->format->bytes(x, job->counts[f]);
     if (job->counts)
-        spin_frames_say_size(job->output, job->n_frames, bytes, x->format->packed);
+        spin_frames_say_size(job->output, job->n_frames, bytes,
+                             x->format->packed || job->counts_are_bounds);
 }
 
 /* ---- Begin and end --------------------------------------------------------------------------- */

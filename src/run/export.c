@@ -273,7 +273,8 @@ static spin_status begin_export(struct export *x)
     x->report->frames = x->clip.n_frames;
     x->report->splats_mean = sum / x->clip.n_frames;
     SPIN_TRY(spin_scene_move_views(&x->move, &x->clip, &job.views));
-    job.counts = x->filter.varies && !x->splats_4d ? NULL : x->counts;
+    job.counts = x->counts;
+    job.counts_are_bounds = x->filter.varies && !x->splats_4d;
     if (job.antialias && !x->exporter->antialias)
         spin_warn("these splats were trained with antialiasing, which '%s' files cannot record: "
                   "enable it in the viewer",

@@ -42,6 +42,23 @@ static bool is_filtered(int reason)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
+/* --min-views N: every frame has N training views. */
+static spin_status check_views(const struct spin_clip *clip, int least)
+{
+    for (int f = 0; f < clip->n_frames; f++) {
+        int n = 0;
+
+        for (size_t v = 0; v < clip->views.n; v++)
+            n += clip->views.view[v].dataset_frame == clip->dataset_frame[f] &&
+                 !clip->views.view[v].test;
+        if (n < least)
+            return spin_misuse("--min-views %d: frame %d has %d training view%s", least,
+                               clip->bundle.meta.frame[clip->frame[f]].number, n,
+                               n == 1 ? "" : "s");
+    }
+    return SPIN_OK;
+}
+
 static spin_status check_options(const struct spin_export_options *o, const struct spin_clip *clip)
 {
     const double *box = o->crop;
@@ -55,7 +72,7 @@ static spin_status check_options(const struct spin_export_options *o, const stru
         return spin_misuse("--crop: the radius of the sphere is %g, expected more than 0", box[3]);
     if (o->min_views > 0 && !clip->has_views)
         return spin_misuse("--min-views needs a data set: give --data DIR");
-    return SPIN_OK;
+    return check_views(clip, o->min_views);
 }
 
 spin_status spin_row_filter_open(struct spin_row_filter *f, const struct spin_export_options *o,
@@ -199,17 +216,11 @@ static bool crops_away(const struct spin_export_options *o, const float place[3]
     return o->n_crop == 4 ? square > box[3] * box[3] : o->n_crop == 6 && outside;
 }
 
-static spin_status drop_unseen(struct spin_row_filter *f, int frame, const struct rows *rows)
+static void drop_unseen(struct spin_row_filter *f, int frame, const struct rows *rows)
 {
     const struct spin_views *views = &f->clip->views;
-    int row = f->clip->dataset_frame[frame], n_views = 0, least = f->o->min_views;
+    int row = f->clip->dataset_frame[frame], least = f->o->min_views;
 
-    for (size_t v = 0; v < views->n; v++)
-        n_views += views->view[v].dataset_frame == row && !views->view[v].test;
-    if (n_views < least)
-        return spin_misuse("--min-views %d: frame %d has %d training view%s", least,
-                           f->clip->bundle.meta.frame[f->clip->frame[frame]].number, n_views,
-                           n_views == 1 ? "" : "s");
     for (size_t i = 0; i < rows->n; i++) {
         int seen = 0;
         double p[3];
@@ -221,7 +232,6 @@ static spin_status drop_unseen(struct spin_row_filter *f, int frame, const struc
         if (!rows->reason[i] && is_finite(rows->place + 3 * i) && seen < least)
             rows->reason[i] = SPIN_ROW_MIN_VIEWS;
     }
-    return SPIN_OK;
 }
 
 /* Among the remaining rows: drops a row if the RMS distance to its three nearest neighbours exceeds
@@ -267,7 +277,7 @@ static spin_status judge_places(struct spin_row_filter *f, int frame, const stru
         rows->reason[i] = away ? SPIN_ROW_CROP : SPIN_ROW_KEPT;
     }
     if (f->o->min_views > 0)
-        SPIN_TRY(drop_unseen(f, frame, rows));
+        drop_unseen(f, frame, rows);
     return f->o->floaters > 0 ? drop_floaters(f, rows) : SPIN_OK;
 }
 

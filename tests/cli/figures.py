@@ -164,7 +164,7 @@ def read_png(data):
 def sheets(folder, width, n):
     """{(frame, camera): pictures} of what spin-eval --images wrote: n side by side, 4 pixels between them."""
     out = {}
-    for name in sorted(os.listdir(folder)):
+    for name in sorted(n for n in os.listdir(folder) if n != "sequence.json"):
         camera, frame = map(int, re.fullmatch(r"cam_(\d+)_frame_(\d+)\.png", name).groups())
         with open(os.path.join(folder, name), "rb") as f:
             all = read_png(f.read())
@@ -896,7 +896,8 @@ PARTS = [("position", "place"), ("log scale", "log_scale"), ("rotation (degrees)
 def text_export(j):
     t = ["%s: %s as %s, %s splats each%s%s" % (
         j["output"], some(j["frames"], "frame"), j["to"], mean(j["splats_mean"]),
-        ", " + size(j["bytes"]) if j["bytes"] else "", ", %d splats left out" % j["left_out"] if j["left_out"] else "")]
+        ", " + size(j["bytes"]) if j["bytes"] else "", "".join(
+            ", %d splats %s" % (j[k], word) for k, word in (("filtered", "filtered out"), ("left_out", "left out")) if j[k]))]
     c = j["check"]
     if c:
         t += ["read back: %s, %d splats; bounding boxes differ by %.3g at most" % (some(c["frames"], "frame"), c["splats"], c["bounds"])]

@@ -146,7 +146,7 @@ err_has "^spin4d: .*cannot pair frames" "which says why"
 "$bin/spin4d" run -o cut.html >out 2>err &
 pid=$!
 for _ in $(seq 200); do
-    grep -q '^before: ' err && break
+    grep -q '^before retraining: ' err && break
     sleep 0.1
 done
 sleep 0.5

@@ -85,7 +85,7 @@ nothing_at "$work/bad" "nothing was written"
 } | gzip -9n >"$work/bomb.spz"
 run "$bin/spin-import" "$work/bomb.spz" -o "$work/bad.spin"
 fails 1 spin-import "a bomb"
-err_has "3145728 splats in" "says what it would be"
+err_has "cannot contain 3145728 splats" "says what it would be"
 nothing_at "$work/bad" "nothing was written"
 
 SPIN_ZSTD=/no/such.so run "$bin/spin-import" "$files/spz4" -o "$work/bad.spin"

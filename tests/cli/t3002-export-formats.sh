@@ -18,7 +18,7 @@ for pair in gltf:glb splat:splat compressed-ply:compressed.ply spz:spz usd:usda;
     end=${pair#*:}
     run "$bin/spin-export" "$in" --to "$to" -o "$work/$to" --json
     is "$code" 0 "exports $to"
-    [ "$to" = gltf ] || [ "$to" = usd ] || err_has "error, rms" "$to: says how far it is from the bundle"
+    [ "$to" = gltf ] || [ "$to" = usd ] || err_has "rms error (largest" "$to: says how far it is from the bundle"
     is_json "$to: --json is one document"
     is "$(find "$work/$to" -name "frame_[0-9][0-9][0-9][0-9][0-9].$end" | wc -l)" "$frames" \
         "$to: one file a frame"

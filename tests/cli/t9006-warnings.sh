@@ -257,14 +257,15 @@ warns "focal lengths differ" \
     "'$work/focal': focal lengths differ between cameras; each keeps its own, other readers use the first for all"
 with behind
 warns "a camera with all points behind it" \
-    "'$work/behind/sparse/0': all points are behind the camera of image '$second'"
+    "'$work/behind/sparse/0': all points are behind the camera of image '$second': its pose may be wrong, \
+or in OpenGL's axes"
 
 with renamed
 warns "folders of other names" "'$work/renamed/images': the folders of frames are not named like the cameras of the model: \
 'xcam000' is used for 'cam000', and so on in the order of their names"
 run "$bin/spin-import" --info fixtures/splats/splat --data "$work/uneven" --range 0:2 --pair order
-warns "a camera with a frame less" "'$work/uneven/images/01' has 2 frames and '$work/uneven/images/00' 3: the first 2 of all \
-cameras are read"
+warns "a camera with a frame less" "'$work/uneven/images/01' has 2 frames and '$work/uneven/images/00' has 3: the first 2 \
+frames of each camera are read"
 
 # ---- Cameras against points ------------------------------------------------------------------------
 
@@ -375,7 +376,7 @@ warns "a data set that is gone" \
 run "$bin/spin-export" "$in" --to ply -o "$work/ply2"
 warns "which only pictures need"
 run "$bin/spin-export" "$in" --to ply --background white -o "$work/ply3"
-warns "a background of no picture" "no effect without rendered images: --background"
+warns "a background of no picture" "--background has no effect: this export renders no images"
 
 # ---- Plug-ins --------------------------------------------------------------------------------------
 

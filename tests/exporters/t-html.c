@@ -1072,7 +1072,7 @@ static void test_4d_as_frames(void)
     {
         struct spin_export_job job = {.output = in_folder("none.html")};
 
-        ok(run_4d(&job, &s) == SPIN_E_UNSUPPORTED && strstr(spin_last_error(), "at any time") &&
+        ok(run_4d(&job, &s) == SPIN_E_UNSUPPORTED && strstr(spin_last_error(), "no splat is visible") &&
                !spin_path_exists(job.output),
            "none that is seen: refused, and nothing is left");
     }

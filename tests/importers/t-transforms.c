@@ -461,7 +461,7 @@ static void test_one_file(void)
     set_refused(
         make_one(LENS, STILL("images/cam04_0000.png", "\"camera_model\":\"OPENCV_FISHEYE\",")),
         NULL, "OPENCV_FISHEYE", "a fisheye of one frame");
-    set_refused(make_one(LENS, STILL("images/none.png", "")), NULL, "1 of 1 images are missing",
+    set_refused(make_one(LENS, STILL("images/none.png", "")), NULL, "1 of 1 image is missing",
                 "an image that is missing");
     set_refused(make_one(LENS, ""), NULL, "is empty", "no frames");
 }

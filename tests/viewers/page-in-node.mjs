@@ -753,7 +753,7 @@ page.key('r');
         is([q.$('poster').hidden, q.$('poster').src], [true, undefined], `a poster of ${JSON.stringify(bad)} is left out`);
     }
     is([(await in16({ address: `${here}?frame=2`, media: [] })).$('play').textContent, openPage(fourD.lines, { address: `${here}?frame=2.5` }).$('label').title], ['Play', 'Number 1.5'], 'a frame that is asked for stays; of 4D splats also one between two');
-    ok(openPage(served, { address: 'file:///home/x/served.html' }).$('message').textContent.startsWith('This page reads served.bin beside it'), 'from the disk a page of two files says what to do');
+    ok(openPage(served, { address: 'file:///home/x/served.html' }).$('message').textContent.startsWith('This page loads served.bin from its own folder'), 'from the disk a page of two files says what to do');
     const rests = await in16({ media: [], height: 250 });
     rests.tick(3100);
     await rests.settle();
