@@ -117,8 +117,8 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
         group->last = (int)last;
     }
     if (next != out->n_frames)
-        return spin_malformed("header: 'gops' contains %lld frames, 't' is %d", (long long)next,
-                              out->n_frames);
+        return spin_malformed("header: the groups in 'gops' have %lld frames, but 't' gives %d",
+                              (long long)next, out->n_frames);
     return SPIN_OK;
 }
 

@@ -402,7 +402,7 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_exporter_check_name(x->exporter, o->output));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
-        return spin_misuse("--check: the output of '%s' cannot be read back", o->to);
+        return spin_misuse("--check: exporter '%s' cannot read its output back", o->to);
     if (o->transparent && !x->exporter->alpha)
         return spin_misuse(
             "--background none: the output of '%s' has no alpha channel; use --to images", o->to);
