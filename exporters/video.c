@@ -20,7 +20,8 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    /* View whose camera is used for all frames; NULL: the camera is not one of the data set's. */
+    /* A view of the data set's camera that renders all frames; NULL: the camera is not one of the
+     * data set's. */
     const struct spin_view *first;
     int size[2]; /* width, height of a panel in pixels */
 };
