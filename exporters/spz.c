@@ -33,12 +33,10 @@ struct export
     /* Output of the compressor: one stream in version 4, the whole file in version 3. */
     unsigned char *packed; /* [n_packed_room] */
     size_t n_packed_room;
-    unsigned char
-        /* The table of contents, in version 4 only. */
-        toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY];
-    unsigned char
-        /* Input of the compressor: one stream in version 4, the whole file in version 3. */
-        *bytes;
+    /* The table of contents, in version 4 only. */
+    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY];
+    /* Input of the compressor: one stream in version 4, the whole file in version 3. */
+    unsigned char *bytes;
 
     /* The current stream: one attribute of all rows. */
     int stream;
@@ -194,9 +192,8 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
     SPIN_TRY(spin_out_write(out, x->toc, n_toc));
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
         SPIN_TRY(write_stream(x, stream, out));
-    SPIN_TRY(
-        /* This call flushes the buffer, as spin_out_write_at() requires. */
-        spin_out_length(out, &length));
+    /* This call flushes the buffer, as spin_out_write_at() requires. */
+    SPIN_TRY(spin_out_length(out, &length));
     return spin_out_write_at(out, SPIN_SPZ_HEADER_4, x->toc, n_toc);
 }
 
