@@ -560,7 +560,7 @@ static void check_piece(const struct block *b, const struct piece *p, const int3
     }
 }
 
-/* Returns a key that sorts static rows before moving rows, and rows of the same class by their
+/* Returns a key that sorts static rows before dynamic rows, and rows of the same class by their
  * first visible tick. */
 static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
 {
