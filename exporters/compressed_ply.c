@@ -30,11 +30,11 @@ struct export
 {
     struct spin_frames frames;
 
-    /* The current frame. */
+    /* The following members describe the current frame. */
     uint32_t *row;   /* [n] row i of the file is row row[i] of the source */
     uint32_t *place; /* [source rows] the inverse of `row`: the index of each kept source row in the
                         file */
-    float *colour;   /* [n][3] in the order of the file */
+    float *colour;   /* [n][3] colours in the order of the file */
     unsigned char *rest; /* [n][n_rest] packed SH above degree 0, in the order of the file */
     unsigned char *scratch;
     struct spin_out *out;

@@ -44,7 +44,7 @@ struct export
 {
     /* Rows and options. frames.folder is not used if the output is a single file. */
     struct spin_frames frames;
-    struct spin_glb_clip clip;      /* the current file */
+    struct spin_glb_clip clip;      /* description of the current file */
     struct spin_glb_column *column; /* [clip.n_columns] the columns written so far */
     size_t column_room;
 
@@ -324,7 +324,9 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     n = x->still.n;
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
-    if (job->counts) /* an upper bound for a clip, since frames share equal attributes */
+    /* If there are several frames, the size is only an upper bound: frames share equal
+     * attributes. */
+    if (job->counts)
         spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n), job->n_frames > 1);
     return SPIN_OK;
 }

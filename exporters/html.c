@@ -63,7 +63,7 @@ struct page_frame {
 struct version {
     const char *name, *label;
     int sh_degree; /* SH degree in the page */
-    int n_sh;      /* number of values per splat above degree 0 */
+    int n_sh;      /* number of SH values per splat above degree 0 */
     bool antialias;
     struct spin_page_group group;
     struct page_frame *frame; /* [n_written] */
@@ -91,7 +91,7 @@ struct export
     struct version version[2];
     int n_versions;
     struct spin_splats source;
-    struct spin_page_rows four_d; /* encoder of 4D splats, for the first version */
+    struct spin_page_rows four_d; /* encoder of 4D splats; used for the first version only */
     size_t max_splats;            /* largest number of splats per frame; 0: no limit */
     int every, key_every;
     double fps;

@@ -18,7 +18,7 @@
 /* The largest sigma to write, in clip lengths. A splat that does not fade gets this sigma: one clip
  * length from the splat's centre in time, its window is still 0.9998. */
 #define MOST_SIGMA 50
-enum { BATCH = 4096 }; /* rows written at a time */
+enum { BATCH = 4096 }; /* number of rows that are written at a time */
 
 struct export;
 
@@ -87,8 +87,8 @@ static void print_ftgs(struct export *x)
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
             "comment n_frames %d\n",
             x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames);
-    if (x->bells.job->fps >
-        0) /* the line "comment fps" is not part of the format; only spin-import reads this line */
+    /* The line "comment fps" is not part of the format; only spin-import reads this line. */
+    if (x->bells.job->fps > 0)
         fprintf(x->out.file, "comment fps %.9g\n", x->bells.job->fps);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
     print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");

@@ -31,7 +31,7 @@ struct export
     int level;
     bool begun; /* true: `sog` contains the bounding box and the codebooks of an earlier frame */
 
-    /* The current frame, in the order of the file. */
+    /* The following members describe the current frame; rows are in the order of the file. */
     float *scales, *dc; /* [n][3] logarithms of scales; SH coefficients of degree 0 */
     float *rest;        /* [n][n_rest] SH coefficients above degree 0 */
     uint32_t *label;    /* [n] palette index of each splat */

@@ -7,8 +7,8 @@
  * the steps of the small ones. A splat whose sigma is limited is moved in time towards the middle
  * of the clip, such that its opacity at the middle keeps its value and its derivative.
  *
- * TSOG can also contain a clip of frames: each splat has the index of the only frame that shows it.
- */
+ * TSOG can also contain a clip of frames: each splat then has the index of the only frame that
+ * shows it. */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
@@ -25,7 +25,8 @@
 /* .sogst: a splat that is drawn for longer than this many segments is persistent. */
 #define PERSISTENT 3.0
 #define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
-/* The number of times that 16 bits can code. A clip of frames needs at least one per frame. */
+/* The number of different 16-bit values, which code times. A clip of frames needs at least one
+ * value per frame. */
 #define STEPS 65536
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
@@ -46,7 +47,7 @@ struct export
     const struct container *kind;
     struct spin_export_job own; /* if `frames`: a copy of the job whose splats_4d contains the rows
                                    of all frames, and whose times are the indices of the frames */
-    bool frames;                /* the clip consists of frames, not of 4D splats */
+    bool frames;                /* true: the clip consists of frames, not of 4D splats */
     double *places;             /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
     size_t n_cut;               /* if `frames`: number of rows added to bells.clip so far */
     size_t capacity;            /* if `frames`: number of rows for which bells.clip has memory */
@@ -573,8 +574,8 @@ static void print_tsog(FILE *to, const struct export *x)
         fprintf(to, "}");
     }
     fprintf(to, ",\"playback\":{\"duration\":%.9g,\"fps\":%.9g,\"rate\":1,\"loop\":true}}\n",
-            (x->job->n_frames - !x->frames) / x->fps,
-            x->fps); /* in a clip of frames, the last one is shown as long as the others */
+            /* In a clip of frames, the last frame is shown as long as the others. */
+            (x->job->n_frames - !x->frames) / x->fps, x->fps);
 }
 
 static void print_stream(FILE *to, const struct export *x, size_t g)
@@ -751,7 +752,7 @@ static spin_status read_options(struct export *x)
     x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     if (x->frames)
         x->bells.length = x->job->n_frames - 1;
-    /* The default segment lasts about half a second: a whole number of frames. */
+    /* By default, a segment lasts about half a second, rounded to a whole number of frames. */
     segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;

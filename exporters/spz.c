@@ -29,7 +29,7 @@ struct export
 {
     struct spin_frames frames;
     int version, level;
-    int fraction; /* fractional bits of the positions */
+    int fraction; /* number of fractional bits of the positions */
     /* Output of the compressor: one stream in version 4, the whole file in version 3. */
     unsigned char *packed; /* [n_packed_room] */
     size_t n_packed_room;
@@ -38,7 +38,7 @@ struct export
     /* Input of the compressor: one stream in version 4, the whole file in version 3. */
     unsigned char *bytes;
 
-    /* The current stream: one attribute of all rows. */
+    /* The following members describe the current stream: one attribute of all rows. */
     int stream;
     size_t width;      /* bytes per row */
     unsigned char *to; /* [n_kept][width] */

@@ -25,9 +25,9 @@
 
 #define DEFAULT_FPS 30
 #define BATCH 8          /* number of blocks of rows that are printed in parallel, then written */
-#define NUMBER 16        /* characters of the longest number with its separators */
+#define NUMBER 16        /* number of characters of the longest number, with separators */
 #define MAX_FLOATS 48    /* largest number of floats of one row in an attribute */
-#define LEAST_HALF 6e-8f /* the smallest positive half */
+#define LEAST_HALF 6e-8f /* the smallest positive half float */
 #define MOST_HALF 65504.0f
 #define PRIM "Splats"
 #define STILL "still.usda"
@@ -77,8 +77,8 @@ struct export
     /* The following members describe the camera of --path. */
     struct spin_camera_path path;
     bool has_path;
-    struct spin_camera *camera; /* [n_pictures] all poses; NULL: not computed before the first
-                                   frame, or no --path */
+    /* [n_pictures] all poses; NULL before the first frame and without --path. */
+    struct spin_camera *camera;
 
     /* The following members describe the current batch of blocks. */
     enum attribute attribute;
@@ -482,8 +482,8 @@ static void print_matrix(const struct export *x, const struct spin_camera *camer
             row[r][c] = (r == 0 ? 1 : -1) * m[4 * r + c];
             row[3][c] -= m[4 * r + c] * m[4 * r + 3];
         }
-    for (int r = 0; r < 4;
-         r++) { /* rotate by the quaternion (w, u): v + 2 w u x v + 2 u x (u x v) */
+    /* The vector v, rotated by the quaternion (w, u), is v + 2 w u x v + 2 u x (u x v). */
+    for (int r = 0; r < 4; r++) {
         double *v = row[r], *u = back + 1, a[3], b[3];
 
         for (int c = 0; c < 3; c++)

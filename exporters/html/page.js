@@ -1,4 +1,5 @@
-// The page: requests frames and sort orders from the worker, draws them, and handles user input.
+// The page: requests frames and sort orders from the worker, draws the frames, and handles user
+// input.
 'use strict';
 
 (() => {
@@ -352,7 +353,7 @@ function reset() {
     state.dirty = true;
 }
 
-// Rotates the camera about the target or, after flying, about itself.
+// Rotates the camera about the target or, after flying, about the camera's own position.
 function turnBy(dx, dy) {
     const { eye } = camera();
     orbit.angle -= dx * 0.006;

@@ -450,7 +450,7 @@ function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }
         if (d < least) least = d;
         if (d > most) most = d;
     }
-    // Logarithmic steps are finer near the camera.
+    // The steps are logarithmic, so that they are finer near the camera.
     const low = Math.log(least), by = count ? 65535 / Math.max(Math.log(most) - low, 1e-6) : 0;
     const start = new Uint32Array(65537), step = new Uint16Array(count), order = new Uint32Array(count);
     for (let k = 0; k < count; k++) {

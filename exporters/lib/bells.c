@@ -150,7 +150,7 @@ static void measure_position_error(struct spin_bells *b, size_t i, double d, con
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-/* Solves a x = y, n equations with three right-hand sides, by Gauss-Jordan elimination; a is
+/* Solves the n equations a x = y, with three right-hand sides, by Gauss-Jordan elimination; a is
  * positive definite. Overwrites y with x. */
 static void solve_equations(double a[3][3], double y[3][3], int n)
 {

@@ -6,7 +6,7 @@
 #include "spin.h"
 
 struct spin_bells {
-    const struct spin_export_job *job; /* its splats_4d is not NULL */
+    const struct spin_export_job *job; /* the export; job->splats_4d is not NULL */
     const char *name;                  /* the format's name in messages */
     double length;                     /* duration of the clip in the file's unit of time */
     double most_sigma;                 /* largest sigma to write, in clip lengths */
@@ -28,11 +28,11 @@ spin_status spin_bells_can(const struct spin_bells *b);
 /* Sets *out to the frames per second: the value of --fps, else that of the bundle, else 30 with a
  * warning. */
 spin_status spin_bells_fps(const struct spin_bells *b, double *out);
-/* Fills `clip` and all members after it. */
+/* Converts the 4D splats: sets `clip` and all members after it. */
 spin_status spin_bells_convert(struct spin_bells *b);
 /* Warns once for each kind of loss. */
 void spin_bells_warn(const struct spin_bells *b);
-/* Returns the file's time for a time of the source. */
+/* Converts a time from the source's unit to the file's. */
 double spin_bells_time(const struct spin_bells *b, double time);
 /* Moves the centre of row k along its path to another time; the path itself does not change. */
 void spin_bells_move(struct spin_splats_4d *s, size_t k, double time);

@@ -44,7 +44,8 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
 
 #define DEFAULT_FPS 30
 #define DEFAULT_SECONDS 8.0
-#define LEAST_SECONDS 2.0 /* clips without --fps and --duration are slowed down to this */
+/* Shorter clips are slowed down to this duration, unless --fps or --duration is given. */
+#define LEAST_SECONDS 2.0
 enum {
     OWN_WIDTH = 1280,
     OWN_HEIGHT = 720,

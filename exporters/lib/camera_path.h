@@ -80,7 +80,7 @@ struct spin_camera_path {
     struct spin_camera lens;       /* intrinsics and near plane of a moving camera */
     double middle[3], reach;       /* centre and half extent of the scene; reach 0: not yet known */
     bool looked;                   /* true: `look` is set */
-    struct spin_initial_view look; /* where a moving camera starts */
+    struct spin_initial_view look; /* the view from which a moving camera starts */
     float *image;                  /* [3][h][w] one panel */
     float *wide;                   /* [3][h][n_panels w] all panels side by side */
     int n_drawn, n_blank; /* number of all renders, and of renders that show only the background */

@@ -4,7 +4,7 @@
  *
  * The folder also contains sequence.json for players: name, number, time and splat count of each
  * frame. If an export replaces a previous one, all frame files of the previous one are overwritten
- * or removed, so that players do not mix the two. */
+ * or removed, so that players do not mix frames of both exports. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -37,7 +37,8 @@ struct spin_frames_format {
     /* Called after the common options are read. NULL: nothing to do. */
     spin_status (*ready)(void *self, const struct spin_export_job *job);
     /* For a format that can store all frames in a single file: open() and close() begin and end
-     * that file, and add() appends each frame; write() is not called. NULL: one frame per file. */
+     * that file, and add() appends each frame; write() is not called. NULL: the format stores one
+     * frame per file. */
     spin_status (*open)(void *self, const struct spin_export_job *job);
     spin_status (*add)(void *self, const struct spin_frame_info *info,
                        const struct spin_splats *splats);
@@ -64,7 +65,8 @@ struct spin_frames_entry {
 
 struct spin_frames {
     const struct spin_frames_format *format;
-    /* Rotation w x y z to the format's axes, see spin_splat_filter_begin(). NULL: none. */
+    /* The rotation from the source's axes to the format's, w x y z; see spin_splat_filter_begin().
+     * NULL: the axes are the same. */
     const double *axes;
     const char *file; /* path of the single output file; NULL: the output is a folder */
     bool exact;       /* true: this export does not round values, although the format is lossy */
@@ -80,7 +82,7 @@ struct spin_frames {
     /* [n_entries] the frames written so far; `room` is the capacity. */
     struct spin_frames_entry *entry;
     size_t n_entries, room;
-    uint64_t n_splats; /* sum over all entries */
+    uint64_t n_splats; /* number of splats, summed over all entries */
     unsigned char *scratch;
     size_t scratch_bytes;
     /* [blocks] rounding errors of the current frame, zeroed before write(). */

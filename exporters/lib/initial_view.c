@@ -4,9 +4,9 @@
 
 #define FRONT_FOVY_DEG 50.0
 
-/* The least determinant with which spin_initial_view_pivot() succeeds, of the mean of I - d d^T
- * over all camera axes d. Parallel axes have a determinant of 0; axes that spread by about 3
- * degrees reach this value. */
+/* spin_initial_view_pivot() fails if the mean of I - d d^T over all camera axes d has a determinant
+ * below this. Parallel axes have a determinant of 0; axes that spread by about 3 degrees reach this
+ * value. */
 #define LEAST_SPREAD 2e-3
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)
@@ -203,7 +203,8 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         out->eye[2] -= away;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
-        out->z_near = SPIN_NEAR * fmin(size, 1); /* closer than reach[0] */
+        /* Less than reach[0], the smallest distance from the target. */
+        out->z_near = SPIN_NEAR * fmin(size, 1);
         return;
     }
     if (!mean_up(views, row, out->up)) {

@@ -13,7 +13,7 @@ struct spin_initial_view {
     /* The smallest and the largest distance from the target at which the camera does not enter
      * walls. */
     double reach[2];
-    double z_near; /* as in struct spin_camera, but never 0 */
+    double z_near; /* near plane, as in struct spin_camera, but never 0 */
 };
 
 /* Sets `middle` to the median of each coordinate of the splats' centres, and *size to half the

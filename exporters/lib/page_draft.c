@@ -4,7 +4,7 @@
 
 #define FEWEST 32     /* least number of splats that show a recognisable scene */
 #define TRIES 8       /* number of attempts to find the number of splats that fit */
-#define BYTES_EACH 14 /* approximate size of a splat in a key frame */
+#define BYTES_EACH 14 /* approximate size in bytes of a splat in a key frame */
 #define MOST_GROWTH 8 /* largest factor by which a splat is enlarged */
 
 /* Returns the area that a splat covers in the view, weighted by the splat's opacity. The area of

@@ -1,5 +1,5 @@
 /* A group consists of consecutive frames of one version of a page's clip; the first of these frames
- * is the key frame. The code below finds the rows that the frames of a group share and encodes each
+ * is the key frame. This module finds the rows that the frames of a group share and encodes each
  * frame as a block.
  *
  * Rows that are present in all frames of the group are shared. A block contains the static shared
@@ -32,17 +32,17 @@ struct spin_page_group {
     struct spin_page_frame frame[SPIN_PAGE_MOST_FRAMES];
     int n_frames;
 
-    /* Set by spin_page_group_write(). */
+    /* spin_page_group_write() sets the following members. */
     /* [n_shared] the shared rows, as ascending indices of rows of the first frame. */
     uint32_t *shared;
     size_t n_shared, n_still;
     int32_t *key;    /* [n_shared][columns] the keys of the rows, in the order of `shared` */
     int32_t *number; /* [columns][n_frames][n_shared] differences from the keys */
-    struct spin_quant_error quant; /* errors of all frames, rotations in radians */
+    struct spin_quant_error quant; /* errors of all frames; those of rotations are in radians */
     uint64_t n_values;             /* number of values that were compared with their bounds */
 };
 
-/* Floats per row of spin_page_frame.value. */
+/* Returns the number of floats per row of spin_page_frame.value. */
 static inline size_t spin_page_width(const struct spin_page_group *g)
 {
     return (size_t)(SPIN_PAGE_VALUE_SH + g->n_sh);

@@ -7,11 +7,11 @@
 
 #define LN2 0.693147180559945309
 #define TURN 6.283185307179586 /* radians of a full turn */
-#define NARROWER 0.999         /* the constant of this name in page_values.c */
+#define NARROWER 0.999         /* must be equal to NARROWER in page_values.c */
 #define FAINT (0.5 / 255)      /* splats of a smaller opacity are invisible */
-#define UNEVEN 1e-5            /* tolerance of frame times, which may be rounded, in frames */
-#define LEAST_DOT 0.707        /* dot product of two quaternions that are 90 degrees apart */
-enum { CHECKED = 33 };         /* number of evenly spaced ticks at which a row is checked */
+#define UNEVEN 1e-5 /* tolerance of rounded frame times, as a share of the time between frames */
+#define LEAST_DOT 0.707 /* dot product of two quaternions that are 90 degrees apart */
+enum { CHECKED = 33 };  /* number of evenly spaced ticks at which a row is checked */
 
 /* Shares of an opacity's bound. With w = exp(-z^2/2), the error of a Gaussian window is at most w
  * (height + z middle + z^2 width), and the error of a gate at most (1 - w) gate. Both are shares of
@@ -418,7 +418,8 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
     unit_of(a, q);
     spin_splat_filter_take(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
-        value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c]; /* number_path() codes positions */
+        /* A placeholder: number_path() codes positions. */
+        value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];
         value[SPIN_PAGE_COLOUR + c] = is.colour[c];
         value[SPIN_PAGE_SCALE + c] = is.log_scale[c];
     }
@@ -670,7 +671,8 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     spin_sort_rows_sort(&order);
     for (size_t k = 0; k < n; k++)
         order.item[k].key = class_of(r, b.key + order.item[k].row * (size_t)r->n_columns);
-    spin_sort_rows_sort(&order); /* stable: rows of one class stay in Morton order */
+    /* This sort is stable, so rows of one class stay in Morton order. */
+    spin_sort_rows_sort(&order);
     b.order = order.item;
     r->n_rows += n;
     status = pack_block(&b, sink, context);

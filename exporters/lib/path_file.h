@@ -11,8 +11,8 @@ struct spin_path_pose {
 struct spin_path_file {
     struct spin_path_pose *pose; /* [n] */
     size_t n;                    /* number of poses, at least 1 */
-    int width, height;           /* pixels; 0: unspecified */
-    double fps;                  /* 0: unspecified */
+    int width, height;           /* size of the images in pixels; 0: unspecified */
+    double fps;                  /* frames per second; 0: unspecified */
 };
 
 /* Reads a camera path. A JSON object is a path of nerfstudio's viewer; its matrices map from a

@@ -7,10 +7,10 @@
 #include "formats/gaussian.h"
 
 enum spin_quant_error_part {
-    SPIN_QUANT_PLACE,    /* world units */
-    SPIN_QUANT_SCALE,    /* error of the natural logarithm of a scale: 0.01 is about one percent */
-    SPIN_QUANT_ROTATION, /* degrees */
-    SPIN_QUANT_OPACITY,  /* in 0..1 */
+    SPIN_QUANT_PLACE,    /* position, in world units */
+    SPIN_QUANT_SCALE,    /* natural logarithm of a scale: an error of 0.01 is about one percent */
+    SPIN_QUANT_ROTATION, /* rotation, in degrees */
+    SPIN_QUANT_OPACITY,  /* opacity, in 0..1 */
     SPIN_QUANT_COLOUR,   /* colour of the SH term of degree 0, in 0..1 */
     SPIN_QUANT_SH,       /* SH coefficients above degree 0 */
     SPIN_QUANT_PARTS

@@ -9,17 +9,16 @@
 struct spin_readback {
     struct spin_quant_error quant;
     double sizes;     /* largest position error, relative to the largest scale of the splat */
-    double pixels;    /* largest position error in pixels; -1: no splat was visible */
+    double pixels;    /* largest position error in pixels; -1: no camera saw a splat */
     double bounds;    /* largest error of a side of a frame's bounding box */
-    double reach;     /* largest absolute coordinate */
+    double reach;     /* largest absolute value of a coordinate */
     uint64_t n;       /* number of splats in all frames */
     uint64_t sh_lost; /* number of splats with nonzero SH above the degree of the file */
     const struct spin_view *view;
-    size_t n_views; /* views of the current frame, from `view` on */
-    double is_box[6],
-        /* Bounding boxes of the current frame's splats so far, in the source and in the file:
-         * minimum x y z, maximum x y z. */
-        there_box[6];
+    size_t n_views; /* number of views of the current frame, which begin at `view` */
+    /* Bounding boxes of the current frame's splats so far, in the source and in the file: minimum x
+     * y z, maximum x y z. */
+    double is_box[6], there_box[6];
 };
 
 /* Resets all errors and counts. */

@@ -16,7 +16,7 @@ struct check {
     struct spin_splats back;
     struct spin_readback values;
     int rendered; /* number of the rendered frame */
-    double psnr;  /* 0: no frame was rendered */
+    double psnr;  /* PSNR of this frame; 0: no frame was rendered */
 };
 
 /* ---- Values ---------------------------------------------------------------------------------- */

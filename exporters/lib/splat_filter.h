@@ -60,7 +60,7 @@
             NULL                                                                                   \
     }
 
-#define SPIN_ROWS_BLOCK 4096 /* rows per task */
+#define SPIN_ROWS_BLOCK 4096 /* number of rows of a block; each block is a task */
 
 struct spin_splat_filter_block;
 
@@ -89,9 +89,9 @@ spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
 /* Parses the value of --sh and sets *out to the SH degree to write. kept: the degree of the splats,
  * which the value "keep" stands for; -1: the splats have no SH. */
 spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out);
-/* For 4D splats: sets the mean number of kept rows that are visible in a frame in the job's report.
- * from: for each row, the row of job->splats_4d that it was made from; NULL: the indices are the
- * same. times: the times of the n_frames frames. */
+/* For 4D splats: computes, for the job's report, how many of the kept rows are visible in a frame
+ * on average. from: for each row, the row of job->splats_4d that it was made from; NULL: the
+ * indices are the same. times: the times of the n_frames frames. */
 spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
                                         const struct spin_export_job *job, const size_t *from,
                                         const double *times, int n_frames);

@@ -38,7 +38,7 @@ import numpy as np
 Frame = collections.namedtuple("Frame", "means quats scales opacities sh")
 NO_TRACK = 0xFFFFFFFF
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
-# What NumPy, zipfile and json raise for damaged files.
+# The exceptions that NumPy, zipfile and json raise for damaged files.
 DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, RuntimeError, zipfile.BadZipFile,
           zlib.error, struct.error)
 
@@ -49,7 +49,8 @@ def load(path):
 
 
 class Error(RuntimeError):
-    """A command failed. The text is its message, `code` its exit code."""
+    """Raised if a command failed. The text is the command's message, `code` the command's exit
+    code."""
 
     def __init__(self, message, code):
         super().__init__(message)
@@ -77,7 +78,8 @@ def evaluate(bundle, **options):
 
 
 def export(bundle, output, **options):
-    """Exports a bundle to the format of output's extension or of to="ply": spin-export(1)."""
+    """Exports a bundle to a format that the extension of `output` or an option such as to="ply"
+    chooses: spin-export(1)."""
     return _run("spin-export", bundle, output, options)
 
 
