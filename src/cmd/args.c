@@ -110,11 +110,11 @@ static void catch_signals(void)
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
-    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* nohup ignores SIGHUP: keep that */
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* under nohup, SIGHUP stays ignored */
         sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
-    signal(SIGXFSZ,
-           SIG_IGN); /* a write beyond the limit then fails with EFBIG, which is reported */
+    /* A write beyond the file size limit then fails with EFBIG, which is reported. */
+    signal(SIGXFSZ, SIG_IGN);
 }
 
 bool spin_args_begin(const struct spin_args_command *command, int *code)
@@ -712,8 +712,8 @@ const char *spin_args_find(int argc, char **argv, const char *name)
             chosen = argv[i] + 3 + length;
         else if (!argv[i][2 + length] && i + 1 < argc)
             chosen = argv[++i];
-        if (chosen && !strcmp(chosen, "=") &&
-            i + 1 < argc) /* bash has split the word, see print_candidates() */
+        /* bash has split --name=value, see print_candidates(). */
+        if (chosen && !strcmp(chosen, "=") && i + 1 < argc)
             chosen = argv[++i];
     }
     return chosen;

@@ -18,6 +18,7 @@ enum spin_exit { SPIN_EXIT_OK = 0, SPIN_EXIT_FAILED = 1, SPIN_EXIT_USAGE = 2 };
 
 /* ---- The table ------------------------------------------------------------------------------- */
 
+/* How a value is parsed, and the type of the variable that receives the value. */
 enum spin_args_kind {
     SPIN_ARG_FLAG,    /* bool */
     SPIN_ARG_COUNT,   /* int that each use of the option increments */
@@ -28,8 +29,8 @@ enum spin_args_kind {
     SPIN_ARG_CHOICE,  /* const char *, one of the words in arg, such as "a|b|c" */
     SPIN_ARG_ENUM,    /* unsigned, index of the given word in arg, such as "a|b|c" */
     SPIN_ARG_SWITCH,  /* bool, true if the second word of arg is given, such as "a|b" */
-    SPIN_ARG_INTS,    /* struct spin_args_list, each min..max */
-    SPIN_ARG_DOUBLES, /* struct spin_args_list, each min..max */
+    SPIN_ARG_INTS,    /* struct spin_args_list, each value from min to max */
+    SPIN_ARG_DOUBLES, /* struct spin_args_list, each value from min to max */
     SPIN_ARG_RANGE,   /* struct spin_range, given as A:B or A:B:STEP */
     SPIN_ARG_COLOUR,  /* float[3], given as black, white or R,G,B */
     SPIN_ARG_CUSTOM,  /* parse() parses and stores the value */
@@ -45,10 +46,10 @@ struct spin_args_list {
 
 struct spin_args_row {
     const char *name; /* long name without dashes; NULL for a heading or the end */
-    char brief;       /* one-letter name, or 0 */
+    char brief;       /* one-letter name of the option; 0: there is none */
     const char *arg;  /* placeholder of the value in --help; NULL for flags */
     enum spin_args_kind kind;
-    void *into;       /* address of a variable of the type listed above */
+    void *into; /* address of the variable that receives the value; its type depends on `kind` */
     const char *help; /* help text, a lower-case sentence without full stop; the text of a heading;
                          NULL at the end */
     double min, max;  /* limits of numbers; if both are 0, there are none */
@@ -141,7 +142,8 @@ int spin_args_misuse(const struct spin_args_command *command, const char *fmt, .
 
 /* Call spin_args_begin() before the work, to join the other ranks, and spin_args_ended() after the
  * work, to combine the status of all ranks. Both return false if this process should exit, and set
- * *code to its exit code. Of an error, one rank prints the line "name: message" to stderr. */
+ * *code to its exit code. If an error occurred, one rank prints the line "name: message" to
+ * stderr. */
 bool spin_args_begin(const struct spin_args_command *command, int *code);
 bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code);
 

@@ -139,7 +139,7 @@ int main(int argc, char **argv)
     read_help(&argc, argv);
     for (const char *const *name = commands; *name && at < argc; name++)
         if (strcmp(argv[at], *name) == 0) {
-            argv[at] = argv[at - 1]; /* keep argv[0] or --complete as the word before the options */
+            argv[at] = argv[at - 1]; /* replaces the name by argv[0] or --complete */
             return exec_command(*name, argv + 1);
         }
     if (argc > 1 && nearest_command(argv[1]))
