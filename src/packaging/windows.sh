@@ -26,7 +26,7 @@ done
 [ -f /usr/$host/include/zlib.h ] || fail "MinGW's zlib.h not found: apt-get install libz-mingw-w64-dev"
 
 # source_of PACKAGE: downloads and unpacks the Debian source into $tree. If the newest source is no
-# longer in the archive, uses that of the original release.
+# longer in the archive, the source of the original release is used.
 source_of() {
     mkdir -p "$deps/src" && cd "$deps/src" || exit 1
     tree=$deps/src/$1
@@ -90,7 +90,7 @@ windows_make $own "$image"
 windows_make "$W/release/bin/spin-import" "$W/release/bin/spin-export" "$W/release/bin/spin-eval" "$W/release/bin/spin-retrain" \
     "$W/release/bin/spin4d"
 
-# Libraries and shims that the commands load on demand.
+# Build the libraries and shims that the commands load on demand.
 shared() { # OUT SOURCE OPTION...: builds BUILD/windows/release/OUT
     out=$W/release/$1
     shift
