@@ -4,8 +4,9 @@
  * The values of a chunk are quantised within their common range. Rows are sorted in Morton order,
  * which keeps these ranges small; --order source keeps the source's order at the cost of precision.
  *
- * SH is by far the largest column. It is read once in the source's order, packed, and scattered to
- * the rows' indices in the file, so that the mapped bundle need not stay in memory. */
+ * SH is by far the largest column. The SH of all rows are read once in the source's order, packed,
+ * and scattered to the rows' indices in the file, so that the mapped bundle need not stay in
+ * memory. */
 #include <stdatomic.h>
 
 #include "base/base.h"

@@ -1,6 +1,6 @@
-/* Writes one SOG per frame, PlayCanvas's compact format (formats/sog.h). The axes stay those of the
- * training. Rows are in Morton order, since WebP compresses better if neighbouring pixels are
- * similar splats.
+/* Writes one SOG per frame, PlayCanvas's compact format (formats/sog.h). The axes are those of the
+ * training, unless --up or --rotate turns the scene. Rows are in Morton order, since WebP
+ * compresses better if neighbouring pixels are similar splats.
  *
  * So that static splats mostly keep the same bits from frame to frame, the bounding box of the
  * positions only grows, and the codebook of an earlier frame is reused if its error is close to

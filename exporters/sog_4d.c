@@ -589,7 +589,7 @@ static void print_stream(FILE *to, const struct export *x, size_t g)
 }
 
 /* reveal: number of bytes from the start of the file to the end of the first segment that contains
- * splats; geometry: to the end of the last segment. */
+ * splats; geometry: number of bytes from the start of the file to the end of the last segment. */
 static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint64_t geometry)
 {
     const double *cov2d = x->job->splats_4d->cov2d;

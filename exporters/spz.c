@@ -221,8 +221,8 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
-/* An upper bound of the file size: incompressible data grows by the overhead of one gzip stream, or
- * of a zstd frame for each stream. */
+/* Returns an upper bound of the file size: incompressible data grows by the overhead of one gzip
+ * stream, or of a zstd frame for each stream. */
 static uint64_t spz_bytes(const void *self, size_t n)
 {
     const struct export *x = self;

@@ -70,7 +70,7 @@ struct export
     bool half;
     double meters; /* metres per unit of the scene */
     int decimals;  /* decimal places of positions unless --float is given; set at the first frame */
-    unsigned still;    /* a set: if bit a is 1, attribute a has the same values in all frames */
+    unsigned still;    /* bit mask: if bit a is 1, attribute a has the same values in all frames */
     char(*halves)[10]; /* [65536] the decimal text of each half float, indexed by the bits of the
                           half */
 
@@ -176,8 +176,9 @@ static float rounded_place(const struct export *x, float v)
     return strtof(text, NULL);
 }
 
-/* Copies the values of the current attribute of row i to `out`, adds their rounding errors to
- * quant, and returns their number. Sets *group to the number of values in a tuple. */
+/* Copies the values of the current attribute of row i to `out`, adds the rounding errors of the
+ * values to quant, and returns the number of values. Sets *group to the number of values in a
+ * tuple. */
 static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], size_t *group,
                        struct spin_quant_error *quant)
 {

@@ -84,8 +84,8 @@ def export(bundle, output, **options):
 
 
 def _command(name):
-    """Returns the path of a command: in a virtual environment into which pip has installed the
-    command, the path there, else that in PATH."""
+    """Returns the path of a command. If Python runs in a virtual environment into which pip has
+    installed the command, this is the path in the environment; otherwise PATH is searched."""
     beside = os.path.join(os.path.dirname(sys.executable), name)
     own = sys.prefix != sys.base_prefix and os.access(beside, os.X_OK)
     found = beside if own else shutil.which(name)
