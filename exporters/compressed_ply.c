@@ -1,11 +1,12 @@
 /* Writes one compressed PLY per frame in PlayCanvas's layout (formats/compressed_ply.h). The axes
- * stay those of the training.
+ * are those of the training, unless --up or --rotate turns the scene.
  *
  * The values of a chunk are quantised within their common range. Rows are sorted in Morton order,
  * which keeps these ranges small; --order source keeps the source's order at the cost of precision.
  *
- * SH is by far the largest column. It is read once in the source's order, packed, and scattered to
- * the rows' indices in the file, so that the mapped bundle need not stay in memory. */
+ * SH is by far the largest column. The SH of all rows are read once in the source's order, packed,
+ * and scattered to the rows' indices in the file, so that the mapped bundle need not stay in
+ * memory. */
 #include <stdatomic.h>
 
 #include "base/base.h"
@@ -30,11 +31,12 @@ struct export
 {
     struct spin_frames frames;
 
-    /* The current frame. */
-    uint32_t *row;       /* [n] source rows in the order of the file */
-    uint32_t *place;     /* [source rows] the inverse: index in the file */
-    float *colour;       /* [n][3] */
-    unsigned char *rest; /* [n][n_rest] */
+    /* The following members describe the current frame. */
+    uint32_t *row;   /* [n] row i of the file is row row[i] of the source */
+    uint32_t *place; /* [source rows] the inverse of `row`: the index of each kept source row in the
+                        file */
+    float *colour;   /* [n][3] colours in the order of the file */
+    unsigned char *rest; /* [n][n_rest] packed SH above degree 0, in the order of the file */
     unsigned char *scratch;
     struct spin_out *out;
     uint64_t range_at, vertex_at;
@@ -120,8 +122,8 @@ static void scatter_block(void *context, int b)
 
 /* ---- Order ----------------------------------------------------------------------------------- */
 
-/* Copies the sorted order to x->row and x->place, and frees the sort's memory, which is four times
- * as large, before other buffers are allocated. */
+/* Sorts the kept rows, copies their order to x->row and x->place, and frees the memory of the sort,
+ * which is four times as large as x->row. */
 static spin_status choose_order(struct export *x)
 {
     struct spin_sort_rows *order = &x->frames.order;

@@ -1,21 +1,22 @@
 /* Writes glTF 2.0 with KHR_gaussian_splatting (formats/glb.h): a folder with one .glb per frame or,
  * if the output's name ends in .glb, a single file with the whole clip.
  *
- * Vertex data cannot change over time in glTF. A clip is therefore one node per frame, and an
- * animation sets the scale of each node by STEP keys: 1 while the frame is shown, else 0. A final
- * key repeats the last value, so that players show the last frame for its whole duration. An
- * attribute that is equal in all rows of two frames is stored once. --still-apart moves the splats
- * that are equal in all frames (lib/still_rows.h) to a separate node without animation. That node
- * is the first of the scene, for players that draw one mesh after another.
+ * Vertex data cannot change over time in glTF. A clip is therefore stored as one node per frame,
+ * and an animation with STEP interpolation sets the scale of each node: 1 while the frame of the
+ * node is shown, 0 otherwise. A final key repeats the last value, so that players show the last
+ * frame for its whole duration. An attribute whose values are the same in two frames is stored
+ * once. --still-apart moves the splats that are equal in all frames (lib/still_rows.h) to a
+ * separate node without animation. This node is the first of the scene, so that players that draw
+ * one mesh after another draw the static splats first.
  *
  * Differences from 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are
  * activated (exp, sigmoid), and each SH coefficient has its own accessor. The axes of glTF are x
  * left, y up, z forward; those of the training are x right, y down, z forward. A rotation by 180
- * degrees about z converts between them: x and y change sign, quaternions are multiplied by
- * (0, 0, 0, 1) from the left, and SH coefficients of odd order change sign.
+ * degrees about z converts between them: x and y change sign, quaternions are multiplied from the
+ * left by w x y z = (0, 0, 0, 1), and SH coefficients of odd order m change sign.
  *
  * The file stores one attribute of all splats after another. Blocks of rows are converted and
- * written to their offsets one at a time, so memory contains no second copy of the frame. */
+ * written to their offsets one at a time, so that no second copy of the frame is in memory. */
 #include <stdatomic.h>
 
 #include "base/base.h"
@@ -41,17 +42,18 @@ static const struct spin_plugin_option options[] = {
 
 struct export
 {
-    struct spin_frames frames;      /* rows and options; its folder is unused for a single file */
-    struct spin_glb_clip clip;      /* the current file */
+    /* Rows and options. frames.folder is not used if the output is a single file. */
+    struct spin_frames frames;
+    struct spin_glb_clip clip;      /* description of the current file */
     struct spin_glb_column *column; /* [clip.n_columns] the columns written so far */
     size_t column_room;
 
-    /* For a clip in a single file. */
+    /* The following members are for a clip in a single file. */
     struct spin_out out;
     int n_done;
     struct spin_glb_frame *frame; /* [clip.n_frames] */
     struct spin_glb_frame shared; /* the static splats of --still-apart */
-    struct spin_still_rows still; /* rows of these splats */
+    struct spin_still_rows still; /* the source rows of the static splats */
 };
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
@@ -59,14 +61,17 @@ struct export
 struct writing {
     struct export *x;
     const struct spin_glb_frame *frame;
-    bool fresh[SPIN_GLB_MAX_ATTRIBUTES]; /* attributes that are not in the file yet */
+    bool fresh[SPIN_GLB_MAX_ATTRIBUTES]; /* true: the file does not contain the values of this
+                                            attribute yet, so they are written */
     unsigned char *scratch;
-    float *bounds;       /* [blocks][6] minimum, maximum of the positions */
-    uint64_t (*hash)[2]; /* [blocks][attributes] output of the hashing pass; NULL: writing pass */
+    float *bounds;       /* [blocks][6] minimum x y z, maximum x y z of the positions in a block */
+    uint64_t (*hash)[2]; /* [blocks][attributes] hashes of the columns, which the hashing pass sets;
+                            NULL: this is the writing pass */
     atomic_int error;
 };
 
-/* Converts the rows of a block to columns, then hashes all columns or writes the fresh ones. */
+/* Converts the rows of a block to columns. Then the hashing pass hashes all columns, and the
+ * writing pass writes those that w->fresh marks. */
 static void write_block(void *context, int number)
 {
     struct writing *w = context;
@@ -209,7 +214,8 @@ static uint64_t gltf_bytes(const void *self, size_t n)
     return spin_glb_bytes(&((const struct export *)self)->clip, n);
 }
 
-/* The order in which the importer reads a frame: the frame's own node, then the static splats. */
+/* Sets *row to the rows in the order in which the importer reads a frame: those of the frame's
+ * node, then the static splats. Without static splats *row is NULL: the order of the source. */
 static spin_status gltf_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
@@ -218,7 +224,8 @@ static spin_status gltf_order(void *self, const struct spin_keyed **row)
     return x->still.n > 0 ? spin_still_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
 }
 
-/* Writes a frame without the static splats, which are written together with the first frame. */
+/* Appends a frame to the single file. Static splats are written only once, after the other splats
+ * of the first frame. */
 static spin_status add_to_file(void *self, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
@@ -233,7 +240,7 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
         SPIN_TRY(spin_still_rows_leave_out(&x->still, rows, info->number));
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
-    if (x->n_done == 0 && all > (double)UINT32_MAX) /* warn before hours of writing */
+    if (x->n_done == 0 && all > (double)UINT32_MAX) /* warn early: writing may take hours */
         spin_warn("%d frames of the size of the first need up to %.1f GB, but a .glb cannot exceed "
                   "4.3 GB: reduce the clip with --range, --sh or --min-opacity, or write a folder",
                   x->clip.n_frames, all / 1e9);
@@ -262,7 +269,7 @@ static spin_status parse_options(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* Called after the options are read. */
+/* Describes the files to be written. Called after all options were read. */
 static spin_status begin_clip(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
@@ -317,7 +324,9 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     n = x->still.n;
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
-    if (job->counts) /* an upper bound for a clip, since frames share equal attributes */
+    /* The size is only an upper bound if there are several frames, which share equal attributes, or
+     * if options drop splats. */
+    if (job->counts)
         spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n),
                              job->n_frames > 1 || job->counts_are_bounds);
     return SPIN_OK;

@@ -23,7 +23,8 @@
 
 #define DEGREES 57.29577951308232 /* per radian */
 #define DEFAULT_FPS 30
-#define LEAST_SECONDS 2.0 /* shortest clip, unless --fps is given */
+/* Shorter clips are slowed down to this duration, unless --fps is given. */
+#define LEAST_SECONDS 2.0
 #define DEFAULT_KEY_EVERY 30
 
 static const struct spin_plugin_option options[] = {
@@ -50,26 +51,27 @@ static const struct spin_plugin_option options[] = {
  * of the file of --split is loaded. */
 #define DRAFT_SHARE 0.05
 
-/* A written block of a version: one frame, or some rows of the 4D splats. */
+/* A block that was written: one frame of a version of the clip, or some rows of its 4D splats. */
 struct page_frame {
     int first; /* index of the key frame that this frame depends on */
     size_t shared, still, own;
-    int from, end;      /* first tick, and last + 1, in which rows of the block are visible */
-    uint64_t at, bytes; /* offset in the file of --split, and size */
+    int from, end;      /* rows of the block are visible in ticks `from` to `end` - 1 only */
+    uint64_t at, bytes; /* offset of the block in the file of --split, and size of the block */
 };
 
-/* One of at most two versions of the clip. */
+/* One of at most two versions of the clip: with the imported or with the retrained attributes. */
 struct version {
     const char *name, *label;
-    int sh_degree; /* in the page */
-    int n_sh;      /* number of values per splat above degree 0 */
+    int sh_degree; /* SH degree in the page */
+    int n_sh;      /* number of SH values per splat above degree 0 */
     bool antialias;
     struct spin_page_group group;
     struct page_frame *frame; /* [n_written] */
     int n_written;
     double n_kept;
     size_t n_empty; /* number of frames without splats */
-    bool rows;      /* blocks contain rows of 4D splats; page_frame.first is not used */
+    bool rows;      /* true: the blocks contain rows of 4D splats, and page_frame.first is not used;
+                       false: each block contains a frame */
 };
 
 struct export
@@ -77,23 +79,24 @@ struct export
     const struct spin_export_job *job;
     struct spin_out out, data;
     bool split;
-    struct spin_page_draft draft; /* of the first version, with --split */
-    size_t draft_splats;          /* number of splats in the draft; 0: there is no draft */
+    /* The encoder of the draft, which shows the first version; used only with --split. */
+    struct spin_page_draft draft;
+    size_t draft_splats; /* number of splats in the draft; 0: there is no draft */
     uint64_t draft_bytes;
     struct spin_splat_filter rows;
     struct spin_sort_rows order;
     struct spin_page_space space;
-    double size; /* of the scene, see spin_initial_view_middle() */
+    double size; /* size of the scene, see spin_initial_view_middle(); 0: not known yet */
     struct spin_initial_view view;
     struct version version[2];
     int n_versions;
     struct spin_splats source;
-    struct spin_page_rows four_d; /* encoder of 4D splats, for the first version */
-    size_t max_splats;            /* per frame; 0: all */
+    struct spin_page_rows four_d; /* encoder of 4D splats; used for the first version only */
+    size_t max_splats;            /* largest number of splats per frame; 0: no limit */
     int every, key_every;
     double fps;
-    const char *title; /* NULL: the file's name */
-    int *number;       /* [n_written] */
+    const char *title; /* title above the clip; NULL: the name of the file is the title */
+    int *number;       /* [n_written] number of each written frame */
     int n_written;
     uint64_t data_bytes, n_splats;
 };
@@ -132,8 +135,8 @@ static void write_seven(FILE *to, unsigned seven)
     putc(at ? '0' + (int)(at - special) : (int)seven, to);
 }
 
-/* Writes seven bits per character. Characters that HTML interprets or an editor may change are
- * written as an escape character and a digit. */
+/* Writes the bytes as characters of seven bits each. Characters that HTML interprets or an editor
+ * may change are written as an escape character and a digit. */
 static void write_sevens(FILE *to, const uint8_t *bytes, size_t n)
 {
     unsigned held = 0;
@@ -201,7 +204,8 @@ static spin_status take_draft(void *context, const struct spin_page_block *block
     return spin_out_write(&x->data, block->data, block->n_bytes);
 }
 
-/* Writes the draft after all blocks, unless the first key is small enough to serve as one. */
+/* With --split, writes the draft after all blocks, unless the block of the first key frame is
+ * itself as small as the draft may be. */
 static spin_status write_draft(struct export *x)
 {
     double most = DRAFT_SHARE * (double)x->data_bytes;
@@ -286,8 +290,8 @@ static spin_json *version_json(const struct version *v, const struct export *x)
     return j;
 }
 
-/* Sets a member to a name, reduced to letters, digits and a few punctuation marks: a file name may
- * be invalid UTF-8 or contain HTML. */
+/* Sets a member of the JSON to a name in which all characters except letters, digits and a few
+ * punctuation marks are replaced by '_': a file name may be invalid UTF-8 or contain HTML. */
 static void set_name(spin_json *j, const char *key, const char *name, size_t n_name)
 {
     char text[128];
@@ -299,7 +303,7 @@ static void set_name(spin_json *j, const char *key, const char *name, size_t n_n
     spin_json_set_string(j, key, text);
 }
 
-/* The length of the path without .html or .htm. */
+/* Returns the length of the path without its extension .html or .htm. */
 static size_t stem_of(const char *path)
 {
     const char *dot = strrchr(path, '.');
@@ -406,7 +410,8 @@ static spin_status parse_options(struct export *x)
     SPIN_TRY(spin_option_count(v, "every", 1, 1000000000, &x->every));
     x->key_every = DEFAULT_KEY_EVERY;
     SPIN_TRY(spin_option_count(v, "key-every", 1, SPIN_PAGE_MOST_FRAMES, &x->key_every));
-    /* Only checks the options: the size of the scene is not known yet. */
+    /* This call only checks the values of --bound-*. set_space() computes the bounds when the size
+     * of the scene is known. */
     SPIN_TRY(spin_page_bounds_from(v, 1, &bounds));
     x->split = spin_plugin_value(v, "split", NULL) != NULL;
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
@@ -470,7 +475,8 @@ static spin_status open_files(struct export *x)
     return SPIN_OK;
 }
 
-/* Writes the title for tabs and search engines. The page itself displays the title in the JSON. */
+/* Writes the <title> element, for the tabs of browsers and for search engines. The title that the
+ * page displays is in the JSON. */
 static spin_status write_title(struct export *x)
 {
     const char *file = spin_path_name(x->job->output), *title = x->title;
@@ -498,7 +504,8 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     return write_text(x, spin_html_body);
 }
 
-/* Sets centre, size and first view of the scene from the first frame and the data set. */
+/* Sets the centre, the size and the initial view of the scene from the first frame and the data
+ * set, and passes them to the encoders. */
 static spin_status set_space(struct export *x, const struct spin_splats *s, int frame)
 {
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : -1;
@@ -570,8 +577,8 @@ static spin_status write_rows(struct export *x, const double *times)
     return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
 }
 
-/* Writes 4D splats as rows, or as frames if the frames are not evenly spaced or --max-splats is
- * given. */
+/* Writes 4D splats as rows, or as frames if the frames are not evenly spaced in time or if
+ * --max-splats is given. */
 static spin_status write_4d(struct export *x)
 {
     const struct spin_export_job *job = x->job;
@@ -621,7 +628,7 @@ static spin_status fill_report(struct export *x)
     return SPIN_OK;
 }
 
-/* Logs the largest error of each kind beside its bound, and fills the report of --check. */
+/* Logs the largest error of each attribute beside its bound, and fills the report of --check. */
 static void say_errors(const struct export *x)
 {
     const struct spin_page_bounds *b = &x->space.bounds;

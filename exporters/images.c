@@ -26,7 +26,7 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-#define FAR 1e10f /* depth of the background, as in film renderers */
+#define FAR 1e10f /* depth of pixels that no splat covers, as in film renderers */
 
 enum which { TEST, TRAIN, ALL };
 
@@ -35,7 +35,7 @@ struct export
     struct spin_output_folder folder;
     const struct spin_export_job *job;
     enum which which;
-    int n_unseen; /* frames without a chosen view */
+    int n_unseen; /* number of frames of which the data set has no view that --views selects */
     struct spin_film film;
     bool wants_depth;
     float *layers; /* [3][h][w]: alpha, expected depth, median depth */
@@ -56,7 +56,8 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-/* Fetches alpha and depth of the last render into x->film, if they are to be written. */
+/* Reads alpha and depth of the last render into x->film: alpha if the background is transparent,
+ * depth if --depth is given. */
 static spin_status take_layers(struct export *x, const struct spin_camera *camera)
 {
     size_t n = (size_t)camera->width * (size_t)camera->height;
@@ -73,7 +74,8 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
     return SPIN_OK;
 }
 
-/* Number is the one in the name. */
+/* Renders an image and writes it to file `name` of the output folder. number: the frame or path
+ * number that this name contains. */
 static spin_status export_picture(struct export *x, char *name, int number, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
@@ -105,7 +107,7 @@ static void free_export(void *self)
     free(x);
 }
 
-/* Refuses options that would have no effect. */
+/* Returns an error if an option would have no effect. */
 static spin_status check_options(const struct export *x)
 {
     static const char *const moving[] = {"duration", "repeat"};

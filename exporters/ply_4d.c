@@ -1,10 +1,11 @@
 /* Writes 4D splats with a Gaussian window in time as a single PLY. Values are stored as floats and
- * not quantised, so these files suit the exchange of models between programs. Two layouts:
+ * not quantised, so these files suit the exchange of models between programs. There are two
+ * layouts:
  *
- * .ftgs.ply of FreeTimeGS, version 1: linear paths. Time is normalised to 0..1 over the clip (frame
- * i of F is at i/(F-1)) and velocity is in world units per clip; sigma and opacity are stored as
- * logarithm and logit. Readers clamp sigma to at least min_duration, so the header states a value
- * just below the smallest sigma written.
+ * .ftgs.ply of FreeTimeGS, version 1: paths are linear. Time is normalised to 0..1 over the clip
+ * (frame i of F is at i/(F-1)) and velocity is in world units per clip; sigma and opacity are
+ * stored as logarithm and logit. Readers clamp sigma to at least min_duration, so the header states
+ * a value just below the smallest sigma written.
  *
  * .sogst.ply, the input of .sogst encoders (formats/sogst.h): paths of degree 1 or 2. Time is in
  * seconds from the first frame, and sigma is not stored as a logarithm. The reference encoder
@@ -14,20 +15,21 @@
 #include "io/ply.h"
 #include "math/sh.h"
 
-/* The sigma, in clip lengths, of a splat that does not fade: one clip length from its centre, its
- * window is still 0.9998. */
+/* The largest sigma to write, in clip lengths. A splat that does not fade gets this sigma: one clip
+ * length from the splat's centre in time, its window is still 0.9998. */
 #define MOST_SIGMA 50
-enum { BATCH = 4096 }; /* rows written at a time */
+enum { BATCH = 4096 }; /* number of rows that are written at a time */
 
 struct export;
 
 struct layout {
-    const char *name;     /* for messages */
+    const char *name;     /* name of the format in messages */
     const char *importer; /* the importer that reads the format */
     int degree;           /* highest degree of a path */
-    bool seconds;         /* unit of time: seconds (true) or clip lengths */
+    bool seconds;         /* unit of time in the file; true: seconds, false: clip lengths */
     void (*print_header)(struct export *x);
-    void (*fill_row)(const struct export *x, size_t i, float *to); /* `to` is zeroed */
+    /* Converts row i. All floats of `to` are 0 before the call. */
+    void (*fill_row)(const struct export *x, size_t i, float *to);
 };
 
 struct export
@@ -35,9 +37,9 @@ struct export
     const struct layout *layout;
     struct spin_bells bells;
     struct spin_splat_filter rows;
-    struct spin_sort_rows order; /* the kept rows */
+    struct spin_sort_rows order; /* the kept rows of bells.clip in the order of the file */
     double fps;
-    int sh_degree; /* in the file */
+    int sh_degree; /* SH degree in the file */
     size_t width;  /* floats per row */
     struct spin_out out;
 };
@@ -85,8 +87,8 @@ static void print_ftgs(struct export *x)
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
             "comment n_frames %d\n",
             x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames);
-    if (x->bells.job->fps >
-        0) /* this comment is not part of the format; only spin-import reads it */
+    /* The line "comment fps" is not part of the format; only spin-import reads this line. */
+    if (x->bells.job->fps > 0)
         fprintf(x->out.file, "comment fps %.9g\n", x->bells.job->fps);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
     print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");
@@ -126,8 +128,8 @@ static void print_header(struct export *x)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Writes the degree 0 coefficients to dc, and the others to rest: all of red, then green, then
- * blue. */
+/* Writes the SH coefficients of degree 0 to dc and the others to rest: first all coefficients of
+ * red, then those of green, then those of blue. */
 static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
 {
     size_t n_there = (size_t)spin_splat_filter_n_sh(&x->rows), n_file = n_rest(x) / 3;

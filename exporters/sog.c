@@ -1,10 +1,10 @@
-/* Writes one SOG per frame, PlayCanvas's compact format (formats/sog.h). The axes stay those of the
- * training. Rows are in Morton order, since WebP compresses better if neighbouring pixels are
- * similar splats.
+/* Writes one SOG per frame, PlayCanvas's compact format (formats/sog.h). The axes are those of the
+ * training, unless --up or --rotate turns the scene. Rows are in Morton order, since WebP
+ * compresses better if neighbouring pixels are similar splats.
  *
  * So that static splats mostly keep the same bits from frame to frame, the bounding box of the
- * positions only grows, and an earlier frame's codebook is reused if its error is close to that of
- * a new one. Each frame has its own palette of SH. */
+ * positions only grows, and the codebook of an earlier frame is reused if its error is close to
+ * that of a new codebook. The palette of SH is not reused: each frame has its own. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
@@ -12,7 +12,8 @@
 #include "io/webp.h"
 #include "math/sh.h"
 
-#define KEEP_BOOK 1.1 /* reuse a codebook up to this many times the squared error of a new one */
+/* A codebook is reused if its squared error is at most this many times that of a new one. */
+#define KEEP_BOOK 1.1
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.sog"),
@@ -28,12 +29,12 @@ struct export
     struct spin_sog sog;
     struct spin_picture picture[SPIN_SOG_PICTURES];
     int level;
-    bool begun; /* sog contains the bounding box and codebooks of an earlier frame */
+    bool begun; /* true: `sog` contains the bounding box and the codebooks of an earlier frame */
 
-    /* The current frame, in the order of the file. */
-    float *scales, *dc; /* [n][3] */
-    float *rest;        /* [n][n_rest] */
-    uint32_t *label;    /* [n] */
+    /* The following members describe the current frame; rows are in the order of the file. */
+    float *scales, *dc; /* [n][3] logarithms of scales; SH coefficients of degree 0 */
+    float *rest;        /* [n][n_rest] SH coefficients above degree 0 */
+    uint32_t *label;    /* [n] palette index of each splat */
     float *palette;     /* [n_palette][n_rest] */
 };
 
@@ -203,8 +204,8 @@ static void code_task(void *context, size_t i, size_t end)
     }
 }
 
-/* Copies the palette to its image. A row of the image contains exactly 64 vectors, so consecutive
- * vectors are consecutive pixels. */
+/* Copies the palette, as indices into its codebook, to the image of the palette. A row of the image
+ * contains exactly 64 vectors, so consecutive vectors are consecutive pixels. */
 static void code_palette(struct export *x)
 {
     uint8_t *to = x->picture[SPIN_SOG_CENTROIDS].rgba;

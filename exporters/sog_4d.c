@@ -1,14 +1,14 @@
 /* Writes TSOG and .sogst: a clip of 4D splats as one file (formats/tsog.h, formats/sogst.h).
  *
  * Both formats quantise a splat's centre in time. Each splat is therefore moved along its path to
- * the quantised time; the remaining error is that it fades slightly too early or too late. Ranges
- * and evenly spaced codebooks bound the errors of the other values. Sigmas are limited to
- * MOST_SIGMA, since a large one would coarsen the quantisation of the small ones. A limited splat
- * is moved towards the middle of the clip, such that its opacity there keeps its value and its
- * derivative.
+ * the quantised time; the remaining error is that the splat fades slightly too early or too late.
+ * Ranges and evenly spaced codebooks bound the errors of the other values. Sigmas are limited to
+ * MOST_SIGMA, since all sigmas are quantised in a common range, so that a large one would coarsen
+ * the steps of the small ones. A splat whose sigma is limited is moved in time towards the middle
+ * of the clip, such that its opacity at the middle keeps its value and its derivative.
  *
- * TSOG can also contain a clip of frames: each splat has the index of the only frame that shows it.
- */
+ * TSOG can also contain a clip of frames: each splat then has the index of the only frame that
+ * shows it. */
 #include "base/base.h"
 #include "exporters/lib/bells_check.h"
 #include "exporters/lib/pictures.h"
@@ -25,14 +25,17 @@
 /* .sogst: a splat that is drawn for longer than this many segments is persistent. */
 #define PERSISTENT 3.0
 #define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
-#define STEPS 65536    /* number of 16-bit values; a clip of frames needs one or more per frame */
+/* The number of different 16-bit values, which code times. A clip of frames needs at least one
+ * value per frame. */
+#define STEPS 65536
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
 struct container {
-    const char *name;     /* for messages */
+    const char *name;     /* name of the format in messages */
     const char *importer; /* the importer that reads the format */
-    bool sogst;           /* .sogst: seconds, codebooks of times, segments; otherwise TSOG */
-    int degree;           /* highest degree of paths */
+    bool sogst; /* true: .sogst, with times in seconds, codebooks of times, and segments; false:
+                   TSOG */
+    int degree; /* highest degree of paths */
 };
 
 static const struct container tsog = {"TSOG", "tsog", false, 1},
@@ -42,36 +45,40 @@ struct export
 {
     const struct spin_export_job *job;
     const struct container *kind;
-    struct spin_export_job own; /* if `frames`: the job with splats_4d made of all frames' rows, and
-                                   with frame indices as times */
-    bool frames;                /* the clip consists of frames, not of 4D splats */
-    double *places;             /* [n_frames] 0, 1, 2, ... */
-    size_t n_cut;               /* if `frames`: number of rows that were added so far */
-    size_t capacity;            /* if `frames`: capacity for such rows */
+    struct spin_export_job own; /* if `frames`: a copy of the job whose splats_4d contains the rows
+                                   of all frames, and whose times are the indices of the frames */
+    bool frames;                /* true: the clip consists of frames, not of 4D splats */
+    double *places;             /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
+    size_t n_cut;               /* if `frames`: number of rows added to bells.clip so far */
+    size_t capacity;            /* if `frames`: number of rows for which bells.clip has memory */
     struct spin_splat_filter rows;
-    struct spin_sort_rows order; /* item[j].row: row j of the file */
+    struct spin_sort_rows order; /* row j of the file is row item[j].row of bells.clip */
     struct spin_bells bells;
     double fps;
-    double segment; /* seconds; 0: not segmented */
+    double segment; /* duration of a segment in seconds; 0: the clip is not segmented */
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
-    double fade_lost; /* largest error of an opacity that quantised times cause */
+    double fade_lost; /* largest error of an opacity that the quantisation of times and sigmas
+                         causes */
     struct spin_out out;
 
-    /* Rows are in the order of the file. */
-    float *rest, *palette; /* [n][n_rest], [n_palette][n_rest] */
-    uint32_t *label;       /* [n] */
-    size_t n_groups;       /* 1 + number of segments: group 0 is persistent; 1: not segmented */
-    size_t *end;           /* [n_groups] index of the group's last row, plus 1 */
-    double *span;          /* [n_groups][2] first and last time at which the group is drawn */
-    struct spin_picture *picture; /* [n_groups][PER_GROUP], the palette, the groups' labels */
+    /* In the following arrays, rows are in the order of the file. */
+    float *rest, *palette; /* SH coefficients above degree 0 of the rows [n][n_rest] and of the
+                              palette entries [n_palette][n_rest] */
+    uint32_t *label;       /* [n] palette index of each row */
+    size_t n_groups; /* 1: the clip is not segmented; otherwise 1 + number of segments: group 0
+                        contains the persistent splats, group g those of segment g - 1 */
+    size_t *end;     /* [n_groups] index of the group's last row, plus 1 */
+    double *span;    /* [n_groups][2] first and last time at which the group is drawn */
+    struct spin_picture *picture; /* [n_groups][PER_GROUP] images of the groups, then the image of
+                                     the palette, then [n_groups] images of the groups' labels */
     struct spin_quant_error *block_quant;
 };
 
 static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->bells.clip; }
 
-/* Warns about limits of the format's player. */
+/* Warns if there are more splats than the player of the format draws. */
 static void warn_of_kind(const struct export *x)
 {
     if (!x->kind->sogst && x->order.n > PLAYED)
@@ -103,7 +110,8 @@ static void finish_range(struct spin_sog_range *range)
     }
 }
 
-/* Fills a codebook with 256 evenly spaced values, or with a geometric series. */
+/* Fills a codebook with 256 values from `least` to `most`: a geometric series if `quotients`, else
+ * evenly spaced values. */
 static void fill_book(struct spin_sog_book *book, double least, double most, bool quotients)
 {
     book->n = SPIN_CODEBOOK;
@@ -115,7 +123,8 @@ static void fill_book(struct spin_sog_book *book, double least, double most, boo
     }
 }
 
-/* Codes a centre in time and its sigma. Sets `shown` to the two values that a reader decodes. */
+/* Codes time[0], a splat's centre in time, and time[1], its sigma. Sets shown[0] and shown[1] to
+ * the two values that a reader decodes. */
 static void code_time(const struct spin_sog_4d *coding, const float time[2], uint8_t *low,
                       uint8_t *high, float shown[2])
 {
@@ -137,7 +146,8 @@ static void code_time(const struct spin_sog_4d *coding, const float time[2], uin
     shown[1] = coding->sigma.value[low[1]];
 }
 
-/* The largest error of a centre in time with this codebook, in sigmas of the splat. */
+/* Returns the largest error of a splat's centre in time if centres are coded with this codebook, as
+ * a multiple of the splat's sigma. */
 static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK])
 {
     double worst = 0;
@@ -151,8 +161,8 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
     return worst;
 }
 
-/* Chooses evenly spaced centres, or a codebook that is adapted to the times if its worst shift is
- * smaller. */
+/* Chooses the codebook of centres in time: evenly spaced values, or values that are adapted to the
+ * splats' times if these lead to a smaller worst_shift(). */
 static spin_status choose_centres(struct export *x)
 {
     struct spin_sog_book *book = &x->coding.centre;
@@ -169,7 +179,9 @@ static spin_status choose_centres(struct export *x)
     return SPIN_OK;
 }
 
-/* The largest error of the opacity at the splat's centre in time and one sigma before and after. */
+/* Returns the largest error of a splat's opacity at three times: at the splat's centre in time, one
+ * sigma before, and one sigma after. time: exact centre and sigma; shown: decoded centre and
+ * sigma. */
 static double fade_lost(float logit, const float time[2], const float shown[2])
 {
     double most = 0;
@@ -217,7 +229,7 @@ static spin_status round_times(struct export *x)
 
 /* ---- Groups ---------------------------------------------------------------------------------- */
 
-/* The group of a row: 0 if it is persistent, else 1 + its segment. */
+/* Returns the group of a row: 0 if the splat is persistent, else 1 + the index of its segment. */
 static size_t group_of(const struct export *x, size_t k)
 {
     double bucket = floor((double)clip_of(x)->times[k] / x->segment);
@@ -227,7 +239,8 @@ static size_t group_of(const struct export *x, size_t k)
     return 1 + (size_t)fmin(fmax(bucket, 0), (double)x->n_groups - 2);
 }
 
-/* Sorts rows by group, in Morton order within each. */
+/* Sorts the rows by group and, within a group, in Morton order. Sets the end and the span of each
+ * group. */
 static spin_status choose_order(struct export *x)
 {
     size_t n = x->order.n;
@@ -373,7 +386,7 @@ static int n_pictures(const struct export *x)
     return (int)(x->n_groups * PER_GROUP + 1 + x->n_groups);
 }
 
-/* Image p of group g; all groups share one palette. */
+/* Returns image p of group g. All groups share the image of the palette. */
 static struct spin_picture *picture_of(const struct export *x, size_t g, int p)
 {
     size_t at = g * PER_GROUP + (size_t)p;
@@ -561,7 +574,8 @@ static void print_tsog(FILE *to, const struct export *x)
         fprintf(to, "}");
     }
     fprintf(to, ",\"playback\":{\"duration\":%.9g,\"fps\":%.9g,\"rate\":1,\"loop\":true}}\n",
-            (x->job->n_frames - !x->frames) / x->fps, x->fps); /* the last frame is shown as long */
+            /* In a clip of frames, the last frame is shown as long as the others. */
+            (x->job->n_frames - !x->frames) / x->fps, x->fps);
 }
 
 static void print_stream(FILE *to, const struct export *x, size_t g)
@@ -574,8 +588,8 @@ static void print_stream(FILE *to, const struct export *x, size_t g)
         fprintf(to, "\"seg_%03zu\"", g - 1);
 }
 
-/* reveal and geometry are the bytes from the start of the file to the end of the first segment and
- * of the last segment. */
+/* reveal: number of bytes from the start of the file to the end of the first segment that contains
+ * splats; geometry: number of bytes from the start of the file to the end of the last segment. */
 static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint64_t geometry)
 {
     const double *cov2d = x->job->splats_4d->cov2d;
@@ -633,7 +647,8 @@ static uint64_t bytes_of(const struct export *x, size_t n_groups)
     return sum;
 }
 
-/* meta.json contains byte offsets that depend on its own length: iterate to a fixed point. */
+/* Prints meta.json. Its text contains byte counts that depend on the length of the text, so it is
+ * printed again until the length no longer changes. */
 static spin_status make_meta(const struct export *x, char **text, size_t *n)
 {
     const uint64_t header = 30 + strlen("meta.json");
@@ -737,7 +752,7 @@ static spin_status read_options(struct export *x)
     x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     if (x->frames)
         x->bells.length = x->job->n_frames - 1;
-    /* The default is about half a second, in whole frames. */
+    /* By default, a segment lasts about half a second, rounded to a whole number of frames. */
     segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
@@ -748,8 +763,8 @@ static spin_status read_options(struct export *x)
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
-/* Prepares for a clip of frames. Its splats become 4D splats that are visible only in their own
- * frame, whose index is used as the time. */
+/* Prepares the export of a clip of frames: splats of a frame become 4D splats that are visible only
+ * in this frame, whose index is used as their time. */
 static spin_status expect_frames(struct export *x)
 {
     int n = x->job->n_frames;

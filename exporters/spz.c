@@ -1,19 +1,19 @@
 /* Writes one SPZ per frame (formats/spz.h).
  *
- * Positions have 12 fractional bits, as in the reference implementation, which covers coordinates
- * up to 2048. A frame that reaches farther gets fewer bits, and so do all frames after it, so that
- * static splats keep the same bytes.
+ * Positions have 12 fractional bits, as in the reference implementation; the largest coordinate is
+ * then 2048. If a frame has larger coordinates, this and all later frames are written with fewer
+ * fractional bits, so that static splats have the same bytes in all of these frames.
  *
  * The format does not define its axes. --axes source writes those of the training, as
- * splat-transform does; --axes rub rotates by 180 degrees about x, to right, up, back, the axes of
- * Niantic's library. */
+ * splat-transform does; --axes rub rotates by 180 degrees about x: to x right, y up, z back, the
+ * axes of Niantic's library. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/spz.h"
 #include "io/gzip.h"
 #include "io/zstd.h"
 
-#define MAX_SH 45 /* coefficients */
+#define MAX_SH 45 /* largest number of SH coefficients above degree 0 of a splat */
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.spz"),
@@ -29,14 +29,16 @@ struct export
 {
     struct spin_frames frames;
     int version, level;
-    int fraction; /* fractional bits of the positions */
-    /* Output of the compressor: one stream (version 4) or the whole file (version 3). */
+    int fraction; /* number of fractional bits of the positions */
+    /* Output of the compressor: one stream in version 4, the whole file in version 3. */
     unsigned char *packed; /* [n_packed_room] */
     size_t n_packed_room;
-    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY]; /* version 4 only */
-    unsigned char *bytes; /* input of the compressor: one stream or the whole file */
+    /* The table of contents, in version 4 only. */
+    unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY];
+    /* Input of the compressor: one stream in version 4, the whole file in version 3. */
+    unsigned char *bytes;
 
-    /* The current stream: one attribute of all rows. */
+    /* The following members describe the current stream: one attribute of all rows. */
     int stream;
     size_t width;      /* bytes per row */
     unsigned char *to; /* [n_kept][width] */
@@ -44,8 +46,8 @@ struct export
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Codes row i of the current stream, and adds the difference between the source and the decoded
- * value to quant. */
+/* Codes the current attribute of row i, and adds the error, the source's value minus the decoded
+ * value, to quant. */
 static void code_row(const struct export *x, size_t i, unsigned char *out,
                      struct spin_quant_error *quant)
 {
@@ -103,7 +105,7 @@ static void code_block(void *context, int task)
     spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
-/* Codes one attribute of all rows and returns the number of bytes. */
+/* Codes one attribute of all rows to `to` and returns the number of bytes. */
 static size_t code_stream(struct export *x, int stream, unsigned char *to)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -127,8 +129,8 @@ static spin_status write_stream(struct export *x, int stream, struct spin_out *o
     return spin_out_write(out, x->packed, n_packed);
 }
 
-/* Chooses the most fractional bits that all positions fit into, but no more than the frame before.
- */
+/* Chooses the largest number of fractional bits with which all positions of the frame can be
+ * stored, but no more bits than in the previous frame. */
 static spin_status choose_fraction(struct export *x, int number)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -190,11 +192,13 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
     SPIN_TRY(spin_out_write(out, x->toc, n_toc));
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
         SPIN_TRY(write_stream(x, stream, out));
-    SPIN_TRY(spin_out_length(out, &length)); /* flushes the buffer */
+    /* This call flushes the buffer, as spin_out_write_at() requires. */
+    SPIN_TRY(spin_out_length(out, &length));
     return spin_out_write_at(out, SPIN_SPZ_HEADER_4, x->toc, n_toc);
 }
 
-/* Reserves x->bytes for the largest stream of the frame, or for all of them in version 3. */
+/* Allocates x->bytes: in version 4 for the largest stream of the frame, in version 3 for all
+ * streams. */
 static spin_status reserve_bytes(struct export *x)
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -217,8 +221,8 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
-/* An upper bound of the file size: incompressible data grows by the overhead of one gzip stream, or
- * of a zstd frame for each stream. */
+/* Returns an upper bound of the file size: incompressible data grows by the overhead of one gzip
+ * stream, or of a zstd frame for each stream. */
 static uint64_t spz_bytes(const void *self, size_t n)
 {
     const struct export *x = self;

@@ -2,9 +2,9 @@
  * which plays one layer per frame by value clips. All files are text, so no library is needed.
  *
  * With value clips, a reader opens only the layer of the frame that it shows. A single text file
- * with the time samples of all frames would have to be parsed as a whole: gigabytes for a minute.
- * The time samples of a layer have the path of the prim in the stage, so a layer can also be opened
- * on its own.
+ * with the time samples of all frames would have to be parsed as a whole: gigabytes for a clip of a
+ * minute. The time samples of a layer have the path of the prim in the stage, so a layer can also
+ * be opened on its own.
  *
  * The layout follows OpenUSD's schema and its guide to value clips: scales are standard deviations,
  * opacities are 0 to 1, orientations are w x y z, and SH is one float3 per coefficient, splat after
@@ -12,9 +12,10 @@
  *
  * Attributes that are the same in all frames are stored once, in still.usda, a sublayer of the
  * stage and of each layer. Numbers are half floats by default, printed with the fewest digits that
- * read back as the same half; positions have enough digits to resolve a millionth of the first
- * frame's diagonal. Cameras are UsdGeomCamera prims: those of the data set and that of --path. Only
- * the ratio of their focal length and aperture matters. */
+ * read back as the same half; positions have enough digits to resolve a millionth of the diagonal
+ * of the first frame's bounding box. The cameras of the data set and the camera of --path are
+ * UsdGeomCamera prims. Only the ratio of a camera's focal length to its aperture matters, so all
+ * apertures have the same width. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/frames.h"
@@ -23,10 +24,10 @@
 #include "math/sh.h"
 
 #define DEFAULT_FPS 30
-#define BATCH 8          /* blocks of rows per write */
-#define NUMBER 16        /* characters of the longest number with its separators */
+#define BATCH 8          /* number of blocks of rows that are printed in parallel, then written */
+#define NUMBER 16        /* number of characters of the longest number, with separators */
 #define MAX_FLOATS 48    /* largest number of floats of one row in an attribute */
-#define LEAST_HALF 6e-8f /* the smallest positive half */
+#define LEAST_HALF 6e-8f /* the smallest positive half float */
 #define MOST_HALF 65504.0f
 #define PRIM "Splats"
 #define STILL "still.usda"
@@ -48,7 +49,8 @@ static const struct spin_plugin_option options[] = {
 enum attribute { POSITIONS, ORIENTATIONS, SCALES, OPACITIES, SH, ATTRIBUTES };
 
 struct form {
-    /* type_half and name_half are those for half floats; NULL: the attribute is always float. */
+    /* type_half, name_half: type and name of the attribute if it consists of half floats; NULL: it
+     * always consists of floats. */
     const char *type, *name, *type_half, *name_half;
 };
 
@@ -64,19 +66,21 @@ static const struct form forms[ATTRIBUTES] = {
 struct export
 {
     struct spin_frames frames;
-    double codes; /* time codes from one frame to the next */
+    double codes; /* number of time codes from one frame to the next */
     bool half;
-    double meters;     /* metres per unit of the scene */
-    int decimals;      /* decimal places of positions, unless --float is given; -1: not known yet */
-    unsigned still;    /* bit a is set: attribute a is the same in all frames */
-    char(*halves)[10]; /* [65536] the text of each half */
+    double meters; /* metres per unit of the scene */
+    int decimals;  /* decimal places of positions unless --float is given; set at the first frame */
+    unsigned still;    /* bit mask: if bit a is 1, attribute a has the same values in all frames */
+    char(*halves)[10]; /* [65536] the decimal text of each half float, indexed by the bits of the
+                          half */
 
-    /* The camera of --path. */
+    /* The following members describe the camera of --path. */
     struct spin_camera_path path;
     bool has_path;
-    struct spin_camera *camera; /* [n_pictures]; NULL: before the first frame */
+    /* [n_pictures] all poses; NULL before the first frame and without --path. */
+    struct spin_camera *camera;
 
-    /* The current batch. */
+    /* The following members describe the current batch of blocks. */
     enum attribute attribute;
     size_t first;                 /* index of the batch's first block */
     char *text;                   /* [BATCH][stride] text of each block */
@@ -94,7 +98,7 @@ static float as_half(float v, float least)
 
 static bool is_half(const struct export *x) { return x->half && forms[x->attribute].type_half; }
 
-/* Prints "%.*g" without plus signs and leading zeros in the exponent. */
+/* Prints v like "%.*g", but removes the plus sign and leading zeros of the exponent. */
 static void print_short(char to[24], int digits, double v)
 {
     char *e, *from;
@@ -145,7 +149,7 @@ static spin_status make_halves(struct export *x)
     return SPIN_OK;
 }
 
-/* Prints a value and returns its length. */
+/* Prints a value of the current attribute and returns the length of the text. */
 static int print_value(const struct export *x, float v, char *to)
 {
     int n;
@@ -161,7 +165,7 @@ static int print_value(const struct export *x, float v, char *to)
     return strncmp(to, "-0", (size_t)n) == 0 ? sprintf(to, "0") : n;
 }
 
-/* The value that a reader gets for a coordinate after it was printed. */
+/* Returns the value that a reader gets from the text of coordinate v. */
 static float rounded_place(const struct export *x, float v)
 {
     char text[64];
@@ -172,8 +176,9 @@ static float rounded_place(const struct export *x, float v)
     return strtof(text, NULL);
 }
 
-/* Copies the values of the current attribute of row i to `out`, adds their rounding errors to
- * quant, and returns their number. Sets *group to the number of values in a tuple. */
+/* Copies the values of the current attribute of row i to `out`, adds the rounding errors of the
+ * values to quant, and returns the number of values. Sets *group to the number of values in a
+ * tuple. */
 static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], size_t *group,
                        struct spin_quant_error *quant)
 {
@@ -229,7 +234,9 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
     }
 }
 
-/* Prints each tuple of row i as "(1,2,3)", separated by commas. Returns the end of the text. */
+/* Prints the values of the current attribute of row i as comma-separated tuples such as "(1,2,3)",
+ * and returns the end of the text. If this is not the first row of the file, the text begins with a
+ * comma. */
 static char *print_row(const struct export *x, size_t i, bool first, char *to,
                        struct spin_quant_error *quant)
 {
@@ -310,7 +317,8 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
     return write_text(out, still ? "]\n" : "],\n    }\n");
 }
 
-/* Sets extent to the bounding box of all ellipsoids of three standard deviations. */
+/* Sets extent to the bounding box of the ellipsoids of all kept splats; the radii of an ellipsoid
+ * are three standard deviations. */
 static void find_extent(const struct export *x, float extent[6])
 {
     const struct spin_splat_filter *rows = &x->frames.rows;
@@ -360,7 +368,8 @@ static void print_degree(const struct export *x, FILE *to)
             x->frames.rows.sh_degree);
 }
 
-/* Prints the layer of a frame of n splats up to its first attribute; *text is allocated. */
+/* Prints the beginning of the layer of a frame, which has n splats, up to the first attribute. The
+ * caller frees *text. */
 static spin_status layer_head(const struct export *x, int number, size_t n, char **text,
                               size_t *n_text)
 {
@@ -377,8 +386,8 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
 
-/* Writes still.usda, the attributes that are the same in all frames, with the values of the current
- * frame. */
+/* Writes still.usda, which contains the attributes that are the same in all frames; their values
+ * are taken from the current frame. */
 static spin_status write_still(struct export *x)
 {
     SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
@@ -396,7 +405,8 @@ static spin_status write_still(struct export *x)
     return spin_out_commit(&out);
 }
 
-/* The number of decimal places that resolve a millionth of the diagonal of this bounding box. */
+/* Returns the number of decimal places that resolve a millionth of the diagonal of this bounding
+ * box. */
 static int decimals_of(const float e[6])
 {
     double square = 0, step;
@@ -462,7 +472,7 @@ static uint64_t usd_bytes(const void *self, size_t n)
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
 /* Prints the camera-to-world matrix of a camera with x right, y up, z back, in the axes of the
- * file. Its rows are the three axes and the position of the camera. */
+ * file. The rows of the matrix are the three axes and the position of the camera. */
 static void print_matrix(const struct export *x, const struct spin_camera *camera, FILE *to)
 {
     const double *m = camera->w2c, *q = x->frames.rows.turn_q;
@@ -473,8 +483,8 @@ static void print_matrix(const struct export *x, const struct spin_camera *camer
             row[r][c] = (r == 0 ? 1 : -1) * m[4 * r + c];
             row[3][c] -= m[4 * r + c] * m[4 * r + 3];
         }
-    for (int r = 0; r < 4;
-         r++) { /* rotate by the quaternion (w, u): v + 2 w u x v + 2 u x (u x v) */
+    /* The vector v, rotated by the quaternion (w, u), is v + 2 w u x v + 2 u x (u x v). */
+    for (int r = 0; r < 4; r++) {
         double *v = row[r], *u = back + 1, a[3], b[3];
 
         for (int c = 0; c < 3; c++)
@@ -534,7 +544,8 @@ static void print_camera(const struct export *x, const char *name, const struct 
             moves ? "        }\n" : "");
 }
 
-/* The index of view v among the views with the same camera id and the same data-set frame. */
+/* Returns the index of view v among the views with the same camera id and the same data-set
+ * frame. */
 static int duplicate_index(const struct spin_views *views, size_t v)
 {
     size_t first = v;
@@ -621,7 +632,7 @@ static spin_status print_cameras(const struct export *x, FILE *to)
 
 /* ---- The stage ------------------------------------------------------------------------------- */
 
-/* Declares the attributes that the clips provide, without values. */
+/* Declares the attributes whose values the clips provide. */
 static void print_attributes(const struct export *x, FILE *to)
 {
     fprintf(to, "    float3[] extent\n");
@@ -722,7 +733,7 @@ static spin_status parse_options(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* A hash of an attribute of all rows of the frame. */
+/* Returns a hash of one attribute of all rows of the frame and of the choice of rows to keep. */
 static uint64_t hash_attribute(const struct export *x, enum attribute a)
 {
     const struct spin_splats *s = x->frames.rows.splats;
@@ -735,8 +746,8 @@ static uint64_t hash_attribute(const struct export *x, enum attribute a)
     return hash;
 }
 
-/* Finds the attributes that are the same in all frames. Stops reading frames once there are none.
- */
+/* Finds the attributes that are the same in all frames. Stops reading frames when no such attribute
+ * is left. */
 static spin_status find_still(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;

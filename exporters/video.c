@@ -1,5 +1,5 @@
-/* Writes the clip as an MP4 or WebM video, chosen by the output's extension, from a camera of the
- * data set or one that moves while the clip plays. An image may consist of several panels side by
+/* Renders the clip to a video: MP4 or WebM, as the output's extension says. The camera is one of
+ * the data set's or moves while the clip plays. An image may consist of several panels side by
  * side. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
@@ -20,7 +20,8 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    /* View whose camera is used for all frames; NULL: the camera is not one of the data set's. */
+    /* A view of the data set's camera that renders all frames; NULL: the camera is not one of the
+     * data set's. */
     const struct spin_view *first;
     int size[2]; /* width, height of a panel in pixels */
 };

@@ -1,4 +1,5 @@
-// The page: requests frames and sort orders from the worker, draws them, and handles user input.
+// The page: requests frames and sort orders from the worker, draws the frames, and handles user
+// input.
 'use strict';
 
 (() => {
@@ -19,7 +20,7 @@ function safeAddress(address) {
     try { return /^(https?|blob|file):$/.test(new URL(address, location.href).protocol) ? address : null; } catch { return null; }
 }
 
-// Parameters of the page's URL, such as
+// Reads the parameters of the page's URL, such as
 // ?frame=7&autoplay=0&noui&poster=first.jpg&version=before&fps=12&background=ffffff
 function readParameters(given) {
     const has = (name) => given.has(name) && given.get(name) !== '0' && given.get(name) !== 'false', number = (name, least, most) => (given.get(name) && Number(given.get(name)) >= least && Number(given.get(name)) <= most ? Number(given.get(name)) : undefined);
@@ -52,8 +53,9 @@ function camera() {
     const out = add(add(front.map((v) => v * flat * Math.cos(angle)), side, flat * Math.sin(angle)), up, Math.sin(height));
     const forward = out.map((v) => -v), right = unit(cross(forward, up));
     const w = canvas.width, h = canvas.height, tan = Math.tan(clip.fovy * Math.PI / 360);
-    // The first camera's whole image is visible. If the window is taller than that image, the sides
-    // are cropped as far as is needed to leave nothing empty above and below.
+    // The window shows the whole image of the first camera. If the window is taller than this
+    // image, the image is enlarged and cropped at its sides, as far as is needed to leave no empty
+    // space above and below the scene.
     const focal = Math.min(h / 2 / tan, Math.max(w / 2 / (tan * clip.aspect), h / 2 / orbit.tall));
     return { eye: add(target, out, distance), right, down: cross(forward, right), forward, focal };
 }
@@ -79,7 +81,8 @@ function shader(type, text) {
     return s;
 }
 
-// Links a program. Its method at() looks up a uniform.
+// Compiles and links a program. The method at(name) of the result returns the location of a
+// uniform.
 function programOf(vertex, fragment) {
     const p = gl.createProgram();
     gl.attachShader(p, shader(gl.VERTEX_SHADER, vertex));
@@ -89,8 +92,8 @@ function programOf(vertex, fragment) {
     return { use: () => gl.useProgram(p), at: (name) => gl.getUniformLocation(p, name) };
 }
 
-// A first pass projects each splat and stores it in two textures. A second pass draws the bounding
-// quads of all splats.
+// A first pass projects each splat and stores the result in two textures. A second pass draws the
+// bounding quads of all splats.
 const ALL = '#version 300 es\nvoid main() { gl_Position = vec4(float(gl_VertexID & 1) * 4.0 - 1.0, float(gl_VertexID & 2) * 2.0 - 1.0, 0, 1); }';
 const project = programOf(ALL, $('project').textContent), boxes = programOf($('vertex').textContent, $('fragment').textContent);
 const at = Object.fromEntries(['turn', 'eye', 'focal', 'half_size', 'near', 'degree', 'words', 'antialias', 'count'].map((n) => [n, project.at(n)]));
@@ -99,14 +102,14 @@ project.use();
 Object.entries({ splats: SPLATS, harmonics: HARMONICS, order: ORDER }).forEach(([name, unit]) => gl.uniform1i(project.at(name), unit));
 boxes.use();
 Object.entries({ ellipses: ELLIPSES, paints: PAINTS }).forEach(([name, unit]) => gl.uniform1i(boxes.at(name), unit));
-// Each splat is drawn as two triangles, in batches whose corners can be addressed by 16-bit
-// indices. Instanced quads would be many times slower on software renderers.
+// Each splat is drawn as two triangles. A batch has so few splats that 16-bit indices can address
+// all corners of these triangles. Instanced quads would be many times slower on software renderers.
 const BATCH = 16384, CORNERS = [0, 1, 2, 2, 1, 3];
 gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
 gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + CORNERS[i % 6]), gl.STATIC_DRAW);
 gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
 
-// Allocates a texture that is 2048 texels wide.
+// Allocates a texture of 2048 texels times `rows` rows in this texture unit.
 function storage(unit, format, rows) {
     const made = gl.createTexture();
     gl.activeTexture(gl.TEXTURE0 + unit);
@@ -141,7 +144,7 @@ function texture(slot, format, layout, perTexel) {
         }
     };
 }
-// The frame of each version that is on the GPU.
+// For each version of the clip: the frame that is on the GPU.
 const shown = clip.versions.map((v) => ({ v, frame: -1, draft: false, count: 0, words: 0, splats: texture(SPLATS, gl.RGBA32UI, gl.RGBA_INTEGER, 4), harmonics: texture(HARMONICS, gl.R32UI, gl.RED_INTEGER, 1), order: texture(ORDER, gl.R32UI, gl.RED_INTEGER, 1) }));
 
 // The render targets of project.frag: one row for every 2048 splats.
@@ -249,8 +252,8 @@ const wanted = () => (state.wipe ? [AFTER, BEFORE] : [state.version]);
 const REST = 3000, SMALL = 240;
 const isWhole = () => state.drawn && !shown[state.drawn[0]].draft;
 
-// Requests the current frame, or only a new sort order if the camera has moved. A page with --split
-// first requests the draft.
+// Requests the current frame or, if only the camera has moved, a new sort order. A page with
+// --split first requests the draft.
 function ask(c) {
     const draft = !state.drawn && !state.wipe && state.frame === 0 && clip.versions[state.version].draft !== undefined;
     const slope = [canvas.width, canvas.height].map((v) => v / 2 / c.focal);
@@ -296,7 +299,7 @@ function tick(now) {
 
 // ---- Buttons, keys, fingers ---------------------------------------------------------------------
 
-// The source's number of a frame, interpolated between two frames.
+// Returns the source's number of a frame. A frame between two frames has an interpolated number.
 function numberAt(frame) {
     const k = Math.floor(frame), a = clip.numbers[k];
     return frame === k ? a : Number((a + (frame - k) * (clip.numbers[k + 1] - a)).toFixed(3));
@@ -350,7 +353,7 @@ function reset() {
     state.dirty = true;
 }
 
-// Rotates the camera about the target or, after flying, in place.
+// Rotates the camera about the target or, after flying, about the camera's own position.
 function turnBy(dx, dy) {
     const { eye } = camera();
     orbit.angle -= dx * 0.006;
@@ -365,7 +368,7 @@ function moveBy(dx, dy) {
     aim(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k));
 }
 
-// Sets the target, at most the size of the scene away from the first target.
+// Sets the target. Its distance from the first target is limited to the size of the scene.
 function aim(target) {
     const first = inside(clip.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
@@ -373,8 +376,8 @@ function aim(target) {
     welcome(false);
 }
 
-// Flying: W, A, S and D, and Q and E for down and up. A pressed key moves the camera by half of the
-// first view's distance from its target per second.
+// The keys W, A, S and D fly forward, left, back and right, Q and E down and up. While a key is
+// pressed, the camera moves by half of the first view's distance from its target per second.
 const FLY = { w: ['forward', 1], s: ['forward', -1], d: ['right', 1], a: ['right', -1], q: ['down', 1], e: ['down', -1] }, held = new Set();
 function fly(seconds) {
     const c = camera(), step = 0.5 * orbit.first * Math.min(seconds, 0.1);
@@ -382,7 +385,8 @@ function fly(seconds) {
 }
 
 // Multiplies the distance from the target by `factor`. The distance is at least clip.reach[0], to
-// avoid walls, and at most one that shows the whole scene; it may always be that of the first view.
+// avoid walls, and at most one that shows the whole scene. The distance of the first view is always
+// allowed.
 function zoomBy(factor) {
     const [least, most] = clip.reach.map((d) => d / clip.size), whole = 1.5 / Math.tan(clip.fovy * Math.PI / 360);
     orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, whole, orbit.first), orbit.distance * factor));
@@ -526,7 +530,7 @@ function set(wishes) {
 
 const stateNow = () => ({ play: state.playing, frame: state.frame + 1, frames: clip.numbers.length, speed: state.speed, version: state.wipe ? 'wipe' : clip.versions[state.version].name, ready: Boolean(state.drawn) });
 let told = '';
-// Reports the state to the embedding page when it has changed.
+// Reports the state to the embedding page if the state has changed since the last report.
 function tell() {
     const now = JSON.stringify(stateNow());
     if (embedded && now !== told) window.parent.postMessage({ spin4d: JSON.parse(told = now) }, '*');

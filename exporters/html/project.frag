@@ -54,8 +54,8 @@ void main()
     float opacity = float(b.w >> 16) / 65535.0;
 
     if (p.z < near || opacity < 1.0 / 255.0) return;
-    // As in the reference, the Jacobian of a splat outside 1.3 times the field of view is that at
-    // the limit.
+    // As in the reference implementation, the projection's Jacobian of a splat outside 1.3 times
+    // the field of view is the one at this limit.
     vec2 flat_at = p.xy / p.z, limit = 1.3 * half_size / focal, t = clamp(flat_at, -limit, limit);
     vec2 m01 = unpackHalf2x16(b.x), m23 = unpackHalf2x16(b.y), m45 = unpackHalf2x16(b.z);
     mat3 sigma = mat3(m01.x, m01.y, m23.x, m01.y, m23.y, m45.x, m23.x, m45.x, m45.y) / 1024.0;
@@ -63,8 +63,8 @@ void main()
     vec3 jy = focal.y / p.z * (turn[1] - t.y * turn[2]);
     vec3 sx = sigma * jx, sy = sigma * jy;
     float xx = dot(jx, sx) + 0.3, xy = dot(jx, sy), yy = dot(jy, sy) + 0.3;
-    // If the clip was trained with antialiasing, the opacity is reduced by as much as the dilation
-    // by 0.3 enlarges the ellipse.
+    // If the clip was trained with antialiasing, the opacity is divided by the factor by which the
+    // dilation by 0.3 enlarges the ellipse.
     if (antialias != 0) {
         float area = (xx - 0.3) * (yy - 0.3) - xy * xy, det = xx * yy - xy * xy;
         opacity *= sqrt(max(area / det, 2.5e-5));

@@ -1,5 +1,6 @@
 #version 300 es
-// One corner of the bounding quad of a splat's ellipse, which project.frag computed.
+// Computes one corner of the quad that bounds a splat's ellipse. project.frag has computed the
+// ellipse.
 precision highp float;
 precision highp int;
 precision highp usampler2D;

@@ -9,8 +9,8 @@ const frames = new Map(), groups = [], slices = [], fetched = new Map();
 
 // ---- Bytes --------------------------------------------------------------------------------------
 
-// Decodes seven bits per character. Character 127 and a digit encode a character that cannot be in
-// a page.
+// Decodes a text that stores seven bits per character. Character 127 and a digit stand for a
+// character that a page cannot contain.
 function bytesOf(text) {
     const special = [0, 10, 13, 60, 127], out = new Uint8Array(Math.ceil(text.length * 7 / 8) + 1);
     let held = 0, bits = 0, n = 0;
@@ -159,8 +159,8 @@ function shape(texels, o, w, x, y, z, e, f, g) {
 }
 
 // Writes n splats to `out`, beginning at splat `from`: two texels of four words per splat, and SH
-// as two halves per word. Row r is the keyframe's value at offset + r plus, if `numbers` is not
-// null, the difference from the keyframe at r, which is in whole steps.
+// as two halves per word. Splat r has the values of row offset + r of the key frame. If `numbers`
+// is not null, row r of `numbers` is added: a difference from the key frame, in whole steps.
 function fill(out, from, n, keys, turns, numbers, offset, nSh) {
     const s = clip.steps, { texels, place, sh, words, radius } = out;
     const none = numbers ? null : new Int32Array(n), number = (c) => (numbers ? numbers[c] : none);
@@ -295,8 +295,8 @@ async function blocksAt(version, tick) {
     return list;
 }
 
-// Sets `tilt` to the rotation of row i at `share`, 0 to 1, of its time: a linear interpolation of
-// the quaternions at both ends, which have different lengths.
+// Sets `tilt` to the rotation of row i at `share`, 0 to 1, of the time in which the row is visible:
+// a linear interpolation of the quaternions at both ends, which have different lengths.
 const tilt = new Float64Array(4);
 function turnTo(b, i, share, r) {
     const [tx, ty, tz, long] = b.turn, a = tx[i] * clip.steps.rotation, c = ty[i] * clip.steps.rotation, d = tz[i] * clip.steps.rotation, angle = Math.sqrt(a * a + c * c + d * d);
@@ -393,7 +393,7 @@ function movedTo(m, nSh, frame) {
     return out;
 }
 
-// Decodes the draft, which has the format of a key frame.
+// Fetches and decodes the draft, which has the format of a key frame.
 async function draftOf(version) {
     const v = clip.versions[version], { splats: n, at, bytes: size } = v.draft, { bytes, whole } = await rangeOf(at, at + size);
     const read = columnsIn(await unpacked(whole ? bytes.subarray(at, at + size) : bytes)), keys = arrays(SH + v.sh, n), out = emptyFrame(n, v.sh);
@@ -450,7 +450,7 @@ function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }
         if (d < least) least = d;
         if (d > most) most = d;
     }
-    // Logarithmic steps are finer near the camera.
+    // The steps are logarithmic, so that they are finer near the camera.
     const low = Math.log(least), by = count ? 65535 / Math.max(Math.log(most) - low, 1e-6) : 0;
     const start = new Uint32Array(65537), step = new Uint16Array(count), order = new Uint32Array(count);
     for (let k = 0; k < count; k++) {

@@ -49,7 +49,7 @@ spin_status spin_bells_can(const struct spin_bells *b)
     return SPIN_OK;
 }
 
-/* Units of the file's time per unit of the source's. */
+/* Returns the factor that converts a duration from the source's unit of time to the file's. */
 static double per_time(const struct spin_bells *b)
 {
     return b->length / (last_time(b) - first_time(b));
@@ -87,7 +87,8 @@ void spin_bells_warn(const struct spin_bells *b)
 
 /* ---- Conversion errors ----------------------------------------------------------------------- */
 
-/* SAMPLES evenly spaced times of the clip in which row i is visible, as offsets from its centre. */
+/* Sets d to SAMPLES evenly spaced times, from the first to the last time of the clip at which row i
+ * is visible, as offsets from the row's centre in time. */
 static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES])
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -98,7 +99,8 @@ static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES]
         d[k] = from + (to - from) * k / (SAMPLES - 1) - (double)s->times[i];
 }
 
-/* The file stores the colour at the row's centre in time, where both cosines are 1. */
+/* Adds the colour error of row i at offset d from its centre in time to b->lost_colour. The file
+ * stores the colour at the centre, where both cosines are 1. */
 static void measure_colour_error(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -114,8 +116,9 @@ static void measure_colour_error(struct spin_bells *b, size_t i, double d)
     }
 }
 
-/* The file stores the rotation at the row's centre in time. The rotation between two unit
- * quaternions is 2 acos |dot|. */
+/* Adds the rotation error of row i at offset d from its centre in time to b->lost_turn. The file
+ * stores the rotation at the centre. The angle between two rotations is 2 acos |dot|, where dot is
+ * the dot product of their unit quaternions. */
 static void measure_rotation_error(struct spin_bells *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -147,7 +150,7 @@ static void measure_position_error(struct spin_bells *b, size_t i, double d, con
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-/* Solves a x = y, n equations with three right-hand sides, by Gauss-Jordan elimination; a is
+/* Solves the n equations a x = y, with three right-hand sides, by Gauss-Jordan elimination; a is
  * positive definite. Overwrites y with x. */
 static void solve_equations(double a[3][3], double y[3][3], int n)
 {
@@ -165,9 +168,10 @@ static void solve_equations(double a[3][3], double y[3][3], int n)
             y[p][c] /= a[p][p];
 }
 
-/* Fits a path of the file's degree to the path of row i: least squares over the times d at which
- * the row is visible, weighted by its Gaussian window, in the source's unit of time. If all times
- * coincide, centre and path stay as they are: the first terms of the row's own path. */
+/* Fits a path of the file's degree to the path of row i, in the source's unit of time: minimises
+ * the squared distances at the times d, weighted by the row's Gaussian window. If all times
+ * coincide, `centre` and `path` are not changed: they contain the first terms of the row's own
+ * path. */
 static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
                      float *path)
 {
@@ -212,8 +216,8 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
     s->times[k] = (float)time;
 }
 
-/* Reduces the sigma of row k to `most`. Its opacity and centre change such that the opacity in the
- * middle of the clip, and its derivative there, stay the same. */
+/* Reduces the sigma of row k to `most`. The row's opacity and centre in time change such that the
+ * opacity in the middle of the clip keeps its value and its derivative. */
 static void limit_sigma(struct spin_bells *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;

@@ -6,30 +6,33 @@
 #include "spin.h"
 
 struct spin_bells {
-    const struct spin_export_job *job; /* its splats_4d is not NULL */
+    const struct spin_export_job *job; /* the export; job->splats_4d is not NULL */
     const char *name;                  /* the format's name in messages */
     double length;                     /* duration of the clip in the file's unit of time */
     double most_sigma;                 /* largest sigma to write, in clip lengths */
-    bool says_cov2d;                   /* the format stores the two cov2d factors */
-    int least_degree, degree;          /* lowest and highest degree of paths in the format */
+    bool says_cov2d;          /* true: the format stores the two factors of splats_4d->cov2d */
+    int least_degree, degree; /* lowest and highest degree of paths in the format */
 
-    struct spin_splats_4d clip; /* the rows visible at some time of the clip; no settled spans */
+    /* The rows that are visible at some time of the clip. Its spans are not set. */
+    struct spin_splats_4d clip;
     size_t *from;            /* [clip.n] the row of the source that each row was converted from */
     struct spin_splats view; /* the arrays of `clip` in the form of a frame */
-    /* Largest errors: of a position in world units, at times when the window is at least 1/2; of a
-     * rotation in degrees; of a colour in 0..1. */
+    /* Largest errors. lost_place: of a position in world units, at times when the window is at
+     * least 1/2; lost_turn: of a rotation in degrees; lost_colour: of a colour in 0..1. */
     double lost_place, lost_turn, lost_colour;
 };
 
-/* Checks that the windows are Gaussian within the clip, and that it has more than one frame. */
+/* Returns an error if a window is not Gaussian within the clip, or if the clip has only one
+ * frame. */
 spin_status spin_bells_can(const struct spin_bells *b);
-/* Frames per second: the option's, the bundle's, or 30 with a warning. */
+/* Sets *out to the frames per second: the value of --fps, else that of the bundle, else 30 with a
+ * warning. */
 spin_status spin_bells_fps(const struct spin_bells *b, double *out);
-/* Fills `clip` and all members after it. */
+/* Converts the 4D splats: sets `clip` and all members after it. */
 spin_status spin_bells_convert(struct spin_bells *b);
 /* Warns once for each kind of loss. */
 void spin_bells_warn(const struct spin_bells *b);
-/* Converts a time of the source to the file's. */
+/* Converts a time from the source's unit to the file's. */
 double spin_bells_time(const struct spin_bells *b, double time);
 /* Moves the centre of row k along its path to another time; the path itself does not change. */
 void spin_bells_move(struct spin_splats_4d *s, size_t k, double time);

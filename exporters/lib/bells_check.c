@@ -11,7 +11,8 @@ struct check {
     void *self;
     const struct spin_splats_4d *back;
     struct spin_splats frame;
-    uint32_t *row_of; /* [source rows] row of the file; UINT32_MAX: not in the file */
+    uint32_t *row_of; /* [source rows] row of the file for each source row; UINT32_MAX: the file
+                         does not contain the source row */
     struct spin_readback values;
 };
 
@@ -33,7 +34,8 @@ static spin_status read_back(struct check *check)
     return SPIN_OK;
 }
 
-/* Checks row j of the file against what was to be written, within the precision of the file. */
+/* Compares position, time and sigma of row j of the file with the values that were to be written,
+ * within the precision of the file. */
 static spin_status check_row(const struct check *check, size_t j)
 {
     const struct spin_bells_check *of = check->of;
@@ -68,7 +70,7 @@ static void slice_row(const struct spin_splats_4d *s, size_t j, double time,
     memcpy(out->rotation, s->quats + 4 * j, sizeof out->rotation);
 }
 
-/* Compares frame f of the source with the file at the same time. */
+/* Compares frame f of the source with the splats of the file at the time of this frame. */
 static spin_status check_frame(struct check *check, int f)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

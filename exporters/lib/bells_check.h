@@ -7,11 +7,13 @@
 
 struct spin_bells_check {
     const struct spin_bells *bells; /* the clip, with times and sigmas rounded as in the file */
-    const struct spin_splat_filter *rows; /* the filter that chose rows of bells->view */
+    /* The filter that chose the rows of bells->view to be written. */
+    const struct spin_splat_filter *rows;
     const struct spin_keyed *order; /* [n] row j of the file is row order[j].row of bells->clip */
     size_t n;
     const char *importer;
-    double half[3]; /* tolerance of log(1 + |x|) of each coordinate: half a quantisation step */
+    double half[3]; /* tolerance of log(1 + |x|) of each coordinate x: half a quantisation step; 0:
+                       not quantised */
 };
 
 /* Fills job->report->check with the largest errors over all frames of the job. SPIN_E_IO if the

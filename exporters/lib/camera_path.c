@@ -44,7 +44,8 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
 
 #define DEFAULT_FPS 30
 #define DEFAULT_SECONDS 8.0
-#define LEAST_SECONDS 2.0 /* shortest clip without --fps and --duration */
+/* Shorter clips are slowed down to this duration, unless --fps or --duration is given. */
+#define LEAST_SECONDS 2.0
 enum {
     OWN_WIDTH = 1280,
     OWN_HEIGHT = 720,
@@ -89,7 +90,7 @@ static spin_status parse_path(struct spin_camera_path *d)
     return spin_path_file_open(text, &d->file);
 }
 
-/* Sets the number of images and their rate. */
+/* Sets the number of images and the number of images per second. */
 static spin_status parse_pace(struct spin_camera_path *d)
 {
     const struct spin_plugin_values *v = d->job->values;
@@ -143,8 +144,8 @@ void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camer
     camera->height = d->size[1];
 }
 
-/* Sets the intrinsics of a moving camera, from a view of the data set or else from the web page's
- * front view, and then applies --size. */
+/* Sets the intrinsics of a moving camera: those of a view of the data set or, without a data set,
+ * of the web page's view from the front. Then applies --size. */
 static void set_lens(struct spin_camera_path *d)
 {
     const struct spin_views *views = d->job->views;
@@ -242,7 +243,7 @@ static void swap_stops(struct spin_rig_stop *a, struct spin_rig_stop *b)
     *b = kept;
 }
 
-/* Orders the stops greedily: each is followed by the nearest of the remaining ones. */
+/* Orders the stops greedily: after each stop comes the nearest of the remaining stops. */
 static void order_stops(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
@@ -256,7 +257,8 @@ static void order_stops(struct spin_rig_path *path)
     }
 }
 
-/* Reverses sections of the path while that shortens it (2-opt); the first stop stays. */
+/* Reverses sections of the path as long as this makes the path shorter (2-opt). The first stop
+ * stays the first. */
 static void shorten_path(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
@@ -280,8 +282,8 @@ static void shorten_path(struct spin_rig_path *path)
     }
 }
 
-/* Sets the path length up to each stop, and negates quaternions where needed so that neighbouring
- * ones are in one hemisphere and can be interpolated. */
+/* Sets the path length up to each stop, and negates quaternions where needed so that the
+ * quaternions of neighbouring stops are in one hemisphere and can be interpolated. */
 static void measure_path(struct spin_rig_path *path)
 {
     for (int i = 1; i < path->n; i++) {
@@ -338,13 +340,14 @@ void spin_rig_path_free(struct spin_rig_path *path)
     *path = (struct spin_rig_path){0};
 }
 
-/* Component c of stop i: 0 to 2 the position, 3 to 6 the quaternion. */
+/* Returns component c of stop i: components 0 to 2 are the position, 3 to 6 the quaternion. */
 static double value_of(const struct spin_rig_path *path, int i, int c)
 {
     return c < 3 ? path->stop[i].eye[c] : path->stop[i].turn[c - 3];
 }
 
-/* The derivative of a component along the path at stop i, from the neighbouring stops. */
+/* Returns the derivative of component c with respect to the path length at stop i, which is
+ * estimated from the neighbouring stops. */
 static double derivative_at(const struct spin_rig_path *path, int i, int c)
 {
     int a = i > 0 ? i - 1 : 0, b = i + 1 < path->n ? i + 1 : i;
@@ -399,7 +402,8 @@ static void cross_product(const double a[3], const double b[3], double out[3])
         out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
 }
 
-/* The axes (right, down, forward) of a camera at `eye` that looks at `target`. */
+/* Sets axis[0..2] to the axes (right, down, forward) of a camera at `eye` that looks at
+ * `target`. */
 static void look_at(const double eye[3], const double target[3], const double up[3],
                     double axis[3][3])
 {
@@ -411,7 +415,7 @@ static void look_at(const double eye[3], const double target[3], const double up
     cross_product(axis[2], axis[0], axis[1]);
 }
 
-/* Rotates v about a unit axis (Rodrigues' formula). */
+/* Sets out to v, rotated about a unit axis by an angle in radians (Rodrigues' formula). */
 static void turn_about(const double v[3], const double axis[3], double angle, double out[3])
 {
     double across[3], along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2];
@@ -421,9 +425,10 @@ static void turn_about(const double v[3], const double axis[3], double angle, do
         out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
 }
 
-/* The position of the camera at share `turn`, 0 to 1, of its path. Orbit: a circle around the
- * target. Spiral: three loops beside the position of the first view, with an amplitude of a tenth
- * of the distance to the target, while the camera moves forward and back once. */
+/* Sets `eye` to the position of the moving camera at share `turn`, 0 to 1, of its path. The orbit
+ * is a circle around the target. The spiral consists of three loops beside the position of the
+ * first view, with an amplitude of a tenth of the distance to the target, while the camera moves
+ * forward and back once. */
 static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 {
     const double *from = d->look.eye, *to = d->look.target;
@@ -451,8 +456,9 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
                                 (1 - cos(3 * angle)) * axis[1][c] * 0.5 + sin(angle) * axis[2][c]);
 }
 
-/* Aims at the point nearest to the axes of the data set's cameras, and moves the camera closer if
- * its distance from that point exceeds the median of theirs. */
+/* Aims the moving camera at the point nearest to the optical axes of the data set's cameras. If the
+ * moving camera is farther from this point than the median of the data set's cameras, moves it to
+ * the median distance. */
 static void move_into_rig(struct spin_camera_path *d, int row)
 {
     double pivot[3], median, distance = 0;
@@ -523,7 +529,8 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
 
 /* ---- Panels ---------------------------------------------------------------------------------- */
 
-/* Reads the imported attributes of the frame into d->source. */
+/* Reads the imported attributes of the frame into d->source, unless d->source already contains
+ * them. */
 static spin_status read_source(struct spin_camera_path *d, int frame)
 {
     if (d->source_frame == frame)

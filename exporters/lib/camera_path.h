@@ -1,5 +1,5 @@
-/* Cameras and panels of the exporters that render: a camera of the data set or one that moves along
- * a path, and several versions of an image side by side. */
+/* Cameras and panels of the exporters that render. The camera is one of the data set's or moves
+ * along a path; panels are several versions of an image side by side. */
 #pragma once
 
 #include <string.h>
@@ -43,9 +43,9 @@ enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AF
 
 /* A training camera that a path goes through. */
 struct spin_rig_stop {
-    double eye[3]; /* world */
-    /* Quaternion w x y z, world to camera; its sign puts it in the same hemisphere as the previous
-     * stop's. */
+    double eye[3]; /* position in the world */
+    /* The rotation from the world to the camera, as a quaternion w x y z. The sign is chosen such
+     * that the dot product with the quaternion of the previous stop is not negative. */
     double turn[4];
     double at; /* length of the path from the first stop to this one */
 };
@@ -56,11 +56,12 @@ struct spin_rig_path {
     int n;
 };
 
-/* Opens a path that visits every training camera of this data-set frame once: from the first
- * always to the nearest remaining one, then shortened by 2-opt. SPIN_E_NOT_FOUND: fewer than two
- * distinct positions. */
+/* Opens a path that visits every training camera of this data-set frame once: it starts at the
+ * first camera, always continues at the nearest remaining one, and is then shortened by 2-opt.
+ * SPIN_E_NOT_FOUND: the cameras have fewer than two distinct positions. */
 spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path);
-/* The camera at share 0..1 of the path, which is smooth and has nearly constant speed. */
+/* Sets w2c to the pose of the moving camera at share 0..1 of the path. The path is smooth, and the
+ * speed of the camera is nearly constant. */
 void spin_rig_path_camera(const struct spin_rig_path *path, double share, double w2c[12]);
 void spin_rig_path_free(struct spin_rig_path *path);
 
@@ -70,21 +71,21 @@ struct spin_camera_path {
     enum spin_camera_path_panel panel[3];
     int n_panels;
     bool labels;
-    int64_t n_pictures;            /* images to render, over all frames */
-    double fps;                    /* frames per second */
-    int size[2];                   /* width, height of a panel in pixels; 0: the camera's own */
+    int64_t n_pictures;            /* number of images to render, over all frames */
+    double fps;                    /* images per second */
+    int size[2];                   /* width, height of a panel in pixels; 0: those of the camera */
     int row;                       /* data-set frame of the first exported frame */
     struct spin_rig_path rig;      /* for SPIN_PATH_TRAIN */
     struct spin_path_file file;    /* for SPIN_PATH_FILE: one camera per image */
-    struct spin_camera lens;       /* a moving camera without its pose */
+    struct spin_camera lens;       /* intrinsics and near plane of a moving camera */
     double middle[3], reach;       /* centre and half extent of the scene; reach 0: not yet known */
-    bool looked;                   /* `look` is set */
-    struct spin_initial_view look; /* where a moving camera starts */
+    bool looked;                   /* true: `look` is set */
+    struct spin_initial_view look; /* the view from which a moving camera starts */
     float *image;                  /* [3][h][w] one panel */
     float *wide;                   /* [3][h][n_panels w] all panels side by side */
-    int n_drawn, n_blank;          /* all renders; renders that show only the background */
-    struct spin_splats source;     /* frame source_frame as imported, for the panel "before" */
-    int source_frame;              /* -1: none */
+    int n_drawn, n_blank; /* number of all renders, and of renders that show only the background */
+    struct spin_splats source; /* frame source_frame as imported, for the panel "before" */
+    int source_frame;          /* index of the frame in `source`; -1: none */
 };
 
 /* Zero *d before the call, and free it even if the call fails. */
@@ -95,12 +96,12 @@ void spin_camera_path_free(struct spin_camera_path *d);
 /* Warns if some renders showed only the background. */
 void spin_camera_path_say_blank(const struct spin_camera_path *d);
 
-/* The number of the first image of frame f. The images of frame f end before the first image of
- * frame f + 1. */
+/* Returns the index of the first image of frame f. The images of frame f end before the first image
+ * of frame f + 1. */
 int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
 
-/* Resizes a camera to --size, or to the size of the moving camera. The vertical field of view and
- * the aspect of pixels are kept; the image is extended or cropped at its left and right. */
+/* Resizes a camera to d->size, unless this is 0. The vertical field of view and the aspect ratio of
+ * pixels are kept; the image is extended or cropped at its left and right. */
 void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
 
 /* Whether images are rendered from a camera that is not one of the data set's. */
@@ -108,13 +109,13 @@ static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 {
     return d->path != SPIN_PATH_CAMERA || !d->job->views || d->job->views->n == 0;
 }
-/* The name of a camera that is not the data set's, for file names. */
+/* Returns the name that file names contain if the camera is not one of the data set's. */
 const char *spin_camera_path_name(const struct spin_camera_path *d);
 
-/* The camera for image number `picture` if it is not one of the data set's. Orbit and spiral aim
- * at the point nearest to the axes of all cameras of the data set, from at most their median
- * distance; if the axes are parallel, at the target of the first view. Without a data set the
- * camera starts in front of the scene, as in the web page. */
+/* Sets *out to the moving camera of image number `picture`. Orbit and spiral aim at the point
+ * nearest to the optical axes of the data set's cameras, from at most the median distance of these
+ * cameras; if the axes are parallel, they aim at the target of the first view. Without a data set,
+ * the camera starts in front of the scene, as in the web page. */
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
 

@@ -1,6 +1,6 @@
-/* Exporters that write a folder of frames; see frames.h. The rows of a frame are divided into
- * blocks. All threads encode blocks in parallel and write each directly to its offset in the file,
- * so memory contains no second copy of the frame. */
+/* The common code of exporters that write a folder of frames; see frames.h. The rows of a frame are
+ * divided into blocks. The threads encode blocks in parallel and write each block directly to its
+ * offset in the file, so that no second copy of the frame is in memory. */
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
@@ -74,7 +74,7 @@ static spin_status choose_file(struct spin_frames *x, const struct spin_export_j
     return SPIN_OK;
 }
 
-/* The path of a frame's file, allocated. */
+/* Sets *out to the path of a frame's file, which the caller frees. */
 static spin_status path_of(const struct spin_frames *x, int number, char **out)
 {
     return x->file ? spin_strdup(x->file, out)
@@ -170,8 +170,8 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
-/* Adds "identity": whether row i is the same splat in all frames. Adds "data", the data set,
- * unless its cameras no longer fit because the scene was rotated. */
+/* Adds "identity": true if row i is the same splat in all frames. Adds "data", the path of the data
+ * set, unless the scene was rotated: the cameras of the data set then no longer fit. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
@@ -227,7 +227,8 @@ static spin_status write_frame(struct spin_frames *x, const struct spin_frame_in
     SPIN_TRY(spin_grow(n + 1, sizeof *x->block_quant, (void **)&x->block_quant));
     memset(x->block_quant, 0, (n + 1) * sizeof *x->block_quant);
     SPIN_TRY(x->format->write(x, info, out));
-    for (size_t b = 0; b < n; b++) /* in a fixed order, so that sums are reproducible */
+    /* Blocks are merged in a fixed order, so that sums are reproducible. */
+    for (size_t b = 0; b < n; b++)
         spin_quant_error_merge(&x->quant, &x->block_quant[b]);
     return SPIN_OK;
 }
@@ -256,8 +257,8 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     return spin_out_commit(&out);
 }
 
-/* Rounding to 8 bits alone has an RMS error of 0.0011 (.splat) or 0.0021 (SPZ); a larger one means
- * that colours were clamped. */
+/* Warns if colours were clamped. Rounding to 8 bits alone has an RMS error of 0.0011 (.splat) or
+ * 0.0021 (SPZ); a larger RMS error means that colours were clamped. */
 static void warn_clipped(const struct spin_frames *x)
 {
     double rms = spin_quant_error_rms(&x->quant, SPIN_QUANT_COLOUR);
@@ -297,7 +298,7 @@ out:
     return status;
 }
 
-/* Keeps the finished frames. Removes the folder if this export created it and it is empty. */
+/* Keeps the finished frames. Removes the folder if it is empty and was created by this export. */
 void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
@@ -310,7 +311,7 @@ void spin_frames_abort(void *self)
 
 spin_status spin_frames_scratch(struct spin_frames *x, size_t bytes, unsigned char **out)
 {
-    bytes = (bytes + 63) / 64 * 64; /* workers do not share a cache line */
+    bytes = (bytes + 63) / 64 * 64; /* rounded up, so that workers do not share a cache line */
     if (bytes > x->scratch_bytes) {
         SPIN_TRY(
             spin_grow((size_t)spin_splat_filter_workers(&x->rows), bytes, (void **)&x->scratch));
@@ -365,8 +366,8 @@ spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at
 
 /* ---- Comments -------------------------------------------------------------------------------- */
 
-/* Replaces control characters: a name that was read from a file must not add lines to the header.
- */
+/* Copies the text with '_' in place of control characters: a name that was read from a file must
+ * not add lines to the header. */
 static void copy_printable(const char *text, char *out, size_t n_out)
 {
     size_t n = 0;

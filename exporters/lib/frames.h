@@ -4,7 +4,7 @@
  *
  * The folder also contains sequence.json for players: name, number, time and splat count of each
  * frame. If an export replaces a previous one, all frame files of the previous one are overwritten
- * or removed, so that players do not mix the two. */
+ * or removed, so that players do not mix frames of both exports. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -27,29 +27,32 @@ struct spin_frames_format {
     const char *importer; /* the importer that reads the files; NULL: it has the same name */
     const char *pattern;  /* default file name pattern */
     size_t self_bytes; /* size of the format's struct, whose first member is a struct spin_frames */
-    bool lossy;        /* log the rounding error at the end, unless frames->exact */
-    bool packed;       /* files are compressed, and bytes() is an upper bound */
-    bool clips_colours; /* clamps colours to a range */
+    bool lossy;  /* true: values are rounded; errors are logged at the end, unless frames->exact */
+    bool packed; /* true: files are compressed, and bytes() returns an upper bound */
+    bool clips_colours; /* true: the format clamps colours to a range */
 
-    /* Reads the format's own options, before the common ones; may set frames->axes. NULL: none. */
+    /* Reads the format's own options, before the common ones; may set frames->axes. NULL: there are
+     * none. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);
     /* Called after the common options are read. NULL: nothing to do. */
     spin_status (*ready)(void *self, const struct spin_export_job *job);
     /* For a format that can store all frames in a single file: open() and close() begin and end
-     * that file, and add() appends each frame; write() is not called. NULL: one frame per file. */
+     * that file, and add() appends each frame; write() is not called. NULL: the format stores one
+     * frame per file. */
     spin_status (*open)(void *self, const struct spin_export_job *job);
     spin_status (*add)(void *self, const struct spin_frame_info *info,
                        const struct spin_splats *splats);
     spin_status (*close)(void *self);
-    /* Size in bytes of a file of n splats; an upper bound if `packed`. */
+    /* Returns the size in bytes of a file of n splats, or an upper bound if `packed` is true. */
     uint64_t (*bytes)(const void *self, size_t n);
-    /* Writes the kept rows. */
+    /* Writes the file of a frame, which contains the kept rows of frames->rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
-    /* Sets *row to the kept rows in the order of the file. NULL: the order of frames->sort. */
+    /* Sets *row to the kept rows in the order of the file. If this function is NULL, the order is
+     * that of frames->sort. */
     spin_status (*order)(void *self, const struct spin_keyed **row);
     /* Writes further files after the last frame. NULL: nothing to do. */
     spin_status (*finish)(void *self);
-    /* Frees the format's own memory. NULL: none. */
+    /* Frees the format's own memory. NULL: there is none. */
     void (*end)(void *self);
 };
 
@@ -62,24 +65,28 @@ struct spin_frames_entry {
 
 struct spin_frames {
     const struct spin_frames_format *format;
-    const double *axes; /* w x y z, see spin_splat_filter_begin(); NULL: the source's */
-    const char *file;   /* the single output file; NULL: a folder */
-    bool exact;         /* this export does not round */
+    /* The rotation from the source's axes to the format's, w x y z; see spin_splat_filter_begin().
+     * NULL: the axes are the same. */
+    const double *axes;
+    const char *file; /* path of the single output file; NULL: the output is a folder */
+    bool exact;       /* true: this export does not round values, although the format is lossy */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_filter rows;
     struct spin_sort_rows order; /* see spin_frames_order() */
-    void (*sort)(struct spin_sort_rows *,
-                 const struct spin_splats *); /* NULL: the source's order */
-    struct spin_quant_error quant;            /* rounding errors of all frames */
+    /* Sorts `order`. NULL: rows keep the source's order. */
+    void (*sort)(struct spin_sort_rows *, const struct spin_splats *);
+    struct spin_quant_error quant; /* rounding errors of all frames */
     const struct spin_export_job *job;
     double fps;
-    struct spin_frames_entry *entry; /* [n_entries], with a capacity of `room` */
+    /* [n_entries] the frames written so far; `room` is the capacity. */
+    struct spin_frames_entry *entry;
     size_t n_entries, room;
-    uint64_t n_splats; /* sum over all entries */
+    uint64_t n_splats; /* number of splats, summed over all entries */
     unsigned char *scratch;
     size_t scratch_bytes;
-    struct spin_quant_error *block_quant; /* [blocks] of the current frame, zeroed before write() */
+    /* [blocks] rounding errors of the current frame, zeroed before write(). */
+    struct spin_quant_error *block_quant;
 };
 
 /* Allocates *self with format->self_bytes zero bytes, reads the options, and calls the format's
@@ -101,10 +108,10 @@ void spin_frames_abort(void *self);
     SPIN_EXPORTER(id, label, SPIN_FRAMES_FUNCTIONS, .begin = spin_begin_##id, __VA_ARGS__)
 #define SPIN_FRAMES_FUNCTIONS                                                                      \
     .frame = spin_frames_frame, .end = spin_frames_end, .abort = spin_frames_abort
-/* Records a frame for sequence.json and for the check. */
+/* Records a frame of n splats for sequence.json and for --check. */
 spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_info *info,
                             size_t n);
-/* --check: reads all frames back and compares them. */
+/* Implements --check: reads all frames back and compares them with the bundle. */
 spin_status spin_frames_check(struct spin_frames *frames);
 
 /* For finish(): writes a text file of this name into the folder. */
@@ -121,7 +128,8 @@ static inline spin_status spin_frames_order(struct spin_frames *frames)
     return SPIN_OK;
 }
 
-/* Scratch memory of `bytes` for each worker, contiguous; the contents are not preserved. */
+/* Sets *out to scratch memory for all workers: worker w owns at least `bytes` bytes from offset w *
+ * frames->scratch_bytes. The contents are lost with the next call. */
 spin_status spin_frames_scratch(struct spin_frames *frames, size_t bytes, unsigned char **out);
 
 /* Writes the kept rows in the source's order, `width` bytes each, beginning at byte `at` of the
@@ -131,7 +139,8 @@ typedef void (*spin_frames_code)(void *self, size_t row, unsigned char *out,
 spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at, size_t width,
                                    spin_frames_code code);
 
-/* Prints the comment lines of a PLY header: source, frame number, rotation of the axes. */
+/* Prints the comment lines of a PLY header, which state the source, the frame number and the
+ * rotation of the axes. */
 #define SPIN_FRAMES_MAX_COMMENTS 512
 void spin_frames_comments(const struct spin_frames *frames, const struct spin_frame_info *info,
                           char text[SPIN_FRAMES_MAX_COMMENTS]);

@@ -4,8 +4,9 @@
 
 #define FRONT_FOVY_DEG 50.0
 
-/* Least determinant of the mean of I - d d^T over all camera axes d. Parallel axes have a
- * determinant of 0; axes that spread by about 3 degrees reach this value. */
+/* spin_initial_view_pivot() fails if the mean of I - d d^T over all camera axes d has a determinant
+ * below this. Parallel axes have a determinant of 0; axes that spread by about 3 degrees reach this
+ * value. */
 #define LEAST_SPREAD 2e-3
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)
@@ -79,7 +80,8 @@ const struct spin_view *spin_initial_view_view(const struct spin_views *views, i
     return best;
 }
 
-/* The mean of the cameras' up vectors; false if they cancel out. */
+/* Sets `up` to the normalised mean of the cameras' up vectors. Returns false if these vectors
+ * cancel out. */
 static bool mean_up(const struct spin_views *views, int row, double up[3])
 {
     double length = 0;
@@ -165,8 +167,8 @@ bool spin_initial_view_pivot(const struct spin_views *views, int row, double piv
     return 2 * n_behind < n;
 }
 
-/* Sets the nearest zoom distance to a third of the nearest camera's distance, and the farthest to
- * slightly more than that of the farthest camera. */
+/* Sets the smallest zoom distance to a third of the distance from the target to the nearest camera
+ * of the data set, and the largest to slightly more than the distance to the farthest camera. */
 static void set_reach(const struct spin_views *views, int row, struct spin_initial_view *out)
 {
     double least = INFINITY, most = 0;
@@ -201,7 +203,8 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         out->eye[2] -= away;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
-        out->z_near = SPIN_NEAR * fmin(size, 1); /* smaller than reach[0] */
+        /* Less than reach[0], the smallest distance from the target. */
+        out->z_near = SPIN_NEAR * fmin(size, 1);
         return;
     }
     if (!mean_up(views, row, out->up)) {

@@ -1,5 +1,5 @@
-/* The view that a viewer shows first, from the centre and extent of the splats and, if there is a
- * data set, from its first view. */
+/* The view that a viewer shows first. It is derived from the centre and the extent of the splats
+ * and, if there is a data set, from the first view of the data set. */
 #pragma once
 
 #include <math.h>
@@ -10,41 +10,45 @@
 struct spin_initial_view {
     double eye[3], target[3], up[3]; /* world */
     double fovy_deg, aspect;
-    double
-        reach[2];  /* range of distances from the target in which the camera does not enter walls */
-    double z_near; /* as in struct spin_camera, but never 0 */
+    /* The smallest and the largest distance from the target at which the camera does not enter
+     * walls. */
+    double reach[2];
+    double z_near; /* near plane, as in struct spin_camera, but never 0 */
 };
 
-/* The median position; and half the largest side of the bounding box from the 5th to the 95th
- * percentile of each coordinate. */
+/* Sets `middle` to the median of each coordinate of the splats' centres, and *size to half the
+ * largest side of the box that extends from the 5th to the 95th percentile of each coordinate. */
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size);
 
-/* For a clip that begins with empty frames: the same for the first frame that has splats. Sets
- * *size to 0 if the first frame has splats, or no frame has any. Call it before the first frame. */
+/* If the clip begins with empty frames, calls spin_initial_view_middle() for the first frame that
+ * has splats. Sets *size to 0 if the first frame of the clip has splats, or if no frame has any.
+ * Must be called before the first frame is exported. */
 spin_status spin_initial_view_later_middle(const struct spin_export_job *job, double middle[3],
                                            double *size);
 
-/* Centre of a camera: -R^T t. */
+/* Sets `eye` to the centre of a camera, -R^T t. */
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);
 
-/* Sets pivot to the point nearest to the optical axes, in the least-squares sense, of all cameras
- * of this data-set frame (-1: of all frames), and median to the median distance of these cameras
- * from the pivot. Returns false and sets nothing if the axes are nearly parallel or the point is
+/* Sets `pivot` to the point nearest, in the least-squares sense, to the optical axes of all cameras
+ * of data-set frame `row` (-1: of all frames), and *median to the median distance of these cameras
+ * from the pivot. Returns false and sets nothing if the axes are nearly parallel or if the point is
  * behind most of the cameras. */
 bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
                              double *median);
 
-/* The first view of this data-set frame (-1: of any), preferably a held-out view (test) or a
- * training view (!test). NULL: no view. */
+/* Returns the first held-out view (if `test`) or the first training view (otherwise) of data-set
+ * frame `row` (-1: of all frames). If the frame has only views of the other kind, returns the first
+ * of these. NULL: the frame has no views. */
 const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test);
 
-/* Focal length in pixels of an image with this many rows. */
+/* Returns the focal length in pixels of an image of this height. */
 double spin_initial_view_focal(const struct spin_initial_view *view, int height);
 
 /* Whether an image [3][n] shows nothing but the background (NULL: black). */
 bool spin_initial_view_is_blank(const float *image, size_t n, const float background[3]);
 
-/* Sets the view to a camera of the data set, with the point on its axis nearest to the centre of
- * the scene as the target. Without views, the camera is in front of the scene, with y down. */
+/* Sets the view to that of a camera of the data set; its target is the point on the optical axis
+ * that is nearest to the centre of the scene. Without views, the camera is in front of the scene,
+ * and y points down. */
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);

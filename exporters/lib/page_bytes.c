@@ -32,7 +32,8 @@ static inline int32_t unfolded(uint32_t u)
     return u & 1 ? (int32_t)(-(int64_t)(u >> 1) - 1) : (int32_t)(u >> 1);
 }
 
-/* The approximate number of coded bits of a number: 2 more than its length, 0 for zero. */
+/* Returns the approximate number of bits that coded number u takes after compression: its bit
+ * length plus 2, or 0 if u is zero. */
 static inline unsigned cost_of(uint32_t u) { return u ? 34 - (unsigned)__builtin_clz(u) : 0; }
 
 static int planes_of(uint32_t all)
@@ -72,8 +73,8 @@ spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, siz
 
 static spin_status too_short(void) { return spin_malformed("a block of the page ends early"); }
 
-/* Reads a column's first byte into *planes and *from, the flags of its predictors. allowed: the
- * flags that this kind of column may have. */
+/* Reads the first byte of a column: sets *planes to the number of byte planes and *from to the
+ * flags of the predictors. allowed: the flags that this kind of column may have. */
 static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int allowed, int *planes,
                             int *from)
 {
@@ -125,8 +126,9 @@ spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, i
 
 /* ---- Columns of rows ------------------------------------------------------------------------- */
 
-/* Number i as it is coded: x, minus the number of the other column if `from` has FROM_COLUMN, and
- * then minus the result for the row before if it has FROM_OTHER; zigzag coded. */
+/* Returns the zigzag code of number i minus its prediction. If `from` contains FROM_COLUMN,
+ * other[i] is subtracted from x[i]. If `from` contains FROM_OTHER, the result of the row before is
+ * then subtracted. */
 static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
 {
     uint32_t now = (uint32_t)x[i] - (from & FROM_COLUMN ? (uint32_t)other[i] : 0), last = 0;
@@ -136,8 +138,8 @@ static inline uint32_t column_number(const int32_t *x, const int32_t *other, int
     return folded((int32_t)(now - last));
 }
 
-/* The size of the byte planes in bits after an ideal entropy coder. Sets *all to the OR of all
- * coded numbers. */
+/* Returns the size in bits of the byte planes after an ideal entropy coder. Sets *all to the OR of
+ * all coded numbers. */
 static double entropy_of(const int32_t *x, const int32_t *other, int from, size_t n, uint32_t *all)
 {
     size_t count[4][256] = {{0}};
@@ -190,7 +192,8 @@ spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, co
 
 /* ---- Differences ----------------------------------------------------------------------------- */
 
-/* The prediction of number i; mean[] is scaled by 16. */
+/* Returns the prediction of number i: its moving average if by_mean, else its value in the frame
+ * before. mean[] contains 16 times the averages. */
 static inline int32_t predicted(const struct spin_page_state *s, size_t i, bool by_mean)
 {
     return by_mean ? (s->mean[i] + 8) >> 4 : s->last[i];

@@ -22,8 +22,9 @@ void spin_page_bytes_free(struct spin_page_bytes *b);
  * number before, whichever is smaller. */
 spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n);
 
-/* Appends a column of 4D splats: numbers are predicted by zero, by the number before, by the same
- * row of `other`, the column before (NULL: none), or by both, whichever is smallest. */
+/* Appends a column of 4D splats. `other` is the column before; NULL: there is none. The predictor
+ * of a number is zero, the number before, the same row of `other`, or a combination of the last
+ * two: whichever leads to the smallest column. */
 spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, const int32_t *other,
                                  size_t n);
 
@@ -33,9 +34,10 @@ struct spin_page_state {
     int32_t *last, *mean;
 };
 
-/* Appends the changes of a frame: a bit for each number that differs from its prediction, then
- * those differences, decremented by one. The prediction is the frame before or the moving average,
- * whichever is smaller to code. Updates *state to x. */
+/* Appends the changes of a frame: a mask with a bit for each number, which is 1 if the number
+ * differs from its prediction, then the zigzag codes of these differences, decremented by one. The
+ * predictions are the numbers of the frame before or their moving averages, whichever leads to a
+ * smaller size. Updates *state to x. */
 spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, size_t n,
                                   struct spin_page_state *state);
 

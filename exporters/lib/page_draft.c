@@ -3,11 +3,12 @@
 #include "base/base.h"
 
 #define FEWEST 32     /* least number of splats that show a recognisable scene */
-#define TRIES 8       /* attempts to find the number of splats that fit */
-#define BYTES_EACH 14 /* approximate size of a splat in a key frame */
+#define TRIES 8       /* number of attempts to find the number of splats that fit */
+#define BYTES_EACH 14 /* approximate size in bytes of a splat in a key frame */
 #define MOST_GROWTH 8 /* largest factor by which a splat is enlarged */
 
-/* The area that a splat covers in the view, weighted by opacity; nearly 0 behind the camera. */
+/* Returns the area that a splat covers in the view, weighted by the splat's opacity. The area of
+ * splats behind the camera is nearly 0. */
 static float area_of(const float *value, const struct spin_initial_view *view)
 {
     const float *scale = value + SPIN_PAGE_SCALE;
@@ -49,7 +50,8 @@ spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_sp
     return SPIN_OK;
 }
 
-/* The probability of choosing a row: proportional to its area, and 1 from area `sure` on. */
+/* Returns the probability of choosing a row: 1 if the row's area is `sure` or larger, else
+ * proportional to the area. */
 static double choice_probability(const struct spin_page_draft_row *r, double sure)
 {
     return (double)r->area < sure ? (double)r->area / sure : 1;
@@ -64,7 +66,7 @@ static double expected_count(const struct spin_page_draft *d, double sure)
     return n;
 }
 
-/* Finds the value of `sure` for which about n rows are expected to be chosen, by bisection. */
+/* Finds, by bisection, the value of `sure` with which about n rows are expected to be chosen. */
 static double sure_area(const struct spin_page_draft *d, size_t n)
 {
     double low = -80, high = 80; /* logarithms */
@@ -80,8 +82,9 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
     return exp(high);
 }
 
-/* Chooses about n rows by systematic sampling along the Morton curve. Each is enlarged, by at most
- * MOST_GROWTH, to also cover the area of the skipped rows that it represents. */
+/* Chooses about n rows by systematic sampling along the Morton curve. Each chosen splat is
+ * enlarged, by at most a factor of MOST_GROWTH, to also cover the area of the skipped splats that
+ * it represents. */
 static void choose_rows(struct spin_page_draft *d, size_t n)
 {
     struct spin_page_frame *frame = &d->group.frame[0];
@@ -101,7 +104,7 @@ static void choose_rows(struct spin_page_draft *d, size_t n)
     }
 }
 
-/* A copy of a block, which is written once it is known to fit. */
+/* A copy of a block. The block is passed to the sink only if it is small enough. */
 struct kept {
     struct spin_page_block block;
     uint8_t *data;

@@ -90,8 +90,9 @@ struct number {
     _Atomic bool failed;
 };
 
-/* Sets value[f] to the values of shared row i in frame f. In frames that lack the row, it has the
- * values of the nearest earlier frame with the row or, before all of these, of the first one. */
+/* Sets value[f] to the values of shared row i in frame f. For a frame that lacks the row, these are
+ * the values of the nearest earlier frame that has the row or, if no earlier frame has it, of the
+ * first frame that does. Sets present[f] to 1 if frame f has the row, else to 0. */
 static void gather_values(const struct spin_page_group *g, size_t i, const float **value,
                           uint8_t *present)
 {
@@ -136,8 +137,8 @@ static void number_task(void *context, size_t from, size_t to)
                 g->number[(c * n + f) * g->n_shared + k] = x;
                 activity += f ? bits_of(x - number[c * n + f - 1]) : 0;
             }
-        /* The level is 0 for static rows, else 1 plus the mean size of a number's change from frame
-         * to frame, in half bits. */
+        /* The level is 0 for static rows. Otherwise it is 1 plus the mean bit length of the changes
+         * of numbers from frame to frame, in units of half a bit. */
         if (activity)
             level = 1 + 2 * activity / (columns * (n - 1));
         t->order[k] = (struct spin_keyed){.key = (level > 15 ? 15 : level) << 60 |
@@ -149,9 +150,9 @@ static void number_task(void *context, size_t from, size_t to)
 /* ---- Blocks ---------------------------------------------------------------------------------- */
 
 struct column {
-    struct spin_page_bytes *bytes; /* [n_frames] */
-    struct spin_page_bytes *own;   /* [n_frames] */
-    int32_t *row, *last, *mean;    /* scratch [rows] */
+    struct spin_page_bytes *bytes; /* [n_frames] the coded column of the shared rows */
+    struct spin_page_bytes *own;   /* [n_frames] the coded column of the own rows */
+    int32_t *row, *last, *mean;    /* [rows] scratch memory */
     spin_status status;
 };
 
@@ -159,15 +160,17 @@ struct blocks {
     struct spin_page_group *g;
     const struct spin_keyed *order;
     struct column *column;
-    int32_t **own; /* [n_frames][n_own][columns] */
+    int32_t **own; /* [n_frames][n_own][columns] numbers of the own rows */
     struct spin_page_bytes packed;
-    /* The block that is being checked. */
+    /* The following members describe the block that is being checked. */
     int frame;
-    const size_t *start; /* [2 columns] offsets of columns: of shared rows, then of own rows */
+    const size_t *start; /* [2 columns] offsets of the columns in the block: first those of shared
+                            rows, then those of own rows */
     uint8_t *again;
 };
 
-/* A key's number as stored: red and blue as differences from green. */
+/* Returns number c of a key as the block stores it: red and blue are stored as differences from
+ * green. */
 static int32_t stored_number(const int32_t *key, size_t c)
 {
     enum { GREEN = SPIN_PAGE_COLOUR + 1 };
@@ -264,11 +267,12 @@ static spin_status run_columns(struct blocks *b, spin_task_fn fn)
 
 struct errors {
     struct blocks *b;
-    struct spin_quant_error *quant; /* [tasks of all frames] */
+    struct spin_quant_error *quant; /* [tasks of all frames] errors of the rows of a task */
     size_t first_task[SPIN_PAGE_MOST_FRAMES + 1];
 };
 
-/* Decodes the values of one task's rows of a frame and adds their errors against the source. */
+/* Decodes the values of those rows of a frame that belong to a task, and adds the differences
+ * between these values and the source's to the errors of the task. */
 static void error_task(void *context, int task)
 {
     struct errors *e = context;

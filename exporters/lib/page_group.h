@@ -1,8 +1,10 @@
-/* A group of a page's clip: consecutive frames of one version, of which the first is the key frame,
- * the rows that these frames share, and the blocks that encode them.
+/* A group consists of consecutive frames of one version of a page's clip; the first of these frames
+ * is the key frame. This module finds the rows that the frames of a group share and encodes each
+ * frame as a block.
  *
- * Rows present in all frames are shared. The static ones come first, then the dynamic ones by
- * rising activity, each sorted by position. All other rows of a frame are its own. */
+ * Rows that are present in all frames of the group are shared. A block contains the static shared
+ * rows first, then the dynamic shared rows by rising activity; rows of equal activity are sorted by
+ * position. All other rows of a frame are called its own rows. */
 #pragma once
 
 #include "exporters/lib/page_bytes.h"
@@ -12,11 +14,11 @@
 enum { SPIN_PAGE_MOST_FRAMES = 256 };
 
 struct spin_page_frame {
-    size_t n;         /* rows of the source */
+    size_t n;         /* number of source rows */
     float *value;     /* [n][width] */
-    uint8_t *present; /* [n] */
-    /* [rows of the group's first frame] index of the same splat in this frame, UINT32_MAX: absent.
-     * NULL: all rows have equal indices. */
+    uint8_t *present; /* [n] 1: the row was kept, 0: it is absent */
+    /* [rows of the group's first frame] the index of the same splat in this frame; UINT32_MAX: this
+     * frame does not contain the splat. NULL: all splats have the same indices in both frames. */
     uint32_t *row;
     uint32_t *own; /* [n_own] rows that are not shared, sorted by position */
     size_t n_own;
@@ -30,22 +32,23 @@ struct spin_page_group {
     struct spin_page_frame frame[SPIN_PAGE_MOST_FRAMES];
     int n_frames;
 
-    /* Set by spin_page_group_write(). */
-    uint32_t *shared; /* [n_shared] rows of the first frame in file order */
+    /* spin_page_group_write() sets the following members. */
+    /* [n_shared] the shared rows, as ascending indices of rows of the first frame. */
+    uint32_t *shared;
     size_t n_shared, n_still;
-    int32_t *key;                  /* [n_shared][columns] the key frame's numbers, in file order */
-    int32_t *number;               /* [columns][n_frames][n_shared] */
-    struct spin_quant_error quant; /* errors of all frames, rotations in radians */
+    int32_t *key;    /* [n_shared][columns] the keys of the rows, in the order of `shared` */
+    int32_t *number; /* [columns][n_frames][n_shared] differences from the keys */
+    struct spin_quant_error quant; /* errors of all frames; those of rotations are in radians */
     uint64_t n_values;             /* number of values that were compared with their bounds */
 };
 
-/* Floats per row of spin_page_frame.value. */
+/* Returns the number of floats per row of spin_page_frame.value. */
 static inline size_t spin_page_width(const struct spin_page_group *g)
 {
     return (size_t)(SPIN_PAGE_VALUE_SH + g->n_sh);
 }
 
-/* A block: what the page's JSON contains, and the bytes. */
+/* A block: its description for the page's JSON, and its bytes. */
 struct spin_page_block {
     int frame; /* index in the group; 0: the key frame */
     size_t n_shared, n_still, n_own;
@@ -56,7 +59,7 @@ typedef spin_status (*spin_page_sink)(void *context, const struct spin_page_bloc
 
 /* Adds a frame: the kept rows of the splats, in the filter's axes. Sets *full and adds nothing if
  * the group has too many frames, would need too much memory, or shares too few rows with the frame;
- * the caller then writes the group and adds the frame to the next one. */
+ * the caller then writes the group and adds the frame to the next group. */
 spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_filter *rows,
                                 const struct spin_splats *splats, bool *full);
 /* Encodes all frames, decodes them again, compares the errors with the bounds, passes the blocks to

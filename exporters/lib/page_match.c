@@ -6,7 +6,8 @@
 #define NONE UINT32_MAX
 #define TAKEN (UINT32_MAX - 1)
 #define MOST_BYTES ((size_t)512 << 20) /* largest size of a group's values */
-#define LEAST_SHARED 0.25 /* least share of matched rows with which a frame joins a group */
+/* A frame joins a group if at least this share of its rows is matched. */
+#define LEAST_SHARED 0.25
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
@@ -56,7 +57,7 @@ static spin_status copy_frame(const struct spin_page_group *g, const struct spin
 
 /* ---- Matching of rows ------------------------------------------------------------------------ */
 
-/* The L1 distance of two positions. */
+/* Returns the L1 distance between the position of row i in frame a and that of row j in frame b. */
 static double row_distance(const struct spin_page_group *g, const struct spin_page_frame *a,
                            size_t i, const struct spin_page_frame *b, size_t j)
 {
@@ -69,7 +70,8 @@ static double row_distance(const struct spin_page_group *g, const struct spin_pa
 }
 
 /* Whether row i is the same splat in both frames, for every i. This is assumed if the mean distance
- * that a row moves is much smaller than the mean distance between two rows of a frame. */
+ * that a row moves from one frame to the other is much smaller than the mean distance between two
+ * different rows. */
 static bool keeps_rows(const struct spin_page_group *g, const struct spin_page_frame *last,
                        const struct spin_page_frame *now)
 {
@@ -137,12 +139,13 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
             continue;
         now->row[i] = table[at];
         ++*n_matched;
-        table[at] = TAKEN; /* splats at one position are matched one to one */
+        table[at] = TAKEN; /* several splats at the same position are matched one to one */
     }
     return SPIN_OK;
 }
 
-/* Matches rows of `now`, which have the same indices in `last`, with the group's first frame. */
+/* Matches rows of `now` with rows of the group's first frame, if row i of `now` and row i of
+ * `last`, the frame before, are the same splat for every i. */
 static spin_status follow_rows(const struct spin_page_frame *last, struct spin_page_frame *now,
                                size_t n_first)
 {

@@ -7,31 +7,33 @@
 
 #define LN2 0.693147180559945309
 #define TURN 6.283185307179586 /* radians of a full turn */
-#define NARROWER 0.999         /* as in spin_page_step() */
-#define FAINT (0.5 / 255)      /* fainter splats are invisible */
-#define UNEVEN 1e-5            /* tolerance of rounded frame times, in frames */
-#define LEAST_DOT 0.707        /* dot product of two quaternions that are 90 degrees apart */
-enum { CHECKED = 33 };         /* number of evenly spaced ticks of a row at which it is checked */
+#define NARROWER 0.999         /* must be equal to NARROWER in page_values.c */
+#define FAINT (0.5 / 255)      /* splats of a smaller opacity are invisible */
+#define UNEVEN 1e-5 /* tolerance of rounded frame times, as a share of the time between frames */
+#define LEAST_DOT 0.707 /* dot product of two quaternions that are 90 degrees apart */
+enum { CHECKED = 33 };  /* number of evenly spaced ticks at which a row is checked */
 
-/* Shares of an opacity's bound. With w = exp(-z^2/2), the error of a Gaussian window is at most
- * w (height + z middle + z^2 width), and that of a gate at most (1 - w) gate. The sum is below 1
- * for all z. */
+/* Shares of an opacity's bound. With w = exp(-z^2/2), the error of a Gaussian window is at most w
+ * (height + z middle + z^2 width), and the error of a gate at most (1 - w) gate. Both are shares of
+ * the bound; their sum is below 1 for all z. */
 #define HEIGHT 0.5
 #define WIDTH 0.45
 #define GATE 0.3
-/* Shares of a rotation's bound: of the rotations at both ends of a piece, and of the ratio of the
- * lengths of their quaternions. The error between the ends is below 1 if the ends are at most 90
- * degrees apart. */
+/* Shares of a rotation's bound. ENDS: for the error of the rotations at both ends of a piece;
+ * RATIO: for the error of the ratio of the lengths of the quaternions at the ends. Between the
+ * ends, the error stays within the bound if the rotations at the ends are at most 90 degrees
+ * apart. */
 #define ENDS 0.78
 #define RATIO 0.1
-/* Shares of the bound of a colour that changes: its mean, each of two cosines, their phase. */
+/* Shares of the bound of a colour that changes, for the errors of its mean, of each of its two
+ * cosines, and of the phase of both cosines. */
 #define MEAN 0.4
 #define COSINE 0.2
 #define PHASE 0.2
 
 enum { FROM, LENGTH, SIGMA, MIDDLE, N_ALWAYS };
 
-/* The part of a row from tick `from` until before tick `end`. */
+/* A part of a row: its ticks from `from` to `end` - 1. */
 struct piece {
     uint32_t row;
     int32_t from, end;
@@ -53,8 +55,8 @@ static const float *cosines_of(const struct spin_page_rows *r, size_t i)
     return r->splats->sh_cos + 6 * (size_t)spin_sh_count(r->splats->sh_degree) * i;
 }
 
-/* The coefficient of cosine k, 0 or 1, in column c. The first three columns are colours, the others
- * SH coefficients in the order of the file. */
+/* Returns the coefficient of cosine k, 0 or 1, of row i in column c. Columns 0 to 2 are colours,
+ * the others SH coefficients in the order of the file. */
 static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
 {
     size_t width = 3 * (size_t)spin_sh_count(r->splats->sh_degree);
@@ -63,7 +65,8 @@ static double cosine_at(const struct spin_page_rows *r, size_t i, int k, int c)
     return c < 3 ? SPIN_SH_C0 * v : v;
 }
 
-/* The largest derivative of a value with respect to the phase, in units of the value's bound. */
+/* Returns the largest derivative of a colour or SH coefficient with respect to the phase in
+ * radians, as a multiple of the bound of this value. */
 static double steepest(const struct spin_page_rows *r)
 {
     double most = 0;
@@ -77,8 +80,9 @@ static double steepest(const struct spin_page_rows *r)
 
 void spin_page_rows_begin(struct spin_page_rows *r)
 {
-    /* Lebesgue constants of interpolation at evenly spaced nodes, by degree: the factor by which an
-     * error between the nodes can exceed those at the nodes. */
+    /* Lebesgue constants of interpolation at evenly spaced nodes, indexed by the degree: the
+     * largest error between the nodes, divided by the largest error at the nodes, cannot exceed
+     * this. */
     static const double lebesgue[] = {1, 1, 1.25, 1.64};
     const struct spin_splats_4d *s = r->splats;
     const struct spin_page_bounds *b = &r->space.bounds;
@@ -104,8 +108,8 @@ void spin_page_rows_begin(struct spin_page_rows *r)
         r->gate = 2 * GATE * b->opacity;
     if (s->spins) {
         r->inner.bounds.rotation *= ENDS;
-        /* An error e of the logarithm changes the rotation between the ends by at most about e / 4
-         * times the angle between them. */
+        /* An error e of the logarithm of the ratio changes the rotations between the ends by at
+         * most about e / 4 times the angle between the two ends. */
         r->ratio = 4 * RATIO * b->rotation;
     }
     if (s->sh_cos) {
@@ -161,7 +165,8 @@ static double opacity_at(const struct spin_page_rows *r, size_t i, double t)
            spin_splats_4d_weight(r->splats, i, t);
 }
 
-/* A window is 1 from lo to hi, with Gaussian sides: of sigma before lo, of sigma2 after hi. */
+/* A window has the value 1 from time lo to time hi. Its sides are Gaussian, with a standard
+ * deviation of sigma before lo and of sigma2 after hi. */
 struct window {
     double lo, hi, sigma, sigma2;
 };
@@ -210,7 +215,7 @@ static bool find_ticks(const struct spin_page_rows *r, size_t i, struct piece *p
 
 /* ---- Rotations ------------------------------------------------------------------------------- */
 
-/* The rotation at time t, as a quaternion that is not normalised. */
+/* Sets q to the rotation of row i at time t, as a quaternion that is not normalised. */
 static void turned_at(const struct spin_page_rows *r, size_t i, double t, double q[4])
 {
     const struct spin_splats_4d *s = r->splats;
@@ -274,8 +279,8 @@ static double centre_of(const int32_t *extra)
     return ((double)extra[FROM] + 0.5 * extra[LENGTH]) / SPIN_PAGE_TICKS;
 }
 
-/* The exponent of a coded sigma. Code 0 means that the window does not fade, so positive exponents
- * are coded with an offset of 1. */
+/* Returns the exponent of a coded sigma. Code 0 means that the window does not fade, so exponents
+ * of 0 or more are coded with an offset of 1. */
 static int32_t exponent_of(int32_t number) { return number > 0 ? number - 1 : number; }
 
 static double octave_of(const struct spin_page_rows *r, const int32_t *extra, int32_t number)
@@ -293,8 +298,9 @@ static bool quantise_side(const struct spin_page_rows *r, const int32_t *extra, 
     return quantise(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
 }
 
-/* Codes the window of a piece and sets the opacity that is multiplied by it. If the opacity hardly
- * varies within the piece, it is constant and no window is coded. */
+/* Codes the window of a piece and sets *opacity to the opacity that the window is multiplied with.
+ * If the product hardly varies within the piece, *opacity is a constant value of this product and
+ * no window is coded. */
 static bool number_window(const struct spin_page_rows *r, const struct piece *p, int32_t *key,
                           double *opacity)
 {
@@ -351,7 +357,7 @@ static bool number_path(const struct spin_page_rows *r, const struct piece *p, i
     return true;
 }
 
-/* The rotation at the beginning of a piece, as a reader decodes it. */
+/* Sets q to the rotation at the beginning of a piece, as a reader decodes it. */
 static void rotation_of(const struct spin_page_rows *r, const int32_t *key, double q[4])
 {
     double step = spin_page_step(&r->inner, SPIN_PAGE_ROTATION), v[3];
@@ -394,7 +400,7 @@ static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *ke
     return true;
 }
 
-/* Codes all columns of a piece; false: a number is too large. */
+/* Codes all columns of a piece. Returns false if a number is too large. */
 static bool number_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
                          const struct piece *p, int32_t *key)
 {
@@ -412,7 +418,8 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
     unit_of(a, q);
     spin_splat_filter_take(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
-        value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c]; /* number_path() codes positions */
+        /* A placeholder: number_path() codes positions. */
+        value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];
         value[SPIN_PAGE_COLOUR + c] = is.colour[c];
         value[SPIN_PAGE_SCALE + c] = is.log_scale[c];
     }
@@ -490,7 +497,7 @@ static void read_piece(const struct spin_page_rows *r, const int32_t *key, int t
     }
 }
 
-/* The source's values at time t. */
+/* Sets `value` to the source's values of row i at time t. */
 static void true_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
                        size_t i, double t, double *value)
 {
@@ -532,8 +539,8 @@ struct block {
     _Atomic bool failed;
 };
 
-/* Adds the errors of a piece at CHECKED evenly spaced ticks, or at all if there are fewer, and at
- * four times at which its window bends. */
+/* Adds the errors of a piece at CHECKED evenly spaced ticks, or at all of its ticks if it has
+ * fewer, and at the four ticks nearest to the times at which its window bends. */
 static void check_piece(const struct block *b, const struct piece *p, const int32_t *key, int task)
 {
     const struct spin_page_rows *r = b->r;
@@ -554,7 +561,8 @@ static void check_piece(const struct block *b, const struct piece *p, const int3
     }
 }
 
-/* Sort key: static rows first, then by the first visible tick. */
+/* Returns a key that sorts static rows before dynamic rows, and rows of the same class by their
+ * first visible tick. */
 static uint64_t class_of(const struct spin_page_rows *r, int32_t *key)
 {
     uint64_t moves = 0;
@@ -588,7 +596,7 @@ static void number_task(void *context, int task)
     }
 }
 
-/* Collects column c in the order of the file. */
+/* Copies column c of all rows, in the order of the file, to out. */
 static void column_of(const struct block *b, size_t c, int32_t *out)
 {
     for (size_t k = 0; k < b->n; k++)
@@ -663,7 +671,8 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     spin_sort_rows_sort(&order);
     for (size_t k = 0; k < n; k++)
         order.item[k].key = class_of(r, b.key + order.item[k].row * (size_t)r->n_columns);
-    spin_sort_rows_sort(&order); /* stable: rows of one class stay in Morton order */
+    /* This sort is stable, so rows of one class stay in Morton order. */
+    spin_sort_rows_sort(&order);
     b.order = order.item;
     r->n_rows += n;
     status = pack_block(&b, sink, context);
@@ -697,8 +706,8 @@ static spin_status add_piece(const struct spin_page_rows *r, struct pieces *to, 
     return SPIN_OK;
 }
 
-/* The block of a piece: 0 if it lasts more than two key intervals, else 1 + the key interval in
- * which it begins. */
+/* Returns the block of a piece: 0 if the piece lasts more than two key intervals, else 1 + the
+ * index of the key interval in which the piece begins. */
 static int block_of(const struct spin_page_rows *r, const struct piece *p)
 {
     int long_one = r->key_every * SPIN_PAGE_TICKS;

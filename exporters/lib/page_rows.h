@@ -11,10 +11,10 @@
 #include "exporters/lib/page_group.h"
 #include "io/json.h"
 
-enum { SPIN_PAGE_TICKS = 16 }; /* per frame */
+enum { SPIN_PAGE_TICKS = 16 }; /* number of ticks from one frame to the next */
 
 struct spin_page_rows {
-    /* Set by the caller. */
+    /* The caller sets the following members. */
     struct spin_page_space space;
     struct spin_pool *pool;
     const struct spin_splats_4d *splats;
@@ -22,38 +22,42 @@ struct spin_page_rows {
     const double *times; /* [n_frames] times of the frames in the source's unit */
     double step;         /* time from one frame to the next */
 
-    /* Set by spin_page_rows_begin(). */
-    struct spin_page_space inner; /* bounds used for quantising */
-    int octave;                   /* quantisation steps per doubling of sigma */
-    /* Quantisation steps: of a window's centre, relative to sigma rounded down to an octave; of a
-     * gate; of the logarithm of the ratio of two quaternions' lengths; of the phase in radians; of
-     * colour and SH amplitudes. */
+    /* spin_page_rows_begin() sets the following members. */
+    /* `space` with smaller bounds, which determine the quantisation steps. */
+    struct spin_page_space inner;
+    int octave; /* number of quantisation steps from a sigma to twice that sigma */
+    /* Quantisation steps. middle: of a window's centre, as a multiple of sigma rounded down to an
+     * octave; gate: of a gate; ratio: of the logarithm of the ratio of two quaternions' lengths;
+     * phase: of the phase in radians; cosine, cosine_sh: of the amplitudes of colours and of SH
+     * coefficients. */
     double middle, gate, ratio;
     double phase, cosine, cosine_sh;
-    /* The number of columns, and the index of the first column of each part; 0: absent. */
+    /* The number of columns, and the index of the first column of each optional part; 0: the part
+     * is absent. */
     int n_columns, path, plateau, gates, turn, cosines;
 
-    /* Set by spin_page_rows_write(). */
-    struct spin_quant_error quant; /* rotations in radians */
+    /* spin_page_rows_write() sets the following members. */
+    struct spin_quant_error quant; /* errors of all rows; those of rotations are in radians */
     uint64_t n_rows, n_values;
 };
 
 struct spin_page_rows_block {
     size_t n;
-    int from, end; /* first tick, and last + 1, in which rows of the block are visible */
+    int from, end; /* rows of the block are visible in ticks `from` to `end` - 1 only */
     const uint8_t *data;
     size_t n_bytes;
 };
 typedef spin_status (*spin_page_rows_sink)(void *context, const struct spin_page_rows_block *block);
 
-/* Whether the frames are evenly enough spaced for rows; sets *step. */
+/* Sets *step to the mean time from one frame to the next. Returns true if the frames are spaced so
+ * evenly that 4D splats can be written as rows. */
 bool spin_page_rows_can(const double *times, int n_frames, double *step);
-/* Chooses quantisation steps and columns. */
+/* Chooses the quantisation steps and the columns. */
 void spin_page_rows_begin(struct spin_page_rows *r);
 /* Writes the rows that the filter keeps. The filter's frame must be that of spin_splats_of_4d().
  * The first block contains the rows that are visible for long; the others are in order of time.
  * Each block is decoded and compared with the bounds before it is passed to the sink. */
 spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_filter *rows,
                                  spin_page_rows_sink sink, void *context);
-/* The parameters that the page needs to decode the rows. */
+/* Returns the parameters that the page needs to decode the rows. */
 spin_json *spin_page_rows_json(const struct spin_page_rows *r);

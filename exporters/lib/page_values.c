@@ -14,7 +14,9 @@
 spin_status spin_page_bounds_from(const struct spin_plugin_values *v, double size,
                                   struct spin_page_bounds *out)
 {
-    /* world units, share of the scene's size, 1/255, percent, degrees, coefficients */
+    /* Columns: position in world units; position as a share of the scene's size (the larger of the
+     * two bounds applies); colour and opacity in 255ths; scale in percent; rotation in degrees; SH
+     * coefficient. */
     static const double level[3][6] = {{0.00025, 0.000125, 1, 0.5, 0.25, 0.01},
                                        {0.001, 0.0005, 3, 2, 1, 0.02},
                                        {0.002, 0.0005, 4, 5, 3, 0.04}};
@@ -75,9 +77,9 @@ void spin_page_vector_of(const double q[4], double v[3])
         v[c] = k * q[c + 1];
 }
 
-/* The rotation vector from the quaternion `from` to the value's quaternion. A rotation has two such
- * vectors, of opposite directions: v is the one nearer to `last`, so that it is continuous over
- * time, or the shorter one if `last` is NULL. */
+/* Sets v to the rotation vector from the quaternion `from` to the quaternion in `value`. A rotation
+ * has two such vectors, of opposite directions: v is the one nearer to `last`, so that v is
+ * continuous over time; if `last` is NULL, v is the shorter one. */
 static void vector_from(const double from[4], const float *value, const double *last, double v[3])
 {
     double back[4] = {from[0], -from[1], -from[2], -from[3]}, to[4], q[4], angle, other, near = 0,
@@ -186,7 +188,8 @@ static bool choose_key(const double *x, int n, double step, int32_t *key)
             double at = (x[f] - k * half) / step;
             int32_t now = f ? nearest(at) : 0;
 
-            /* The cost in bits; the squared rounding error breaks ties. */
+            /* The cost is the coded size in bits. If two keys have equal sizes, the one with the
+             * smaller squared rounding errors costs less. */
             cost += cost_of(now - last) + 0.2 * (at - now) * (at - now);
             last = now;
         }
@@ -217,7 +220,8 @@ static void number_rotation(const struct spin_page_space *space, const float *co
         int32_t k;
 
         choose_key(x + (ptrdiff_t)c * n_frames, n_frames, step, &k);
-        off[c] = 0.5 * step / 2 * k; /* half of the offset; rounding the key needs the other half */
+        off[c] = 0.5 * step / 2 *
+                 k; /* half of the offset, since rounding the key may add as much again */
     }
     spin_page_turn_of(off, part);
     spin_scene_rotation_join(part, first, base);
@@ -265,7 +269,7 @@ bool spin_page_number_row(const struct spin_page_space *space, const float *cons
         for (int f = 1; f < n_frames; f++) {
             double at = x[f] / step - 0.5 * key[c];
 
-            /* rounded down: an absent splat must not become visible */
+            /* round down the opacity: an absent splat must not become visible */
             if (c == SPIN_PAGE_OPACITY && !present[f])
                 at = floor(at);
             number[(size_t)c * pitch + (size_t)f] = nearest(at);

@@ -1,6 +1,6 @@
 /* Quantises splats to integers within given error bounds, and dequantises them, for the blocks of a
- * page. A row has a key, in half quantisation steps, and in each frame a difference from the key,
- * in whole steps. The columns:
+ * page. A row is stored as a key, in units of half a quantisation step, and for each frame a
+ * difference from the key, in units of a whole step. The columns are:
  *
  *     0 place x y z      world units, from the centre
  *     3 colour r g b     of the degree 0 term: 0.5 + C0 dc
@@ -29,9 +29,9 @@ enum {
 
 /* Largest allowed errors, in the order of enum spin_quant_error_part. */
 struct spin_page_bounds {
-    double place;    /* of each coordinate, world units */
-    double scale;    /* of the natural logarithm */
-    double rotation; /* radians */
+    double place;    /* error of each coordinate, in world units */
+    double scale;    /* error of the natural logarithm of a scale */
+    double rotation; /* error in radians */
     double opacity, colour, sh;
 };
 
@@ -40,8 +40,8 @@ struct spin_page_space {
     struct spin_page_bounds bounds;
 };
 
-/* The bounds of --level fine, normal or coarse for a scene of this size, then those of --bound-*.
- */
+/* Sets *out to the bounds of --level fine, normal or coarse for a scene of this size; options
+ * --bound-* replace single bounds. */
 spin_status spin_page_bounds_from(const struct spin_plugin_values *v, double size,
                                   struct spin_page_bounds *out);
 double spin_page_step(const struct spin_page_space *space, int column);
@@ -62,13 +62,14 @@ bool spin_page_number_own(const struct spin_page_space *space, const float *valu
  * rotation vectors. */
 void spin_page_turn_of(const double v[3], double q[4]);
 void spin_page_vector_of(const double q[4], double v[3]);
-/* The Morton code of a position, as a sort key. */
+/* Returns the Morton code of a position, to be used as a sort key. */
 uint64_t spin_page_place_key(const struct spin_page_space *space, const float place[3]);
-/* Adds the errors of decoded values against the source's, rotations in radians. If the row is
- * absent in the source, only the error of its opacity is added. */
+/* Adds the differences between decoded values (is) and the source's values (want); those of
+ * rotations are in radians. If the row is absent in the source, only the error of its opacity is
+ * added. */
 void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
                           bool present, int n_sh);
-/* SPIN_E_MALFORMED: an error is larger than its bound. */
+/* Returns SPIN_E_MALFORMED if an error is larger than its bound. */
 spin_status spin_page_errors_judge(const struct spin_quant_error *q,
                                    const struct spin_page_bounds *bounds);
 /* Decodes a row into value[14 + n_sh], in the layout of spin_page_number_row(). number: the

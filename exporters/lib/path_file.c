@@ -174,7 +174,7 @@ static spin_status read_json(const char *path, const struct spin_map *map,
 
 /* ---- Text ------------------------------------------------------------------------------------ */
 
-/* One matrix per line; "#" begins a comment. */
+/* Reads a text with one matrix per line. "#" begins a comment. */
 static spin_status read_text(char *text, struct spin_path_file *out)
 {
     size_t room = 0;

@@ -10,14 +10,15 @@ struct spin_path_pose {
 
 struct spin_path_file {
     struct spin_path_pose *pose; /* [n] */
-    size_t n;                    /* at least 1 */
-    int width, height;           /* pixels; 0: unspecified */
-    double fps;                  /* 0: unspecified */
+    size_t n;                    /* number of poses, at least 1 */
+    int width, height;           /* size of the images in pixels; 0: unspecified */
+    double fps;                  /* frames per second; 0: unspecified */
 };
 
 /* Reads a camera path. A JSON object is a path of nerfstudio's viewer; its matrices map from a
  * camera with x right, y up, z back to the world. A JSON list, or a text with one matrix per line,
  * contains matrices of 3 x 4 or 4 x 4 numbers in row-major order, which map from a camera with x
- * right, y down, z forward to the world. SPIN_E_MALFORMED: the error names the matrix. */
+ * right, y down, z forward to the world. SPIN_E_MALFORMED: a matrix is invalid; the message
+ * contains its number. */
 spin_status spin_path_file_open(const char *path, struct spin_path_file *out);
 void spin_path_file_close(struct spin_path_file *file);

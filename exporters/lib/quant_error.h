@@ -7,12 +7,12 @@
 #include "formats/gaussian.h"
 
 enum spin_quant_error_part {
-    SPIN_QUANT_PLACE,    /* world units */
-    SPIN_QUANT_SCALE,    /* of the natural logarithm: 0.01 is about one percent */
-    SPIN_QUANT_ROTATION, /* degrees */
-    SPIN_QUANT_OPACITY,  /* in 0..1 */
-    SPIN_QUANT_COLOUR,   /* in 0..1, of the degree 0 term */
-    SPIN_QUANT_SH,       /* of coefficients above degree 0 */
+    SPIN_QUANT_PLACE,    /* position, in world units */
+    SPIN_QUANT_SCALE,    /* natural logarithm of a scale: an error of 0.01 is about one percent */
+    SPIN_QUANT_ROTATION, /* rotation, in degrees */
+    SPIN_QUANT_OPACITY,  /* opacity, in 0..1 */
+    SPIN_QUANT_COLOUR,   /* colour of the SH term of degree 0, in 0..1 */
+    SPIN_QUANT_SH,       /* SH coefficients above degree 0 */
     SPIN_QUANT_PARTS
 };
 
@@ -41,8 +41,9 @@ double spin_quant_error_distance(const float is[3], const float shown[3]);
 void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3],
                                 const float shown[3]);
 
-/* Adds the angle between two unit quaternions: at distance d, with signs chosen such that their dot
- * product is >= 0, they differ by a rotation of 4 asin(d / 2). */
+/* Adds the angle in degrees between the rotations of two unit quaternions: 4 asin(d / 2), where d
+ * is the distance of the quaternions if their signs are chosen such that their dot product is >=
+ * 0. */
 void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4],
                                    const float shown[4]);
 

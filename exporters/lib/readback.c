@@ -20,8 +20,8 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
         }
 }
 
-/* The length in pixels of a displacement `off` at this position, for the direction in which it is
- * longest. -1: the position is not visible. */
+/* Returns the length in pixels of a displacement by `off` of a splat at `mean`, for the direction
+ * in which this length is largest. -1: the position is not visible. */
 static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
 {
     double p[3];
@@ -49,7 +49,7 @@ static void widen_box(double box[6], const float place[3])
     }
 }
 
-/* Compares coefficients above degree 0. */
+/* Adds the errors of the SH coefficients above degree 0 of row i. */
 static void compare_sh(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
                        const float *sh, int degree)
 {

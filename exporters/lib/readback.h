@@ -1,6 +1,6 @@
-/* Compares the source with the splats that the importer reads back: the errors of all values.
- * Errors of positions are also measured relative to the splat's size, and in pixels of the cameras
- * to which the splat is visible. */
+/* Compares the source with the splats that the importer reads back, and measures the errors of all
+ * values. Position errors are also measured relative to the size of the splat, and in pixels of the
+ * cameras to which the splat is visible. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -8,30 +8,33 @@
 
 struct spin_readback {
     struct spin_quant_error quant;
-    double sizes;     /* largest position error, relative to the splat's largest deviation */
-    double pixels;    /* largest position error in pixels; -1: no splat was visible */
+    double sizes;     /* largest position error, relative to the largest scale of the splat */
+    double pixels;    /* largest position error in pixels; -1: no camera saw a splat */
     double bounds;    /* largest error of a side of a frame's bounding box */
-    double reach;     /* largest absolute coordinate */
-    uint64_t n;       /* splats of all frames */
-    uint64_t sh_lost; /* splats with nonzero SH above the degree of the file */
+    double reach;     /* largest absolute value of a coordinate */
+    uint64_t n;       /* number of splats in all frames */
+    uint64_t sh_lost; /* number of splats with nonzero SH above the degree of the file */
     const struct spin_view *view;
-    size_t n_views; /* views of the current frame, from `view` on */
-    double is_box[6],
-        there_box[6]; /* bounding boxes of the frame so far, source and file: minimum, maximum */
+    size_t n_views; /* number of views of the current frame, which begin at `view` */
+    /* Bounding boxes of the current frame's splats so far, in the source and in the file: minimum x
+     * y z, maximum x y z. */
+    double is_box[6], there_box[6];
 };
 
-/* Starts without any rows. */
+/* Resets all errors and counts. */
 void spin_readback_begin(struct spin_readback *e);
-/* Starts a frame of the job, whose cameras in the data set are used to measure pixels. */
+/* Starts a frame of the job. Errors in pixels are measured in the data set's views of this
+ * frame. */
 void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *job, int frame);
-/* Adds a splat whose position has an error of `off`, in the source's axes and units. */
+/* Adds the position error `off`, in the source's units, of a splat at `mean`, in the source's
+ * axes. */
 void spin_readback_add(struct spin_readback *e, const float mean[3], const float log_scale[3],
                        double off);
 /* Compares row i of the source with the file's values: `there`, and the coefficients sh[3 *
  * spin_sh_count(degree)]. Coefficients that the source lacks are compared with zero. */
 void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
                        const struct spin_gaussian *there, const float *sh, int degree);
-/* Ends the frame, after all of its rows. */
+/* Ends the frame: call it after all rows of the frame. */
 void spin_readback_end(struct spin_readback *e);
 /* Fills *out for a check that rendered no image; a caller that renders sets `rendered` and `psnr`.
  */

@@ -5,8 +5,8 @@
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/readback.h"
 
-/* Tolerances of the float arithmetic of writing and reading. That of positions is relative to the
- * largest coordinate. */
+/* Tolerances for the rounding of float arithmetic in writing and reading. The tolerance of
+ * positions is relative to the largest coordinate. */
 static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
 
 struct check {
@@ -16,7 +16,7 @@ struct check {
     struct spin_splats back;
     struct spin_readback values;
     int rendered; /* number of the rendered frame */
-    double psnr;  /* 0: no frame was rendered */
+    double psnr;  /* PSNR of this frame; 0: no frame was rendered */
 };
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -192,8 +192,8 @@ static spin_status open_file(struct check *check, const char *path)
     return status;
 }
 
-/* The index of the frame with splats that is nearest to the middle of the clip. -1: no frame has
- * splats. */
+/* Returns the index of the frame that is nearest to the middle of the clip among those with splats.
+ * -1: no frame has splats. */
 static int rendered_frame(const struct spin_frames *x)
 {
     int middle = (int)x->n_entries / 2, best = -1;
@@ -204,8 +204,8 @@ static int rendered_frame(const struct spin_frames *x)
     return best;
 }
 
-/* Checks frame f of the export, which is frame `within` of the file. Frames without splats are not
- * read, because importers refuse empty files. */
+/* Checks frame f of the export, which is frame number `within` of the file. Frames without splats
+ * are not read, because importers refuse empty files. */
 static spin_status check_frame(struct check *check, int f, const char *path, int within)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

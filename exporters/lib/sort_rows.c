@@ -15,7 +15,8 @@ spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_
     return SPIN_OK;
 }
 
-/* An LSD radix sort by 11 bits at a time; skips passes in which all keys agree. */
+/* A radix sort, from the lowest to the highest bits, with 11 bits per pass. A pass is skipped if
+ * these bits are the same in all keys. */
 void spin_sort_rows_sort(struct spin_sort_rows *order)
 {
     enum { BITS = 11, N = 1 << BITS };

@@ -1,4 +1,4 @@
-/* The kept rows of a frame as a list, and a stable sort of it by a 64-bit key. */
+/* The kept rows of a frame as a list, and a stable sort of this list by 64-bit keys. */
 #pragma once
 
 #include "exporters/lib/splat_filter.h"
@@ -19,7 +19,8 @@ spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_
 
 /* Sorts by ascending key; rows with equal keys keep their order. */
 void spin_sort_rows_sort(struct spin_sort_rows *order);
-/* Sets the keys and sorts: the largest and most opaque splats first, by volume times opacity. */
+/* Sets the keys and sorts by volume times opacity: the largest and most opaque splats come
+ * first. */
 void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_splats *s);
 
 /* Sets the keys and sorts in Morton order: neighbours in space are mostly neighbours in the list.

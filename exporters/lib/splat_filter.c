@@ -1,4 +1,4 @@
-/* An infinite logit is a saturated opacity, so it is written as a finite one. */
+/* An infinite logit means an opacity of exactly 0 or 1; it is written as a large finite logit. */
 #include "exporters/lib/splat_filter.h"
 
 #include "base/base.h"
@@ -8,7 +8,7 @@
 #include "scene/bundle.h"
 
 struct spin_splat_filter_block {
-    size_t n_before; /* kept rows of the blocks before */
+    size_t n_before; /* number of kept rows in all blocks before this one */
     uint32_t n_kept;
 };
 
@@ -43,7 +43,7 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
     spin_bundle_rest_rows(rows->splats, first, end_of(rows, block) - first, columns);
 }
 
-/* Counts the kept rows of the frame and before each block. */
+/* Counts the kept rows of the whole frame, and for each block the kept rows before the block. */
 static void add_up(struct spin_splat_filter *rows)
 {
     rows->n_kept = 0;
@@ -160,7 +160,8 @@ spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out)
     return SPIN_OK;
 }
 
-/* The shortest rotation of the axis to y; for -y half a turn about z, as in glTF. */
+/* Sets q to the shortest rotation that turns this axis to y; for -y, to half a turn about z, as in
+ * the glTF exporter. */
 static spin_status parse_up(const char *text, double q[4])
 {
     static const double r = 0.70710678118654752;
@@ -241,7 +242,7 @@ spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
                                         const double *times, int n_frames)
 {
     const double *spans = job->splats_4d->spans;
-    struct spin_splats_4d kept = {0}; /* counting reads nothing but spans */
+    struct spin_splats_4d kept = {0}; /* spin_splats_4d_counts() only reads n and spans */
     SPIN_FREED double *kept_spans = NULL;
     SPIN_FREED size_t *counts = NULL;
     size_t n_empty = 0;

@@ -49,8 +49,8 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
     return SPIN_OK;
 }
 
-/* Finds for each row of s->kept the equal row of the current frame, or NONE. Several rows with
- * equal values are matched one to one. */
+/* Sets s->mate: for each row of s->kept, the row of the current frame with the same values, or
+ * NONE. Several rows with equal values are matched one to one. */
 static void pair_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
 {
     size_t at = 0;

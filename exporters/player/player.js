@@ -30,7 +30,8 @@ export function addressOf(url, options = {}) {
     return address.href;
 }
 
-// Events: 'ready' when the first image is drawn, 'change' when `state` has changed, 'error'.
+// Dispatches the events 'ready' when the first image is drawn, 'change' when `state` has changed,
+// and 'error' when the page or a request has failed.
 export class Player extends EventTarget {
     #frame;
     #tell;

@@ -81,7 +81,8 @@ async function pixelsOf(bytes, name, n) {
 
 // ---- Splats -------------------------------------------------------------------------------------
 
-// Decodes three coordinates per splat, whose signed logarithms are 16-bit numbers in two images.
+// Decodes three coordinates per splat. Their signed logarithms are stored as 16-bit numbers, whose
+// low and high bytes are in two images.
 function path(out, from, n, range, low, high) {
     const mins = numbers(range.mins, 'mins', 3), maxs = numbers(range.maxs, 'maxs', 3);
     for (let i = 0; i < n; i++) {

@@ -38,7 +38,7 @@ import numpy as np
 Frame = collections.namedtuple("Frame", "means quats scales opacities sh")
 NO_TRACK = 0xFFFFFFFF
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
-# What NumPy, zipfile and json raise for damaged files.
+# The exceptions that NumPy, zipfile and json raise for damaged files.
 DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, RuntimeError, zipfile.BadZipFile,
           zlib.error, struct.error)
 
@@ -49,7 +49,8 @@ def load(path):
 
 
 class Error(RuntimeError):
-    """A command failed. The text is its message, `code` its exit code."""
+    """Raised if a command failed. The text is the command's message, `code` the command's exit
+    code."""
 
     def __init__(self, message, code):
         super().__init__(message)
@@ -77,12 +78,14 @@ def evaluate(bundle, **options):
 
 
 def export(bundle, output, **options):
-    """Exports a bundle to the format of output's extension or of to="ply": spin-export(1)."""
+    """Exports a bundle to a format that the extension of `output` or an option such as to="ply"
+    chooses: spin-export(1)."""
     return _run("spin-export", bundle, output, options)
 
 
 def _command(name):
-    """The path of a command: in a virtual environment where pip installs it, else from PATH."""
+    """Returns the path of a command. If Python runs in a virtual environment into which pip has
+    installed the command, this is the path in the environment; otherwise PATH is searched."""
     beside = os.path.join(os.path.dirname(sys.executable), name)
     own = sys.prefix != sys.base_prefix and os.access(beside, os.X_OK)
     found = beside if own else shutil.which(name)
@@ -112,8 +115,8 @@ def _run(name, word, output, options):
 
 
 def _listen(child):
-    """Returns what a command printed and its last message. Ctrl-C also reaches the command, which
-    then saves its work and ends."""
+    """Returns the standard output of a command, and the command's last message. Ctrl-C also reaches
+    the command, which then saves its work and ends."""
     import threading
     printed, last = [], [""]
     reader = threading.Thread(target=lambda: printed.append(child.stdout.read()))
@@ -138,7 +141,7 @@ image, mask: paths."""
 
 
 def picture(view):
-    """The image of a view as bytes [height, width, 3 or 4], read with Pillow."""
+    """Returns the image of a view as bytes [height, width, 3 or 4], read with Pillow."""
     from PIL import Image
     with Image.open(view.image) as image:
         return np.array(image if image.mode == "RGBA" else image.convert("RGB"))
@@ -236,8 +239,8 @@ class Clip:
                 f"times {self.times[0]:g} to {self.times[-1]:g}, {', '.join(self.versions) or 'positions only'}>")
 
     def views(self, data=None):
-        """The images of the data set with intrinsics and poses, a View each; runs spin-import
-        --info --views."""
+        """Returns a list with a View, which has intrinsics and a pose, for each image of the data
+        set. Runs spin-import --info --views."""
         out = []
         for v in _run("spin-import", self._path, None, {"info": True, "views": True, "quiet": True, "data": data}):
             intrinsics = np.array([[v["fx"], 0, v["cx"]], [0, v["fy"], v["cy"]], [0, 0, 1]])
@@ -247,7 +250,7 @@ class Clip:
         return out
 
     def training(self, data=None):
-        """The training views: those that are not held out."""
+        """Returns the training views, which are the views that are not held out."""
         return [view for view in self.views(data) if not view.test]
 
     def antialias(self, version=None):
@@ -258,7 +261,7 @@ class Clip:
             return bool(part.get(version, self.meta).get("antialias", False))
 
     def frame(self, index, version=None, torch=False):
-        """Frame `index` of range(len(self)); negative numbers count from the end."""
+        """Returns frame `index` of range(len(self)); negative numbers count from the end."""
         version, index = self._version(version), operator.index(index)
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self._path}: no frame {index}, only {len(self)}")
@@ -276,7 +279,8 @@ class Clip:
             return self._finished(means, quats, log_scales, logits, sh, torch)
 
     def slice(self, time, torch=False):
-        """The source's 4D splats at a time in the unit of `times`; see spin-bundle(5)."""
+        """Returns the source's 4D splats at a time, which has the unit of `times`; see
+        spin-bundle(5)."""
         if not self.splats_4d:
             raise ValueError(f"{self._path}: the source is frames, not 4D splats")
         time = float(time)
@@ -345,7 +349,8 @@ class Clip:
         return words if name.startswith("trained/track/") else words.view("<f4")
 
     def _words(self, name, a):
-        """The words of a packed array, and the number of units per 1.0 or None."""
+        """Returns the 32-bit words of a packed array, and the number of quantisation units per 1.0.
+        The latter is None if the array is not quantised."""
         series, _, index = name.rpartition("/")
         if not index.isdigit():
             series = name
@@ -389,7 +394,7 @@ class Clip:
                               for k, v in self.meta[key].items()}
 
     def _there(self, name):
-        """The name of an array in the file, which differs in older bundles."""
+        """Returns the name that an array has in this file: older bundles use other names."""
         return self._was + name[8:] if name.startswith("trained/") else name
 
     # ---- Parts of a frame ---------------------------------------------------------------------
@@ -413,7 +418,8 @@ class Clip:
         return self._values(f"{group}/{name}/{index:05d}")
 
     def _retrained(self, index):
-        """Means; and log scales, rotations, SH and logits before activation."""
+        """Returns the means of a frame, and its log scales, rotations, SH and logits before
+        activation."""
         means, rows = self._own_values(index)
         if self._field is None:
             return means, rows[:, :3], rows[:, 3:7], rows[:, None, 7:10], rows[:, 10]
@@ -426,8 +432,8 @@ class Clip:
         return means, scale, rotation, sh.reshape(len(sh), 16, 3)[:, :k], logit[:, 0]
 
     def _own_values(self, index):
-        """Positions, and the values added to those of the field or None: the sum of the frame's and
-        the tracks'."""
+        """Returns the positions of a frame, and the values that are added to those of the field, or
+        None if there are none. With tracks, both are sums of the frame's and the tracks' values."""
         tracks = self._trained.get("tracks")
         means, residual = (f"trained/{name}/{index:05d}" for name in ("means", "residual"))
         if not tracks:
@@ -455,7 +461,7 @@ class Clip:
     # ---- The network ----------------------------------------------------------------------------
 
     def _encode(self, means, index):
-        """Features of the hash grid at the positions."""
+        """Returns the features of the hash grid at these positions."""
         net = self._field
         norm = net["norm"]
         p = (means - np.array(norm["centre"], np.float32)) * np.float32(norm["inv_radius"])
@@ -494,7 +500,7 @@ class Clip:
         return z
 
     def _heads(self, z):
-        """Scales, rotations, SH and opacities before activation."""
+        """Returns scales, rotations, SH and opacities before activation."""
         net, weights, at, out = self._field, self._once("trained/heads"), 0, []
         activation = _relu if net.get("activation") == "relu" else _gelu
         for n_out in (3, 4, 48, 1):
@@ -515,8 +521,8 @@ def _relu(x):
 
 
 def _gelu(x):
-    """x times the normal distribution; its error function is approximated by Abramowitz and Stegun
-    7.1.26."""
+    """Returns x times the cumulative normal distribution at x, whose error function is approximated
+    by formula 7.1.26 of Abramowitz and Stegun."""
     a = np.abs(x) * np.float32(0.5**0.5)
     t = 1 / (1 + np.float32(0.3275911) * a)
     s = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))))

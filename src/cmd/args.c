@@ -22,7 +22,7 @@ enum help { NO_HELP, SHORT_HELP, WHOLE_HELP };
 struct spin_args spin_args;
 static bool wants_help_flag, wants_version;
 static enum help wants_help;
-static const char *wants_completion; /* shell, or NULL */
+static const char *wants_completion; /* name of the shell, or NULL */
 
 static const struct spin_args_row common_rows[] = {
     SPIN_ARG_HEADING("Common"),
@@ -45,16 +45,16 @@ struct parser {
     const struct spin_args_command *command;
     /* Rows of the command, of all commands, and of plug-ins; terminated by SPIN_ARG_END. */
     struct spin_args_row *rows;
-    size_t n_rows, n_shown; /* --help and completion list the first n_shown rows */
-    const char *chosen;     /* plug-in named on the command line, or NULL */
-    size_t n_pairs;         /* strings in plugin_pairs */
+    size_t n_rows, n_shown; /* --help and completion list only the first n_shown rows */
+    const char *chosen;     /* plug-in that is named on the command line, or NULL */
+    size_t n_pairs;         /* number of strings in spin_args.plugin_pairs */
     int argc, next;
     char **argv;
 };
 
 /* ---- Messages, signals and exit codes -------------------------------------------------------- */
 
-/* Only one rank prints an error that all ranks share. */
+/* False in all ranks but one, so that an error that all ranks share is printed once. */
 static bool speaks = true;
 
 /* Prints an error as one line, without the control characters that names of files may contain. */
@@ -69,7 +69,7 @@ static void print_error(const char *name, const char *text, const char *tail)
     fprintf(stderr, "%s: %s%s\n", name, line, tail);
 }
 
-/* Unlike spin_args_misuse(), does not refer to --help. */
+/* Reports that memory ran out. Unlike spin_args_misuse(), the message does not refer to --help. */
 static int fail_memory(const struct spin_args_command *command)
 {
     print_error(command->name, "out of memory", "");
@@ -101,7 +101,7 @@ static void on_signal(int number)
     spin_cancel();
 }
 
-/* SIGPIPE is ignored so that a reader who quits does not end a long run halfway;
+/* SIGPIPE is ignored, so that a long run does not end halfway if the reader of its output quits;
  * spin_args_finish() reports the failed write. */
 static void catch_signals(void)
 {
@@ -110,10 +110,11 @@ static void catch_signals(void)
     sigemptyset(&action.sa_mask);
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
-    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* keep it ignored under nohup */
+    if (signal(SIGHUP, SIG_IGN) != SIG_IGN) /* under nohup, SIGHUP stays ignored */
         sigaction(SIGHUP, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
-    signal(SIGXFSZ, SIG_IGN); /* then the write fails with EFBIG, which is reported */
+    /* A write beyond the file size limit then fails with EFBIG, which is reported. */
+    signal(SIGXFSZ, SIG_IGN);
 }
 
 bool spin_args_begin(const struct spin_args_command *command, int *code)
@@ -168,8 +169,8 @@ int spin_args_report(const struct spin_args_command *command, char *json, const 
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* A decimal number within the row's limits. strtod() alone would also accept leading spaces,
- * hexadecimal floats and "inf". */
+/* Parses a decimal number. Returns false if the text is not one or the number is outside the row's
+ * limits. strtod() alone would also accept leading spaces, hexadecimal floats and "inf". */
 static bool parse_number(const struct spin_args_row *row, const char *text, size_t length,
                          double *out)
 {
@@ -200,7 +201,7 @@ int spin_args_numbers(const struct spin_args_row *row, const char *text, double 
     return 0;
 }
 
-static bool no_memory; /* the last store_value() failed because memory ran out */
+static bool no_memory; /* true: the last store_value() failed because memory ran out */
 
 static bool parse_list(const struct spin_args_row *row, const char *text)
 {
@@ -289,7 +290,8 @@ static bool parse_enum(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* Parses text into the row's variable; false if text is not a valid value. */
+/* Parses text and stores the value in the row's variable. Returns false if text is not a valid
+ * value. */
 static bool store_value(const struct spin_args_row *row, const char *text)
 {
     double value;
@@ -378,7 +380,8 @@ static int misuse_unknown(const struct parser *p, const char *name, size_t lengt
     return spin_args_misuse(p->command, "unknown option '--%.*s'", (int)length, name);
 }
 
-/* Name and options of the i-th importer or exporter; NULL past the end. */
+/* Returns the name of the i-th importer or exporter, and sets *options to its options. Returns NULL
+ * if i is too large. */
 static const char *plugin_name(const struct parser *p, size_t i,
                                const struct spin_plugin_option **options)
 {
@@ -397,7 +400,8 @@ static const char *plugin_name(const struct parser *p, size_t i,
     return exporter ? exporter->name : NULL;
 }
 
-/* Checks that the plug-in chosen on the command line exists. */
+/* Reports an error if the plug-in chosen on the command line does not exist. Returns an exit
+ * code. */
 static int check_chosen(const struct parser *p)
 {
     const struct spin_plugin_option *options;
@@ -535,7 +539,7 @@ static void print_lines(const char *heading, const char *const *line)
         printf("  %s\n", *line);
 }
 
-/* The options of the chosen plug-in. */
+/* Prints the options of the chosen plug-in. */
 static void print_plugin(const struct parser *p)
 {
     bool none = true;
@@ -551,7 +555,7 @@ static void print_plugin(const struct parser *p)
         printf("  none\n");
 }
 
-/* whole: one exporter per line, with its summary; else only the names. */
+/* Prints the exporters: if `whole`, one per line with its summary, else only their names. */
 static void print_exporters(const struct spin_args_command *command, bool whole)
 {
     char left[96], names[512] = "";
@@ -607,8 +611,9 @@ static void print_help(const struct parser *p)
 
 /* ---- Completion ------------------------------------------------------------------------------ */
 
-/* Prints a script by which the shell runs `spin-x --complete WORD...` for completions of the last
- * word. These are printed one per line; options are followed by a colon and their help text. */
+/* Prints a completion script. It makes the shell run `spin-x --complete WORD...`, which prints the
+ * completions of the last word, one per line; options are followed by a colon and their help
+ * text. */
 static void print_completion(const struct spin_args_command *command, const char *shell)
 {
     const char *name = command->name;
@@ -668,7 +673,7 @@ static void print_candidates(const struct parser *p, int n, char **word)
     size_t length = strlen(before);
     const struct spin_args_row *row;
 
-    /* bash splits --name=value into three words; zsh passes one. */
+    /* bash passes --name=value as three words, zsh as one. */
     if (!strcmp(begun, "="))
         begun = "";
     else if (!strcmp(before, "=") && n > 2)
@@ -707,8 +712,8 @@ const char *spin_args_find(int argc, char **argv, const char *name)
             chosen = argv[i] + 3 + length;
         else if (!argv[i][2 + length] && i + 1 < argc)
             chosen = argv[++i];
-        if (chosen && !strcmp(chosen, "=") &&
-            i + 1 < argc) /* split by bash, see print_candidates() */
+        /* bash has split --name=value, see print_candidates(). */
+        if (chosen && !strcmp(chosen, "=") && i + 1 < argc)
             chosen = argv[++i];
     }
     return chosen;
@@ -754,7 +759,7 @@ static int store_option(struct parser *p, const struct spin_args_row *row, const
     return SPIN_EXIT_OK;
 }
 
-/* Parses --name, --name=value and --name value; text follows the dashes. */
+/* Parses --name, --name=value and --name value; `text` is what follows the dashes. */
 static int parse_long(struct parser *p, const char *text)
 {
     size_t length = strcspn(text, "=");
@@ -764,7 +769,7 @@ static int parse_long(struct parser *p, const char *text)
                : misuse_unknown(p, text, length);
 }
 
-/* Parses -q, -vvv, -ofile and -o file; text follows the dash. */
+/* Parses -q, -vvv, -ofile and -o file; `text` is what follows the dash. */
 static int parse_brief(struct parser *p, const char *text)
 {
     int code = SPIN_EXIT_OK;
@@ -832,8 +837,8 @@ static enum help find_help(int argc, char **argv)
     return NO_HELP;
 }
 
-/* Handles --help, --version and completion, else parses all arguments. True if the command should
- * run; otherwise *code is its exit code. */
+/* Handles --help, --version and completion, or else parses all arguments. Returns true if the
+ * command should run; otherwise sets *code to the exit code of the program. */
 static bool handle_arguments(struct parser *p, int *code)
 {
     bool completes = p->argc > 1 && !strcmp(p->argv[1], "--complete");

@@ -18,40 +18,44 @@ enum spin_exit { SPIN_EXIT_OK = 0, SPIN_EXIT_FAILED = 1, SPIN_EXIT_USAGE = 2 };
 
 /* ---- The table ------------------------------------------------------------------------------- */
 
+/* How a value is parsed, and the type of the variable that receives the value. */
 enum spin_args_kind {
     SPIN_ARG_FLAG,    /* bool */
-    SPIN_ARG_COUNT,   /* int, incremented by each use */
-    SPIN_ARG_INT,     /* int, min..max */
-    SPIN_ARG_UINT64,  /* uint64_t, min..max, up to 2^53 */
-    SPIN_ARG_DOUBLE,  /* double, min..max, finite */
-    SPIN_ARG_STRING,  /* const char *, never empty */
-    SPIN_ARG_CHOICE,  /* const char *, one of the words in arg, "a|b|c" */
-    SPIN_ARG_ENUM,    /* unsigned, index of the word in arg, "a|b|c" */
-    SPIN_ARG_SWITCH,  /* bool, true for the second word of arg, "a|b" */
-    SPIN_ARG_INTS,    /* struct spin_args_list, each min..max */
-    SPIN_ARG_DOUBLES, /* struct spin_args_list, each min..max */
-    SPIN_ARG_RANGE,   /* struct spin_range, A:B or A:B:STEP */
-    SPIN_ARG_COLOUR,  /* float[3]: black, white or R,G,B */
-    SPIN_ARG_CUSTOM,  /* stored by parse() */
-    SPIN_ARG_PLUGIN   /* option of a plug-in, stored as text; if arg is NULL, a flag */
+    SPIN_ARG_COUNT,   /* int that each use of the option increments */
+    SPIN_ARG_INT,     /* int from min to max */
+    SPIN_ARG_UINT64,  /* uint64_t from min to max, at most 2^53 */
+    SPIN_ARG_DOUBLE,  /* finite double from min to max */
+    SPIN_ARG_STRING,  /* const char *, not empty */
+    SPIN_ARG_CHOICE,  /* const char *, one of the words in arg, such as "a|b|c" */
+    SPIN_ARG_ENUM,    /* unsigned, index of the given word in arg, such as "a|b|c" */
+    SPIN_ARG_SWITCH,  /* bool, true if the second word of arg is given, such as "a|b" */
+    SPIN_ARG_INTS,    /* struct spin_args_list, each value from min to max */
+    SPIN_ARG_DOUBLES, /* struct spin_args_list, each value from min to max */
+    SPIN_ARG_RANGE,   /* struct spin_range, given as A:B or A:B:STEP */
+    SPIN_ARG_COLOUR,  /* float[3], given as black, white or R,G,B */
+    SPIN_ARG_CUSTOM,  /* parse() parses and stores the value */
+    SPIN_ARG_PLUGIN   /* option of a plug-in, whose value is stored as text; if arg is NULL, it is a
+                         flag */
 };
 
 struct spin_args_list {
-    int *ints;       /* [n] of SPIN_ARG_INTS */
-    double *doubles; /* [n] of SPIN_ARG_DOUBLES */
+    int *ints;       /* [n] values of SPIN_ARG_INTS */
+    double *doubles; /* [n] values of SPIN_ARG_DOUBLES */
     int n;
 };
 
 struct spin_args_row {
     const char *name; /* long name without dashes; NULL for a heading or the end */
-    char brief;       /* one-letter name, or 0 */
-    const char *arg;  /* placeholder of the value, or NULL for flags */
+    char brief;       /* one-letter name of the option; 0: there is none */
+    const char *arg;  /* placeholder of the value in --help; NULL for flags */
     enum spin_args_kind kind;
-    void *into;       /* address of a variable of the type listed above */
-    const char *help; /* lower-case sentence without full stop; a heading; or NULL at the end */
-    double min, max;  /* limits of numbers; none if both are 0 */
-    /* SPIN_ARG_CUSTOM: parses and stores text; returns false if text is invalid. SPIN_ARG_COLOUR:
-     * the same for words that are not colours; may be NULL. */
+    void *into; /* address of the variable that receives the value; its type depends on `kind` */
+    const char *help; /* help text, a lower-case sentence without full stop; the text of a heading;
+                         NULL at the end */
+    double min, max;  /* limits of numbers; if both are 0, there are none */
+    /* Parses and stores text; returns false if text is invalid. Required by SPIN_ARG_CUSTOM. For
+     * SPIN_ARG_COLOUR, the function handles words that are not colours; NULL: there are no such
+     * words. */
     bool (*parse)(const struct spin_args_row *row, const char *text);
 };
 
@@ -82,13 +86,14 @@ struct spin_args_row {
 #define SPIN_ARG_DEVICE_ROW(o)                                                                     \
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, (o).device, "device to compute on (auto)")
 
-/* Helpers for parse(). spin_args_choice(): index of text in "a|b|c", or -1. spin_args_numbers():
- * parses numbers separated by commas; returns their count, or 0 if there are more than `room` or if
- * one is invalid or outside the row's limits. */
+/* Helpers for parse(). spin_args_choice() returns the index of text in choices such as "a|b|c", or
+ * -1. spin_args_numbers() parses numbers separated by commas and returns their count, or 0 if there
+ * are more than `room` or if one is invalid or outside the row's limits. */
 int spin_args_choice(const char *text, const char *choices);
 int spin_args_numbers(const struct spin_args_row *row, const char *text, double *out, int room);
 
-/* The last value of --name on the command line, or NULL; usable before parsing. */
+/* Returns the last value of --name on the command line, or NULL. Can be called before
+ * spin_args_parse(). */
 const char *spin_args_find(int argc, char **argv, const char *name);
 
 /* ---- A command ------------------------------------------------------------------------------- */
@@ -100,46 +105,51 @@ struct spin_args_command {
     const char *const *examples; /* NULL-terminated lines: a command and what it does */
     const char *const *main;     /* names of the options that --help prints; NULL-terminated */
     const struct spin_args_row *rows;
-    /* "importer" or "exporter": the command accepts options of these plug-ins; or NULL. */
+    /* "importer" or "exporter": the command accepts the options of these plug-ins. NULL: it accepts
+     * no options of plug-ins. */
     const char *plugin_kind;
     const char *plugin_selector; /* option that chooses a plug-in, such as "from" */
-    bool lists_exporters;        /* --help lists the exporters */
-    bool takes_many;             /* accept more than one positional argument */
-    const char *several;         /* hint in the error about a second positional argument; or NULL */
-    const char *const
-        *words; /* completions of the first positional argument, NULL-terminated; or NULL */
+    bool lists_exporters;        /* true: --help lists the exporters */
+    bool takes_many;             /* true: the command accepts more than one positional argument */
+    /* Hint that the error about a second positional argument contains, or NULL. */
+    const char *several;
+    /* Completions of the first positional argument, NULL-terminated, or NULL. */
+    const char *const *words;
 };
 
 /* Values of the options common to all commands, and the positional arguments. */
 struct spin_args {
     bool json, force;
     int quiet, verbose;
-    int n_threads;          /* 0: all */
+    int n_threads;          /* number of threads; 0: one for each core */
     const char *word;       /* first positional argument, or NULL */
     const char **all_words; /* [n_words] */
     int n_words;
-    const char **plugin_pairs; /* key, value, ..., NULL-terminated; NULL if there are none */
+    const char **plugin_pairs; /* options of plug-ins: key, value, key, value, ..., NULL; or NULL if
+                                  there are none */
 };
 extern struct spin_args spin_args;
 
 /* Parses argv into the variables of the rows and into spin_args, handles --help, --version and
  * completion, sets the verbosity and installs signal handlers. Returns true if the command should
- * run; else main() returns *exit_code. */
+ * run; otherwise main() should return *exit_code. */
 bool spin_args_parse(const struct spin_args_command *command, int argc, char **argv,
                      int *exit_code);
 
-/* Prints "name: message (try 'name --help')" as one line to stderr; returns SPIN_EXIT_USAGE. */
+/* Prints the line "name: message (try 'name --help')" to stderr. Returns SPIN_EXIT_USAGE. */
 int spin_args_misuse(const struct spin_args_command *command, const char *fmt, ...)
     __attribute__((format(printf, 2, 3)));
 
-/* Call these before and after the work. begin joins the other ranks; ended combines the status of
- * all ranks. Both return false if this process should exit, with the exit code in *code. One rank
- * prints an error as one line "name: message" to stderr. */
+/* Call spin_args_begin() before the work, to join the other ranks, and spin_args_ended() after the
+ * work, to combine the status of all ranks. Both return false if this process should exit, and set
+ * *code to its exit code. If an error occurred, one rank prints the line "name: message" to
+ * stderr. */
 bool spin_args_begin(const struct spin_args_command *command, int *code);
 bool spin_args_ended(const struct spin_args_command *command, spin_status status, int *code);
 
-/* Prints the report and frees it: with --json the JSON document itself, else a text by `template`
- * (io/template.h), or nothing if that is NULL. Returns the exit code for main(). */
+/* Prints the report and frees it: with --json as the JSON document, else as the text that
+ * `template` defines (io/template.h). If `template` is NULL, nothing is printed. Returns the exit
+ * code for main(). */
 int spin_args_report(const struct spin_args_command *command, char *json, const char *template);
 
 /* Flushes stdout. Returns code, or SPIN_EXIT_FAILED with a message if the output could not be

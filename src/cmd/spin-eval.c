@@ -1,4 +1,4 @@
-/* spin-eval: measure a bundle against the images of its data set. */
+/* spin-eval: measures a bundle against the images of its data set. */
 #include "cmd/args.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* spin-export: write the frames of a bundle in standard file formats. */
+/* spin-export: writes the frames of a bundle in standard file formats. */
 #include "cmd/args.h"
 
 #include <math.h>
@@ -10,7 +10,8 @@
 static struct spin_export_options options = {.device = "auto"};
 static bool wants_list;
 
-/* Parses exactly `n` numbers, at most 7. */
+/* Parses a list of exactly n numbers, where n is at most 7. Returns false if the list is
+ * invalid. */
 static bool parse_numbers(const struct spin_args_row *row, const char *text, int n)
 {
     double value[7];
@@ -37,7 +38,7 @@ static bool parse_min_opacity(const struct spin_args_row *row, const char *text)
     return parse_numbers(row, text, 1) && options.min_opacity < 1;
 }
 
-/* 0 means no limit. */
+/* Parses --max-scale, where 0 means that scales are not limited. */
 static bool parse_max_scale(const struct spin_args_row *row, const char *text)
 {
     if (!parse_numbers(row, text, 1))

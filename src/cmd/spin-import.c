@@ -1,4 +1,4 @@
-/* spin-import: import a run of another method as a bundle. */
+/* spin-import: imports a run of another method as a bundle. */
 #include "cmd/args.h"
 
 #include <stdlib.h>
@@ -118,7 +118,7 @@ static const char list_text[] =
     "{{#splats_4d}}4D splats   {{n}}, paths of degree {{degree}}"                                  \
     "{{#arrays.0}}, with{{#arrays}} {{.}}{{/}}{{/}}: frames are their slices\n{{/}}"
 #define STATIC "{{#static.0}}static     {{#static}} {{.}}{{/}}\n{{/}}"
-/* Printed by --info but not by an import. */
+/* The lines of the report that --info prints but an import does not. */
 #define RECOGNISED "recognised  {{recognised}}\nupstream    {{upstream}}\n"
 
 #define REPORT_TO_SPLATS                                                                           \
@@ -181,7 +181,8 @@ static const char bundle_text[] =
     "{{#bytes.heads}}, heads {{bytes.heads %B}}{{/}}"
     "{{^bytes_unpacked.file=@bytes.file}}; unpacked {{bytes_unpacked.file %B}}{{/}}\n";
 
-/* Finds an importer by its name, which options of a data set may follow: "dynerf:time=unit". */
+/* Finds an importer by its name. Options of a data set may follow the name, as in
+ * "dynerf:time=unit". */
 static const struct spin_importer *find_importer(const char *name)
 {
     size_t length = name ? strcspn(name, ":") : 0;
@@ -194,7 +195,7 @@ static const struct spin_importer *find_importer(const char *name)
     return NULL;
 }
 
-/* Checks for the usage errors that can be detected without opening a file. */
+/* Reports usage errors that can be detected without opening a file. Returns an exit code. */
 static int check_arguments(void)
 {
     const struct spin_importer *from = find_importer(options.from);

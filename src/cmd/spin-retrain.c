@@ -1,4 +1,4 @@
-/* spin-retrain: retrain the splats of a bundle on the images of its data set. */
+/* spin-retrain: retrains the splats of a bundle on the images of its data set. */
 #include "cmd/args.h"
 
 #include <math.h>
@@ -41,8 +41,9 @@ static bool parse_normalise(const struct spin_args_row *row, const char *text)
     return true;
 }
 
-/* Parses one number or four, for the axes x, y, z and time. One number sets all axes; but if the
- * row allows 0, which is only valid for time, it sets only x, y and z. */
+/* Parses either four numbers, for the axes x, y, z and time, or a single number. A single number
+ * sets all axes; but if the row allows 0, a value that is only valid for time, the number sets only
+ * x, y and z. */
 static bool parse_grid(const struct spin_args_row *row, const char *text)
 {
     double value[4];
@@ -202,7 +203,8 @@ static const char *const of_clip[] = {"tracks",      "iterations", "batch",     
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-/* The number of entries at the start of of_clip and of_tracks that also apply to --method 4d. */
+/* The number of options at the start of of_clip and of_tracks that also have an effect with
+ * --method 4d. */
 enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 };
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
@@ -211,7 +213,8 @@ static const char *const of_heads_alone[] = {"init-log-scale", NULL};
 static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
-/* Unless have_effect is set, warns about the options in `name` that were given, in one line. */
+/* If have_effect is false, warns in one line about those options in `name` that were given.
+ * lacking: why they have no effect. */
 static void warn_unused(int argc, char **argv, const char *const *name, bool have_effect,
                         const char *lacking)
 {
@@ -274,8 +277,8 @@ static int check_arguments(void)
     return SPIN_EXIT_OK;
 }
 
-/* The preset if --preset is not given. --refine, --method network and --method frames imply the
- * paper's settings. */
+/* Returns the preset that applies if --preset is not given: "paper" with --refine, --method network
+ * or --method frames, otherwise "quick". */
 static const char *implied_preset(int argc, char **argv)
 {
     const char *method = spin_args_find(argc, argv, "method");
@@ -291,8 +294,8 @@ int main(int argc, char **argv)
     char *report;
     int code;
 
-    /* Apply the preset before parsing, since other options override its values. The parser reports
-     * an invalid name of a preset later. */
+    /* Apply the preset before parsing, since other options override its values. If the name of the
+     * preset is invalid, the parser reports that later. */
     preset = spin_args_find(argc, argv, "preset");
     spin_retrain_preset(preset ? preset : implied_preset(argc, argv), &options);
     if (!spin_args_parse(&command, argc, argv, &code))

@@ -1,5 +1,5 @@
-/* spin4d: convert a run to a clip in one call; also runs the other four commands, as in `spin4d
- * import`. */
+/* spin4d: converts a run to a clip in one call. It also runs the other four commands: `spin4d
+ * import` runs spin-import, and so on. */
 #include "cmd/args.h"
 
 #include <errno.h>
@@ -95,8 +95,8 @@ static int exec_command(const char *name, char **argv)
     return SPIN_EXIT_FAILED;
 }
 
-/* The command whose name is nearest to the mistyped `word`; NULL if none is near, or if `word` is
- * an existing path. */
+/* Returns the command whose name is nearest to the mistyped `word`. NULL: no name is near, or
+ * `word` is an existing path. */
 static const char *nearest_command(const char *word)
 {
     const char *best = NULL;
@@ -111,8 +111,8 @@ static const char *nearest_command(const char *word)
     return best;
 }
 
-/* Replaces `spin4d help`, `spin4d help import` and `spin4d version`, as in git, by --help and
- * --version. */
+/* Replaces `spin4d help` by `spin4d --help`, `spin4d help import` by `spin4d import --help`, and
+ * `spin4d version` by `spin4d --version`. */
 static void read_help(int *argc, char **argv)
 {
     static char help[] = "--help", version[] = "--version";
@@ -131,7 +131,7 @@ static void read_help(int *argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    /* Index of the command's name. */
+    /* The index in argv at which the name of a command may be. */
     int at = argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1;
     char *report;
     int code;
@@ -139,7 +139,7 @@ int main(int argc, char **argv)
     read_help(&argc, argv);
     for (const char *const *name = commands; *name && at < argc; name++)
         if (strcmp(argv[at], *name) == 0) {
-            argv[at] = argv[at - 1]; /* keep argv[0], or --complete */
+            argv[at] = argv[at - 1]; /* replaces the name by argv[0] or --complete */
             return exec_command(*name, argv + 1);
         }
     if (argc > 1 && nearest_command(argv[1]))

@@ -32,7 +32,7 @@ enlarge() {
     shot image.html "$2" "$3" "$4" 'document.images[0].naturalWidth'
 }
 
-# The commands of docs/tutorial.md.
+# Run the commands of docs/tutorial.md.
 "$bin/spin-import" -q "$clip" --data "$clip" -o court.spin &&
     "$bin/spin-import" -q "$clip" --data "$clip" --check-cameras check &&
     "$bin/spin-retrain" -v court.spin -o better.spin --log train.jsonl 2>train.txt &&

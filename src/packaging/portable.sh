@@ -1,8 +1,8 @@
 #!/bin/sh
 # portable.sh VERSION BUILD_DIR OUT: packs OUT/spin4d-VERSION-linux-MACHINE.tar.gz from the files
-# that `make portable` has built. It contains the commands, manual, player, Python module, and all
-# libraries except the C library, with their licences, and runs on Linux without further packages.
-# Reproducible: the same build gives the same bytes.
+# that `make portable` has built. The archive contains the commands, manual, player, Python module,
+# and all libraries except the C library, with their licences, and runs on Linux without further
+# packages. Reproducible: the same build gives the same bytes.
 version=${1:?usage: portable.sh VERSION BUILD_DIR OUT}
 B=${2:?usage: portable.sh VERSION BUILD_DIR OUT}
 out=${3:?usage: portable.sh VERSION BUILD_DIR OUT}

@@ -1,8 +1,9 @@
 #!/bin/sh
 # windows.sh VERSION BUILD: builds BUILD/windows/spin4d-VERSION-windows-x86_64.zip with Debian's
-# MinGW. It contains the commands, and libraries with their licences, and runs on 64-bit Windows
-# without further software. Libraries for which Debian has no MinGW package are built from Debian's
-# sources in BUILD/windows/deps, which is kept. Reproducible: the same build gives the same bytes.
+# MinGW. The archive contains the commands, and libraries with their licences, and runs on 64-bit
+# Windows without further software. Libraries for which Debian has no MinGW package are built from
+# Debian's sources in BUILD/windows/deps, which is kept. Reproducible: the same build gives the same
+# bytes.
 version=${1:?usage: windows.sh VERSION BUILD}
 mkdir -p "${2:?usage: windows.sh VERSION BUILD}/windows/deps/include" || exit 1
 W=$(cd "$2/windows" && pwd)
@@ -25,7 +26,7 @@ done
 [ -f /usr/$host/include/zlib.h ] || fail "MinGW's zlib.h not found: apt-get install libz-mingw-w64-dev"
 
 # source_of PACKAGE: downloads and unpacks the Debian source into $tree. If the newest source is no
-# longer in the archive, uses that of the original release.
+# longer in the archive, the source of the original release is used.
 source_of() {
     mkdir -p "$deps/src" && cd "$deps/src" || exit 1
     tree=$deps/src/$1
@@ -89,7 +90,7 @@ windows_make $own "$image"
 windows_make "$W/release/bin/spin-import" "$W/release/bin/spin-export" "$W/release/bin/spin-eval" "$W/release/bin/spin-retrain" \
     "$W/release/bin/spin4d"
 
-# Libraries and shims that the commands load on demand.
+# Build the libraries and shims that the commands load on demand.
 shared() { # OUT SOURCE OPTION...: builds BUILD/windows/release/OUT
     out=$W/release/$1
     shift

@@ -46,8 +46,8 @@ async function alone(what, work) {
     busy = false;
 }
 
-// Imports files, [{ name: path, data: File }], and shows the clip. The input is their common
-// folder.
+// Imports files, [{ name: path, data: File }], and shows the clip. The input is the common folder
+// of the files.
 function open(files) {
     if (!files.length) return;
     const top = new Set(files.map((f) => f.name.split('/')[0]));

@@ -31,8 +31,8 @@ function lines(say) {
     };
 }
 
-// Adds mmap() to emscripten's WORKERFS, which mounts dropped files without reading them. It cannot
-// map files, so mmap() copies the requested part.
+// Adds mmap() to emscripten's WORKERFS, which mounts dropped files without reading them. WORKERFS
+// cannot map files, so this mmap() copies the requested part of a file.
 function mapDropped(module) {
     const ops = module.WORKERFS.stream_ops;
     ops.mmap = (stream, address, length, position) => {
