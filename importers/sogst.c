@@ -3,7 +3,7 @@
 #include "formats/sogst.h"
 #include "importers/lib/file_sequence.h"
 
-/* Players do not draw fainter splats. */
+/* Players do not draw splats with a lower opacity. */
 #define LEAST_OPACITY (1 / 255.0)
 
 static bool is_ply(const unsigned char *head, size_t n)

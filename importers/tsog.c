@@ -5,7 +5,7 @@
 
 #include "importers/lib/file_sequence.h"
 
-/* The player does not draw fainter splats. */
+/* The player does not draw splats with a lower opacity. */
 #define LEAST_OPACITY (1 / 255.0)
 
 struct tsog_model {
