@@ -40,7 +40,7 @@ static int probe(const struct spin_peek *peek)
 {
     bool cloud = spin_peek_has(peek, "point_cloud"), modec;
 
-    if (spin_peek_says(peek, "feature_out_c.0.weight")) /* E-D3DGS */
+    if (spin_peek_says(peek, "feature_out_c.0.weight")) /* a network of E-D3DGS */
         return 0;
     if (!peek->is_folder)
         return strcmp(spin_path_name(peek->path), "deformation.pth") == 0 ? 85 : 0;

@@ -245,7 +245,7 @@ static spin_status read_run(const struct run *run, int frame, unsigned columns,
 
 static int d3dgs_probe(const struct spin_peek *peek)
 {
-    bool mask = has_key(peek, "mask"); /* TC3DGS */
+    bool mask = has_key(peek, "mask"); /* the file is of TC3DGS */
     int found = count_keys(peek);
 
     if (peek->is_folder)
@@ -365,8 +365,8 @@ static spin_status read_mask(struct tc_run *run, int frame)
     return SPIN_OK;
 }
 
-/* Returns the presence of a Gaussian, which is the sigmoid of its mask. It is visible if this is
- * above the threshold. */
+/* Returns the presence of a Gaussian, which is the sigmoid of its mask. A Gaussian is visible if
+ * its presence is above the threshold. */
 static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
 
 /* Sets base.counts, the number of Gaussians that are kept in each frame, in one pass over the mask.
@@ -435,7 +435,7 @@ static spin_status open_mask(struct tc_run *run)
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->off, (void **)&run->off));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->keep, (void **)&run->keep));
     SPIN_TRY(count(run));
-    if (run->mode == FRAME && !run->still_mask) /* rows differ from frame to frame */
+    if (run->mode == FRAME && !run->still_mask) /* row i differs from frame to frame */
         sequence->static_columns = 0;
     sequence->identity = run->mode != FRAME || run->still_mask;
     snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %zu Gaussians", n);

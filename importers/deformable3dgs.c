@@ -2,7 +2,7 @@
  * network of position and time that adds to their activated attributes. MotionGS (Zhu et al.,
  * NeurIPS 2024) trains this model with other losses and saves it in the same files.
  *
- * Two traps:
+ * Two peculiarities:
  * - Residuals are added after the activation, and the rasteriser does not normalise the resulting
  * quaternions, so it draws another ellipsoid than for unit quaternions. The importer computes the
  * covariance in the same way and decomposes it again.
@@ -42,7 +42,7 @@ static int probe(const struct spin_peek *peek)
                    ? 85
                    : 0;
     if (!spin_peek_has(peek, "deform") || !spin_peek_has(peek, "point_cloud") ||
-        spin_peek_says(peek, "grid_args")) /* Grid4D and DASH */
+        spin_peek_says(peek, "grid_args")) /* an option of Grid4D and DASH */
         return 0;
     return spin_peek_says(peek, "is_6dof") ? 90 : 60;
 }

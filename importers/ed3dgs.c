@@ -17,14 +17,14 @@ enum { MAX_ROWS = 1 << 20 };
 
 static const struct {
     const char *tensor;
-    int width, number; /* floats per row; column number for spin_model_values() */
+    int width, number; /* floats per row, and column number for spin_model_values() */
 } heads[N_HEADS] = {{"pos_deform", 3, 0},
                     {"scales_deform", 3, 2},
                     {"rotations_deform", 4, 1},
                     {"opacity_deform", 1, 3},
                     {"rgb_deform", 48, 4}};
 
-static const char letters[N_STAGES] = {'c', 'f'}; /* in the names of a stage's tensors */
+static const char letters[N_STAGES] = {'c', 'f'}; /* the letter of each stage in tensor names */
 
 struct stage {
     bool used;

@@ -561,8 +561,8 @@ static bool settle_row(const struct part *p, size_t row)
     return p->moving || settle_shape(p->column[SCALE] + 3 * row, p->column[ROTATION] + 4 * row);
 }
 
-/* Calls settle_shape() for all static Gaussians. Drops the rows of `p` that cannot be drawn, and
- * returns the number of dropped rows. */
+/* Drops the rows of `p` that cannot be drawn, and returns their number. If the Gaussians are
+ * static, also replaces their shapes as described at settle_shape(). */
 static size_t clean(struct part *p)
 {
     size_t n_all = p->n;

@@ -3,9 +3,9 @@
  * Gaussian window in time, so they are 4D splats exactly.
  *
  * Times run from 0 to 1 over the clip, with frame i of F at i/(F-1), and a velocity is the
- * displacement over the whole clip. The method's renderer raises every opacity to at least 1e-4,
- * but no rasteriser draws so low an opacity; the importer hides splats with an opacity below 1/255.
- */
+ * displacement over the whole clip. The method's renderer raises every opacity to at least 1e-4.
+ * No rasteriser draws splats with this opacity; the importer hides those with an opacity below
+ * 1/255. */
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 

@@ -31,9 +31,9 @@ struct hash_grid {
 
 struct hash_model;
 
-/* What distinguishes the two methods. */
+/* What differs between Grid4D and DASH. */
 struct hash_method {
-    const char *name;              /* "Grid4D" */
+    const char *name;              /* name of the method, such as "Grid4D" */
     const char *extra;             /* name of an additional property of the cloud, or NULL */
     const char *key;               /* name of a tensor that only this method's grid has */
     const char *other_key, *other; /* name of a tensor that only the other method's grid has; name

@@ -1,6 +1,6 @@
 /* MoDec-GS (Kwak et al., CVPR 2025): anchors that spawn Gaussians at several offsets each. One
- * network moves the anchors, at the nearest canonical time; a second one moves the spawned
- * Gaussians, at the time of the frame.
+ * network moves the anchors and is evaluated at the canonical time nearest to the frame; a second
+ * network moves the spawned Gaussians and is evaluated at the time of the frame.
  *
  * Only positions are imported: opacity, shape and colour of spawned Gaussians depend on the camera,
  * so there is no set of Gaussians per frame. Whether the Gaussian at an offset is opaque also
@@ -39,8 +39,9 @@ struct model {
     float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;
     double grid_pe;
-    bool still;                    /* no_dx is set: spawned Gaussians do not move */
-    struct hexplane global, local; /* of the networks for anchors and for spawned Gaussians */
+    bool still; /* no_dx is set: spawned Gaussians do not move */
+    struct hexplane global,
+        local; /* planes of the networks for anchors and for spawned Gaussians */
     struct mlp_net head[N_HEADS], move;
     struct mlp_net alive; /* the network opacity_mlp, which is loaded if there are cameras */
     struct camera_places cameras;

@@ -17,7 +17,7 @@
 #define LEAST_WEIGHT_FTGS                                                                          \
     (1.0 /                                                                                         \
      255) /* the renderer of OMG4-FTGS has no threshold, but fainter Gaussians are invisible */
-#define SPREAD 1.2 /* length of the range of the Gaussians' initial times / length of the clip */
+#define SPREAD 1.2 /* initial times cover a range this many times as long as the clip */
 
 enum {
     OCTAVES = 16,
@@ -75,7 +75,7 @@ static int probe(const struct spin_peek *peek)
 /* Codes as pickled by the Python package dahuffman. They need not be canonical, so the tree is
  * built from the pickled table. */
 struct huffman_node {
-    uint32_t child[2]; /* 0: none */
+    uint32_t child[2]; /* indices of the children; 0: none */
     int64_t label;
 };
 
@@ -223,8 +223,9 @@ static const struct spin_value *get_list(struct model *m, const char *name, cons
     return list && list->kind == SPIN_VALUE_LIST ? list : NULL;
 }
 
-/* Fills the columns of out [n][width] from column `at` on with entries of the codebook `code`: each
- * row with the entry whose label `index` contains, Huffman-coded by `table`. */
+/* Fills the columns of out [n][width] from column `at` on with entries of the codebook `code`. The
+ * labels in `index`, Huffman-coded with `table`, are the numbers of the entries for rows 0 to n -
+ * 1. */
 static spin_status read_part(struct model *m, const struct spin_value *code,
                              const struct spin_value *index, const struct spin_value *table,
                              size_t at, size_t width, float *out)
@@ -338,7 +339,7 @@ enum {
 struct pass {
     struct model *m;
     double time;
-    bool own; /* evaluate each Gaussian at its own time, not at `time` */
+    bool own; /* true: evaluate each Gaussian at its own time; false: all at `time` */
     unsigned columns;
     struct spin_splats *out;
 };
@@ -601,7 +602,7 @@ static spin_status run_networks(struct pass *p)
 {
     struct model *m = p->m;
 
-    if (!m->base.team.scratch) /* first call */
+    if (!m->base.team.scratch) /* the first call starts the threads */
         SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->base.team));
     spin_mlp_team_run(&m->base.team, m->n_kept, run_block, p);
     return SPIN_OK;

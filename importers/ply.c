@@ -17,7 +17,7 @@ struct clip {
     int *numbers;   /* [n_frames] */
     size_t *counts; /* [n_frames] */
     enum kind kind;
-    int sh_degree;      /* largest of all frames */
+    int sh_degree;      /* largest SH degree of all frames; -1: points */
     const char **names; /* vertex properties of the first frame except f_rest_*; NULL-terminated */
     size_t n_names;
     bool warned_scale, warned_opacity, warned_extra; /* warnings that were already printed */
@@ -25,8 +25,9 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* The confidence that a folder is a sequence of clouds, by the names in it: numbered files, one
- * folder per frame with the layout of INRIA's 3DGS, or a single model in this layout. */
+/* Returns the confidence that a folder contains a sequence of clouds, according to the names in it:
+ * numbered files, one folder per frame with the layout of INRIA's 3DGS, or a single model in this
+ * layout. */
 static int probe_folder(const struct spin_peek *peek)
 {
     int n_folders = 0;

@@ -51,7 +51,7 @@ struct rows {
     bool masked;      /* the tuple has one more item at its end, the mask of a fork */
     bool moving;      /* gaussian_dim is 4, so there are t and scaling_t */
     double iteration; /* iteration of the checkpoint; -1: unknown */
-    /* The data. */
+    /* What is read from the parts. */
     size_t n;
     bool rot_4d;             /* Gaussians are rotated in four dimensions: there is rotation_r */
     int n_sh;                /* number of SH in a row of the file; 0: SH are not read */
@@ -133,7 +133,7 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
     return SPIN_OK;
 }
 
-/* Sets the parts from a fork's dict. */
+/* Sets the parts from the dict that a fork saves instead of a tuple. */
 static void take_attributes(const struct spin_value *m, struct rows *r)
 {
     double dim = 4;
@@ -401,7 +401,7 @@ static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
         if (!to || r->n_sh == 0)
             continue;
         memcpy(to, sh, width * sizeof *sh);
-        if (r->degree_t > 0) /* 16 SH per cosine */
+        if (r->degree_t > 0) /* there are 16 SH for each cosine */
             memcpy(s->sh_cos + 2 * (to - s->sh), sh + width,
                    (size_t)r->degree_t * width * sizeof *sh);
     }
@@ -444,7 +444,7 @@ struct realtime_model {
     struct spin_model base;
     struct rows rows;
     struct reading reading;
-    bool stale;   /* see is_stale() */
+    bool stale;   /* the stored SH and opacities are obsolete: see is_stale() */
     double ratio; /* the data set's times divided by those of the file */
     struct clip_times times;
     struct gaussian4d gaussians;
@@ -452,8 +452,7 @@ struct realtime_model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Whether the pickle begins with a tuple of a tuple of an int and a Parameter, ((int, Parameter,
- * ..., as in checkpoints of this method. */
+/* Whether the pickle begins with "((int, Parameter, ...", as in checkpoints of this method. */
 static bool begins_like_ours(const struct spin_peek *peek)
 {
     static const char parameter[] = "ctorch._utils\n_rebuild_parameter";
@@ -620,7 +619,7 @@ static spin_status realtime_open_run(void *self, const char *path)
     if (!base->path)
         return spin_not_found("'%s' contains no chkpnt<N>.pth", path);
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
-    SPIN_TRY(spin_model_config(base)); /* its errors do not concern the checkpoint */
+    SPIN_TRY(spin_model_config(base)); /* errors of this call name other files */
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
     m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;

@@ -1,5 +1,5 @@
-/* .sogst, one file per clip, or the PLY that its encoders read; src/formats/sogst.h describes both.
- */
+/* Reads .sogst files, each of which contains a clip, and the PLY files that encoders of .sogst
+ * read; src/formats/sogst.h describes both formats. */
 #include "formats/sogst.h"
 #include "importers/lib/file_sequence.h"
 

@@ -497,10 +497,11 @@ static void solve3(double a[3][3], double b[3][3])
     }
 }
 
-/* Fits SH of degree 1 by least squares: colour = mean colour + slope . (d - mean d), with two
- * regularisers. (slope . mean d)^2, weighted like all cameras together, keeps degree 0 near the
- * mean colour, because some viewers draw degree 0 only. least^2 slope^2 keeps the slope small if
- * the rays differ by less than about `least` radians, where the slope would be noise. */
+/* Fits SH of degree 1 to the colours by least squares. The fitted colour in direction d is mean
+ * colour + slope . (d - mean d). Two terms are added to the squared error. (slope . mean d)^2,
+ * weighted like all cameras together, keeps degree 0 near the mean colour, because some viewers
+ * draw degree 0 only. least^2 slope^2 keeps the slope small if the rays differ by less than about
+ * `least` radians, since the slope would then be noise. */
 static void fit(const struct means *m, float sh[12])
 {
     const double least = 1e-2;
@@ -508,7 +509,7 @@ static void fit(const struct means *m, float sh[12])
 
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            a[i][j] = m->dd[i][j]; /* mean d mean d^T is not subtracted: the first regulariser would
+            a[i][j] = m->dd[i][j]; /* mean d mean d^T is not subtracted: the first added term would
                                       add it again */
             slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
         }
@@ -540,8 +541,9 @@ static void set_ray(const float camera[3], const double place[3], float *in)
     }
 }
 
-/* Adds one camera to the means: the colour of a pixel that only this Gaussian covers, from its base
- * colour and the inputs and outputs of the network. */
+/* Adds one camera to the means for a Gaussian. The colour for this camera is that of a pixel that
+ * only this Gaussian covers: it is computed from the base colour and the output of the network. The
+ * direction of the ray is one of the inputs `in`. */
 static void add_camera(const struct model *m, const float base[3], const float *in,
                        const float *rgb, struct means *means)
 {
@@ -610,8 +612,8 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     return spin_model_check(m->base.path, time, SPIN_COL_SH, out);
 }
 
-/* Colours computed by the network are valid at one time only, so models that use it have no 4D
- * splats. */
+/* Colours that the network computes are valid at one time only, so models that use the network have
+ * no 4D splats. */
 static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     const struct model *m = self;

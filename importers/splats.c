@@ -16,7 +16,7 @@
 #include "importers/lib/file_sequence.h"
 #include "io/zip.h"
 
-/* Contents of a file. */
+/* What is known about a file once it is open. */
 struct opened {
     size_t n_frames;     /* number of frames in the file; 1 unless it is a clip */
     size_t n;            /* splats per frame */
@@ -51,8 +51,8 @@ struct clip {
 struct format {
     const char *suffix; /* ".spz" */
     const char *name;   /* "SPZ", for messages */
-    /* open() parses clip->map into clip->opened; read() reads frame clip->within. Errors do not
-     * name the file. */
+    /* open() fills clip->opened from the bytes in clip->map; read() reads the frame clip->within.
+     * Their error messages do not name the file. */
     spin_status (*open)(struct clip *clip);
     spin_status (*read)(struct clip *clip, unsigned columns, struct spin_splats *out);
 };
@@ -88,8 +88,8 @@ static spin_status fail_file(const struct clip *clip, size_t file, spin_status s
     return spin_fail_context(status, "cannot read '%s'", clip->files.frame[file].path);
 }
 
-/* Opens a file, unless it is already open. The last file stays open, since a file with several
- * frames is read repeatedly. */
+/* Opens a file, unless it is already open. The last file stays open, since the frames of a file are
+ * mostly read one after the other. */
 static spin_status open_file(struct clip *clip, size_t file)
 {
     spin_status status;
@@ -262,7 +262,7 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
 
 /* ---- .splat ---------------------------------------------------------------------------------- */
 
-/* The format has no header, so it is recognised by file name only. */
+/* Opens a .splat file. The format has no header, so files are recognised by name only. */
 static spin_status open_splat(struct clip *clip)
 {
     clip->opened.note[0] = "the format has no view-dependent colour";
@@ -293,7 +293,7 @@ SPIN_MODEL_IMPORTER(splat, struct clip, open_splat_clip, close_clip,
 
 /* ---- .ksplat --------------------------------------------------------------------------------- */
 
-/* The format has no magic number, so it is recognised by file name only. */
+/* Opens a .ksplat file. The format has no magic number, so files are recognised by name only. */
 static spin_status open_ksplat(struct clip *clip)
 {
     struct spin_ksplat header;

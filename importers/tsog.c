@@ -1,4 +1,4 @@
-/* TSOG, one file per clip; src/formats/tsog.h describes it. */
+/* Reads TSOG files, each of which contains a clip; src/formats/tsog.h describes the format. */
 #include "formats/tsog.h"
 
 #include <string.h>
@@ -29,7 +29,8 @@ static int probe(const struct spin_peek *peek)
     return spin_peek_says(peek, "org.opsiclear.tsog-playback") ? 100 : 0;
 }
 
-/* Describes static and discrete clips: a frame at each of the times 0, 1, 2, ... */
+/* Fills the description of a static or discrete clip, which has a frame at each of the times 0, 1,
+ * 2, ... */
 static spin_status describe_frames(struct tsog_model *m)
 {
     struct spin_sequence_info *sequence = m->base.sequence;

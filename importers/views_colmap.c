@@ -28,7 +28,7 @@ enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
 
 struct lens {
     int id;
-    struct spin_camera camera; /* without a pose */
+    struct spin_camera camera; /* intrinsics; the pose is not set */
 };
 
 struct image {

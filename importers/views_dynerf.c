@@ -1,5 +1,5 @@
-/* Data sets of Neural 3D Video (DyNeRF) and Meet Room: a file of LLFF with static cameras, and the
- * frames of these cameras.
+/* Data sets of Neural 3D Video (DyNeRF) and Meet Room: static cameras in a file of LLFF, and the
+ * frames of each camera.
  *
  *     poses_bounds.npy                [C][17]: 3 x 5 matrix, near, far; one row per camera
  *     cam00/images/0000.png ...       as 4DGaussians extracts them (or cam00/0000.png)

@@ -1,5 +1,5 @@
-/* EasyVolcap and data sets of its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's
- * YAML, and images.
+/* Data sets of EasyVolcap, and others with the same layout (EasyMocap, SelfCap, Mobile-Stage):
+ * cameras in OpenCV's YAML, and images.
  *
  *     intri.yml                       names; for each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN,
  *                                     ccm_NN

@@ -249,7 +249,7 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
         view->test = true;
     SPIN_TRY(find_image(s, name, &view->path));
     if (access(view->path, R_OK) != 0)
-        return SPIN_OK; /* a missing image: read_set() reports their number */
+        return SPIN_OK; /* read_set() reports the number of missing images */
     SPIN_TRY(check_lens(s, frame));
     SPIN_TRY(read_size(s, frame, index, view->path, &view->camera));
     SPIN_TRY(read_intrinsics(s, frame, &view->camera));
@@ -303,7 +303,7 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
     }
     scale = rule == TIME_MAX ? high : rule == TIME_UNIT ? high - low : 1;
     for (size_t i = 0; i < n; i++) {
-        size_t a = 0, b = n_rows; /* search for the last time that is not later */
+        size_t a = 0, b = n_rows; /* binary search for the last distinct time that is not later */
 
         while (b - a > 1) {
             size_t middle = a + (b - a) / 2;

@@ -97,8 +97,8 @@ static spin_status check_box(const struct spin_model *m, const char *key, const 
 }
 
 /* Loads the network feature_out. The planes yield F = channels x scales features. If the network
- * has F inputs, these are the features; if it has 3 F, they are the encoded features, and grid_pe
- * must be known and above 1. */
+ * has F inputs, these are the features. If it has 3 F inputs, these are the features, their sines
+ * and their cosines, and grid_pe must be known and above 1. */
 static spin_status load_feature(struct spin_model *m, double grid_pe, struct hexplane *hex)
 {
     int n_features = hex->channels * hex->n_scales;

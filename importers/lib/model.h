@@ -196,7 +196,7 @@ spin_status spin_model_column(const struct spin_ply *ply, const struct spin_ply_
  * to out[i * step] and the n - 1 floats that follow. Nonfinite values are an error. */
 spin_status spin_model_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
                                const char *prefix, int n, float *out, size_t step);
-/* Number of properties whose names begin with `prefix`. */
+/* Returns the number of properties whose names begin with `prefix`. */
 int spin_model_count(const struct spin_ply_element *e, const char *prefix);
 /* Opens a PLY file as m->ply, whatever elements it contains. */
 spin_status spin_model_ply(struct spin_model *m, const char *path);
@@ -219,7 +219,7 @@ spin_status spin_model_read(struct spin_model *m, const char *path, const char *
  * contain the path. */
 spin_status spin_model_torch(struct spin_model *m, const char *path,
                              spin_status (*fn)(struct spin_model *m));
-/* Sets m->tensors to the root of the checkpoint, which must be a dict. */
+/* Sets m->tensors to the root of the checkpoint m->torch; it is an error if that is not a dict. */
 spin_status spin_model_dict(struct spin_model *m);
 /* Returns SPIN_E_UNSUPPORTED if there is a tensor whose name does not begin with m->prefix followed
  * by one of `stems`, a list that ends with NULL. Such a tensor belongs to a derived method, whose

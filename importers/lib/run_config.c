@@ -1,4 +1,4 @@
-/* Settings of a run from cfg_args, YAML and options. */
+/* Settings of a training from cfg_args, a YAML file and options. */
 #include "importers/lib/run_config.h"
 
 #include <ctype.h>

@@ -58,7 +58,7 @@ struct run_config {
 /* The clip's first and last time, in the unit of the data set and of the YAML file. */
 struct clip_times {
     double first, last;
-    bool guessed; /* they were guessed from the times of the Gaussians */
+    bool guessed; /* the times were guessed from those of the Gaussians */
 };
 
 /* Returns the value of the first line "<key>: <value>" of the YAML file, at any depth, since forks

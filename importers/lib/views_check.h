@@ -36,7 +36,8 @@ spin_status spin_views_check_intrinsics(const struct spin_camera *c);
 spin_status spin_views_intrinsics(const double k[9], const char *key, struct spin_camera *out);
 
 /* Sets *out to the time of frame i = `row` of n = `n_rows` frames. Option `time`, whose default is
- * `fallback`, selects the rule: unit for i/(n-1), count for i/n, row for i, or a number N for i/N.
+ * `fallback`, selects the rule: "unit" for i/(n-1), "count" for i/n, "row" for i, or a number N for
+ * i/N.
  */
 spin_status spin_views_time(const struct spin_plugin_values *values, const char *fallback,
                             size_t row, size_t n_rows, double *out);

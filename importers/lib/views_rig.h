@@ -24,11 +24,11 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
                           const char *instead);
 
 /* Adds the views of all cameras, each with the camera's index in `c` as camera_id. All cameras must
- * have the same frame numbers, but some may end earlier than others: the last frame is then that of
- * the camera with the fewest frames. A static camera is scaled to the size of its first image, a
- * moving camera in each frame to the size of this frame's image. Option `time` is that of
- * spin_views_time(), with the default unit. Option `hold` N holds out the cameras 0, N, 2 N, ...; 0
- * holds out none. The default is 8, or 0 if there is only one camera. */
+ * have the same frame numbers, but some may end earlier than others: the data set then ends with
+ * the last frame of the camera that has the fewest frames. A static camera is scaled to the size of
+ * its first image, a moving camera in each frame to the size of this frame's image. Option `time`
+ * is that of spin_views_time(), with the default value "unit". Option `hold` N holds out the
+ * cameras 0, N, 2 N, ...; 0 holds out none. The default is 8, or 0 if there is only one camera. */
 spin_status spin_rig_views(struct spin_model *m, struct spin_rig_camera *c, size_t n,
                            struct spin_views *out);
 
