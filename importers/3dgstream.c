@@ -457,7 +457,7 @@ static void stream_close(void *self)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Resets the base to frame 0, where the networks start. */
+/* Resets the base to frame 0, from which the first network moves it on. */
 static spin_status rewind_base(struct clip *clip)
 {
     struct spin_splats *first = &clip->base.canonical;

@@ -318,9 +318,9 @@ struct tc_run {
     enum mode mode;
     double threshold;
     float *row;    /* [n] the mask of one frame */
-    double *sum;   /* [n] presence summed over frames */
+    double *sum;   /* [n] sum of the presence over all frames */
     uint32_t *off; /* [n] number of frames whose mask hides the Gaussian */
-    bool *keep;    /* [n] Gaussians to keep, in the current frame or in all frames */
+    bool *keep;    /* [n] whether a Gaussian is kept, in the current frame or in all frames */
 };
 
 static int tc3dgs_probe(const struct spin_peek *peek)

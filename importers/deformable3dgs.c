@@ -1,6 +1,7 @@
 /* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
- * network of position and time that adds to their activated attributes. MotionGS (Zhu et al.,
- * NeurIPS 2024) trains this model with other losses and saves it in the same files.
+ * network that computes, from position and time, residuals that are added to their activated
+ * attributes. MotionGS (Zhu et al., NeurIPS 2024) trains this model with other losses and saves it
+ * in the same files.
  *
  * Two peculiarities:
  * - Residuals are added after the activation, and the rasteriser does not normalise the resulting

@@ -44,12 +44,12 @@ struct model {
     int n_embedding;
     float *table; /* [n_rows][n_time] the time vectors as stored */
     int n_rows, n_time;
-    double shift; /* added to every time */
+    double shift; /* offset that is added to every time */
     struct stage stage[N_STAGES];
     bool used[N_HEADS];
     float weight[N_HEADS];   /* factors by which the residuals are multiplied */
     size_t layer;            /* floats of a block in the widest layer */
-    struct settings {        /* what the result depends on: the iteration, and cfg_args */
+    struct settings {        /* settings of the training that affect the result */
         long long iteration; /* iteration of the checkpoint */
         double min_rows, max_rows, resized_until, deform_from;
         bool anneal, coarse_table, whole_table;
@@ -379,7 +379,7 @@ static spin_status open_model(void *self, const char *path)
     return spin_mlp_team_create(4 * m->layer, &base->team);
 }
 
-/* ---- The vector of a time -------------------------------------------------------------------- */
+/* ---- The time vector ------------------------------------------------------------------------- */
 
 /* Linear interpolation between two rows; `share` is the weight of row `high`. */
 struct between {

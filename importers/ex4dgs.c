@@ -515,7 +515,7 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
     return SPIN_OK;
 }
 
-/* ---- Rows ------------------------------------------------------------------------------------ */
+/* ---- Rows that can be drawn ------------------------------------------------------------------ */
 
 /* Replaces the scales and the quaternion of a static Gaussian by those of the ellipsoid that the
  * method's rasteriser draws. The rasteriser does not normalise the quaternion, so it draws another
@@ -677,7 +677,7 @@ static spin_status open_model(void *self, const char *path)
     return SPIN_OK;
 }
 
-/* ---- One time -------------------------------------------------------------------------------- */
+/* ---- The splats at one time ------------------------------------------------------------------ */
 
 static spin_status find_keys(const struct model *m, double time, struct keyframes *out)
 {

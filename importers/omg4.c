@@ -13,10 +13,9 @@
 #include "math/ntc.h"
 
 #define UNPACKED_LIMIT ((size_t)1 << 30)
-#define LEAST_WEIGHT 0.05 /* threshold of the renderer, as in Realtime-4DGS */
+#define LEAST_WEIGHT 0.05 /* the renderer omits Gaussians with a lower weight in time */
 #define LEAST_WEIGHT_FTGS                                                                          \
-    (1.0 /                                                                                         \
-     255) /* the renderer of OMG4-FTGS has no threshold, but fainter Gaussians are invisible */
+    (1.0 / 255) /* the renderer of OMG4-FTGS omits none, but Gaussians below this are invisible */
 #define SPREAD 1.2 /* initial times cover a range this many times as long as the clip */
 
 enum {
@@ -326,7 +325,7 @@ static void encode(float x, float *out)
     }
 }
 
-/* Offsets of the parts of a thread's scratch, in channels. */
+/* Offsets of the parts of a thread's scratch memory, in channels of MLP_BLOCK floats. */
 enum {
     ENCODED = 0,
     INPUT = ENCODED + 8 * OCTAVES,
@@ -596,7 +595,7 @@ static spin_status open_model(void *self, const char *path)
     return SPIN_OK;
 }
 
-/* ---- One time -------------------------------------------------------------------------------- */
+/* ---- The splats at one time ------------------------------------------------------------------ */
 
 static spin_status run_networks(struct pass *p)
 {

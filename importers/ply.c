@@ -39,8 +39,9 @@ static int probe_folder(const struct spin_peek *peek)
         n_folders += strncmp(name, "frame", 5) == 0 && !strchr(name, '.');
         tree = tree || strncmp(name, "iteration_", 10) == 0;
     }
-    if (spin_peek_has(peek,
-                      "deformation.pth")) /* the canonical cloud of 4DGaussians, not a frame */
+    if (spin_peek_has(
+            peek,
+            "deformation.pth")) /* the PLY is the canonical cloud of 4DGaussians, not a frame */
         return 20;
     if (spin_file_sequence_count(peek, ".ply") > 0)
         return 70;

@@ -69,7 +69,7 @@ struct reading {
     double extra;    /* added to the variance of the window in time, but not to the shape */
 };
 
-/* ---- Parts ----------------------------------------------------------------------------------- */
+/* ---- Parts of a checkpoint ------------------------------------------------------------------- */
 
 /* Where each part is stored. item, item3: index in the tuple of a 4-D and of a 3-D model (-1:
  * none). attribute: key in the dict of a fork, which is the name of the class's attribute. loaded:
@@ -237,7 +237,7 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
         spin_array_to_f32(&r->sh[1], width * i, width, out + 3);
 }
 
-/* ---- Degrees --------------------------------------------------------------------------------- */
+/* ---- SH degrees ------------------------------------------------------------------------------ */
 
 /* Derives from the number of SH in a row the spatial degree, and whether the row includes temporal
  * SH, the factors of the cosines of time. `told` is sh_degree of cfg_args, or -1 if it is unknown.
@@ -505,9 +505,9 @@ static double median_extent(const struct rows *rows, bool older)
     return sqrt(extent[n_used / 2]);
 }
 
-/* Chooses the convention of rotations: that of option `convention` or, if this is auto, the one
- * that yields smaller ellipsoids. Under the wrong convention, the long time axis of static
- * Gaussians points into space. */
+/* Chooses the convention of rotations: that of option `convention` or, if its value is auto, the
+ * older one if this makes the Gaussians clearly smaller, otherwise today's. Under the wrong
+ * convention, Gaussians are larger, since the long time axis of static ones points into space. */
 static spin_status choose_convention(struct realtime_model *m)
 {
     enum { AUTO, TODAY, OLDER };
@@ -679,7 +679,7 @@ static int hybrid_probe(const struct spin_peek *peek)
                : 0;
 }
 
-/* ---- The halves ------------------------------------------------------------------------------ */
+/* ---- The two halves -------------------------------------------------------------------------- */
 
 static spin_status take_parts(const struct spin_value *root, struct hybrid_model *m)
 {

@@ -39,7 +39,7 @@ static const struct group {
     {"trbf_scale", {0, 0}, WIDTH}, {"motion_", {9, 9}, MOTION},
     {"opacity", {0, 0}, LOGIT},    {"scale_", {3, 3}, SCALE},
     {"rot_", {4, 4}, TURN},        {"omega_", {4, 4}, CHANGE},
-    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: lite has none */
+    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: lite models have no f_t_* */
 };
 enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 35 };
 
@@ -71,8 +71,8 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    /* A cloud, or the folder of one checkpoint. The confidence must exceed the 90 of the PLY
-     * importer. */
+    /* The input is a cloud, or the folder of one checkpoint. The confidence must exceed 90, which
+     * is that of the PLY importer. */
     if (spin_peek_says(peek, "property float trbf_center") &&
         spin_peek_says(peek, "property float motion_8") &&
         spin_peek_says(peek, "property float omega_3"))
@@ -460,7 +460,7 @@ static spin_status open_model(void *self, const char *path)
                                 &m->base.team);
 }
 
-/* ---- One time -------------------------------------------------------------------------------- */
+/* ---- The splats at one time ------------------------------------------------------------------ */
 
 struct job {
     const struct model *model;
@@ -509,8 +509,8 @@ static void fit(const struct means *m, float sh[12])
 
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            a[i][j] = m->dd[i][j]; /* mean d mean d^T is not subtracted: the first added term would
-                                      add it again */
+            a[i][j] = m->dd[i][j]; /* without subtracting mean d mean d^T, since this product is
+                                      what the first added term contributes */
             slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
         }
         a[i][i] += least * least;

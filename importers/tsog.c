@@ -14,8 +14,8 @@ struct tsog_model {
     size_t *counts; /* [n_frames] splats per frame */
 };
 
-/* Recognises the extension, or the name of the profile in meta.json. Names of images do not
- * identify the format: in older files they are arbitrary. */
+/* Recognises the format by the extension of the file, or by the name of the profile in meta.json.
+ * The names of images do not identify the format, since they are arbitrary in older files. */
 static int probe(const struct spin_peek *peek)
 {
     bool zip = spin_zip_looks_like(peek->head, peek->n_head);

@@ -460,7 +460,7 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
     return spin_fail_context(read_records(m, kind, &s), "cannot read '%s'", path);
 }
 
-/* Finds the model in sparse/0 or sparse. */
+/* Sets m->sparse to the subfolder sparse/0 or sparse of a folder, whichever contains the model. */
 static spin_status find_sparse(struct colmap *m, const char *folder)
 {
     static const char *const places[] = {"sparse/0", "sparse"};

@@ -281,7 +281,7 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
         if (!isfinite(row[i]))
             return spin_malformed("column %d is not finite", i);
     }
-    /* [down, right, back] to OpenCV's [right, down, forward]. */
+    /* Converts LLFF's axes [down, right, back] to OpenCV's [right, down, forward]. */
     for (int i = 0; i < 3; i++) {
         c2w[4 * i] = row[5 * i + 1];
         c2w[4 * i + 1] = row[5 * i];

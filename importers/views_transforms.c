@@ -56,7 +56,7 @@ static int probe(const struct spin_peek *peek)
 {
     if (spin_peek_has(peek, TRAIN))
         return 90;
-    return spin_peek_has(peek, ALL) ? 60 : 0; /* some tools write it beside another data set */
+    return spin_peek_has(peek, ALL) ? 60 : 0; /* some tools add this file to another data set */
 }
 
 /* ---- One camera ------------------------------------------------------------------------------ */
@@ -276,7 +276,7 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
     return SPIN_OK;
 }
 
-/* ---- Rows and times -------------------------------------------------------------------------- */
+/* ---- Frames and times ------------------------------------------------------------------------ */
 
 /* Times belong to the same frame if they differ by at most this fraction of the range of all times,
  * since files are written with six digits. */
@@ -322,7 +322,7 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
     return SPIN_OK;
 }
 
-/* ---- Held out -------------------------------------------------------------------------------- */
+/* ---- Held-out views -------------------------------------------------------------------------- */
 
 static int by_path(const void *a, const void *b)
 {

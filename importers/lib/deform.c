@@ -49,7 +49,7 @@ void spin_deform_shape(const struct deform_job *job, size_t first, int n, const 
     }
 }
 
-/* ---- Saves ----------------------------------------------------------------------------------- */
+/* ---- Checkpoints ----------------------------------------------------------------------------- */
 
 /* Refuses a model whose last cloud and last network belong to different checkpoints: the user must
  * choose a checkpoint. */

@@ -47,7 +47,7 @@ float *spin_mlp_run(const struct mlp_net *net, float *in, float *a, float *b)
     return now;
 }
 
-/* ---- Blocks over threads --------------------------------------------------------------------- */
+/* ---- Distributing blocks over threads -------------------------------------------------------- */
 
 void spin_mlp_team_free(struct mlp_team *team)
 {

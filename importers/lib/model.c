@@ -8,7 +8,7 @@ struct spin_model_block {
     void *block;
 };
 
-/* ---- Life ------------------------------------------------------------------------------------ */
+/* ---- Opening and closing --------------------------------------------------------------------- */
 
 spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
                             struct spin_sequence_info *sequence, size_t bytes,
@@ -277,7 +277,7 @@ spin_status spin_model_check(const char *path, double time, unsigned columns,
     return SPIN_OK;
 }
 
-/* ---- The folder of a run --------------------------------------------------------------------- */
+/* ---- The folder of a training ---------------------------------------------------------------- */
 
 long long spin_model_iteration(const char *name)
 {

@@ -9,7 +9,7 @@
 #include "importers/lib/run_config.h"
 #include "io/torch.h"
 
-/* ---- Life ------------------------------------------------------------------------------------ */
+/* ---- Opening and closing --------------------------------------------------------------------- */
 
 struct spin_model {
     struct spin_arena arena;         /* paths, weights and tables, freed with the model */
@@ -145,7 +145,7 @@ float *spin_model_values(const struct spin_splats *s, int column, size_t *width)
 spin_status spin_model_check(const char *path, double time, unsigned columns,
                              const struct spin_splats *s);
 
-/* ---- The folder of a run --------------------------------------------------------------------- */
+/* ---- The folder of a training ---------------------------------------------------------------- */
 
 /* Returns N if the name is exactly iteration_<N>, otherwise -1. */
 long long spin_model_iteration(const char *name);

@@ -1,4 +1,4 @@
-/* Checks that the readers of data sets share. */
+/* The checks that all readers of data sets use. */
 #include "importers/lib/views_check.h"
 
 #include <unistd.h>

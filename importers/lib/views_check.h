@@ -1,5 +1,6 @@
-/* Checks that the readers of data sets share: poses, intrinsics, image sizes, names, option values.
- * Error messages name neither the file nor the entry in it; the calling reader adds both. */
+/* The checks that all readers of data sets use: poses, intrinsics, image sizes, names, option
+ * values. Error messages name neither the file nor the entry in it; the calling reader adds both.
+ */
 #pragma once
 
 #include "io/image.h"
