@@ -1,5 +1,6 @@
-/* 3DGStream (Sun et al., CVPR 2024): the cloud of frame 0; for each later frame, a small network
- * that moves this cloud, and a few additional Gaussians that exist in that frame only.
+/* 3DGStream (Sun et al., CVPR 2024): a cloud for frame 0 and, for each later frame, a small network
+ * that moves the Gaussians from the previous frame to this one, and a few added Gaussians that
+ * exist in this frame only.
  *
  *     OUT/frame000001/point_cloud/iteration_<i1>/point_cloud.ply        the moved cloud
  *     OUT/frame000001/NTC.pth                                           the network
@@ -17,7 +18,7 @@
 #include "importers/lib/views_check.h"
 #include "math/quat.h"
 
-/* Files of one frame; NULL where missing. */
+/* A frame and the paths of its files; NULL: the file is missing. */
 struct step {
     int number;
     const char *cloud, *network, *added;
@@ -25,20 +26,22 @@ struct step {
 };
 
 struct clip {
-    struct spin_model base; /* path: the folder; canonical: frame 0 */
-    struct step *step;      /* sorted by number; step 0 is frame 0 if its cloud was found */
+    struct spin_model base; /* base.path: the input folder; base.canonical: frame 0 */
+    /* The frames, sorted by number. The first is frame 0, unless the cloud of frame 0 is missing.
+     */
+    struct step *step;
     size_t n_steps, capacity;
-    bool evaluate; /* evaluate the networks instead of reading the moved clouds */
-    bool packed;
+    bool evaluate; /* true: evaluate the networks; false: read the moved clouds */
+    bool packed;   /* the folder is packed for the viewer */
     struct ntc_shape shape;
     size_t n; /* number of Gaussians in the base */
     int sh_degree;
     size_t *counts;
     int *numbers;
-    int i1, i2, first;    /* iterations in the paths above, from cfg_args.json; -1: unknown */
-    const char *config;   /* configuration of the networks; NULL: the default */
+    int i1, i2, first;    /* iterations <i1>, <i2> and <n>, from cfg_args.json; -1: unknown */
+    const char *config;   /* path of the networks' configuration; NULL: the default */
     struct ntc network;   /* loaded only while it is applied to the base */
-    float *means, *quats; /* [n][3], [n][4]: the base, moved to step[at] */
+    float *means, *quats; /* [n][3], [n][4]: the base, moved to step[at]; NULL at first */
     size_t at;
 };
 
@@ -117,7 +120,8 @@ static spin_status find_raw(struct clip *clip, const char *folder)
     return SPIN_OK;
 }
 
-/* Adds the files <prefix><digits><ending> of a folder; index i belongs to frame i + 1. */
+/* Assigns the files <prefix><digits><ending> of a folder to their frames: the file with index i
+ * belongs to frame i + 1. */
 static spin_status find_indexed(struct clip *clip, const char *folder, const char *prefix,
                                 const char *ending)
 {
@@ -146,7 +150,8 @@ static spin_status find_indexed(struct clip *clip, const char *folder, const cha
     return SPIN_OK;
 }
 
-/* Finds the cloud at `path`, which is a PLY or a model's folder; *out is NULL if it is neither. */
+/* Sets *out to `path` if that is a file, else to the cloud of the model in the folder `path`, or to
+ * NULL if there is neither. */
 static spin_status find_first(struct clip *clip, const char *path, const char **out)
 {
     *out = NULL;
@@ -155,8 +160,9 @@ static spin_status find_first(struct clip *clip, const char *path, const char **
     return spin_path_exists(path) ? spin_model_text(&clip->base, out, "%s", path) : SPIN_OK;
 }
 
-/* Finds the cloud of frame 0: at the path of option `init`; without the option, as init_3dgs.ply or
- * in init_3dgs, in the input folder, or in any other folder beside the frames. */
+/* Finds the cloud of frame 0. With option `init`, it is at the path that the option names. Without
+ * the option, it is the first that exists of: the file init_3dgs.ply, the model in the folder
+ * init_3dgs, the model in the input folder, the models in other folders beside the frames. */
 static spin_status find_init(struct clip *clip)
 {
     static const char *const places[] = {"init_3dgs.ply", "init_3dgs", "."};
@@ -253,7 +259,8 @@ static spin_status find_files(struct clip *clip)
 
 /* ---- Choosing clouds or networks ------------------------------------------------------------- */
 
-/* Finds the configuration of the networks: option `config`, else where upstream writes it. */
+/* Sets clip->config to the file that option `config` names or, without the option, to the first
+ * file that exists among those where upstream writes the configuration. */
 static spin_status find_config(struct clip *clip)
 {
     static const char *const places[] = {"NTCs/config.json", "config.json", "cache_conf.json",
@@ -267,7 +274,8 @@ static spin_status find_config(struct clip *clip)
     return SPIN_OK;
 }
 
-/* Reads the configuration, and the first network so that a mismatch of the two fails early. */
+/* Reads the configuration and, so that a mismatch between the two is reported early, the first
+ * network. */
 static spin_status prepare_networks(struct clip *clip)
 {
     spin_status status;
@@ -291,8 +299,8 @@ static spin_status prepare_networks(struct clip *clip)
     return status;
 }
 
-/* Number of the first frame after frame 0 that lacks its network (if `network`) or its moved cloud;
- * -1: none does. */
+/* Returns the number of the first frame after frame 0 that has no network (if `network`) or no
+ * moved cloud (otherwise), or -1 if there is no such frame. */
 static int first_without(const struct clip *clip, bool network)
 {
     for (size_t i = clip->step[0].number == 0; i < clip->n_steps; i++) {
@@ -350,7 +358,8 @@ static spin_status inspect_base(struct clip *clip, size_t i)
     return SPIN_OK;
 }
 
-/* An empty cloud of added Gaussians is valid, whatever its properties. */
+/* Sets step->n_added and checks the SH degree of the added Gaussians. If there are none, any degree
+ * is valid. */
 static spin_status inspect_added(struct clip *clip, struct step *step)
 {
     struct spin_gs_ply cloud;
@@ -448,7 +457,7 @@ static void stream_close(void *self)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Resets the base to frame 0, where the networks start. */
+/* Resets the base to frame 0, from which the first network moves it on. */
 static spin_status rewind_base(struct clip *clip)
 {
     struct spin_splats *first = &clip->base.canonical;

@@ -1,8 +1,8 @@
-/* 4DGaussians (Wu et al., CVPR 2024): a cloud of canonical Gaussians and a network that adds to
- * their raw attributes at any time.
+/* 4DGaussians (Wu et al., CVPR 2024): a cloud of canonical Gaussians and a network that computes,
+ * for any time, residuals that are added to the raw attributes of the Gaussians.
  *
- * Only cfg_args, beside the checkpoint, records which heads of the network are in use; options
- * override it. */
+ * Which heads of the network are in use is recorded only in cfg_args, a file beside the checkpoint.
+ * Options override cfg_args. */
 #include "importers/lib/deform.h"
 #include "importers/lib/hexplane.h"
 
@@ -16,7 +16,7 @@ enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
 static const struct {
     const char *word, *tensor, *off;
     bool by_default;
-    int width, number; /* floats per row; column number for spin_model_values() */
+    int width, number; /* floats per row, and column number for spin_model_values() */
 } heads[N_HEADS] = {
     {"position", "pos_deform", "no_dx", false, 3, 0},
     {"scale", "scales_deform", "no_ds", false, 3, 2},
@@ -28,10 +28,10 @@ static const struct {
 struct model {
     struct spin_model base;
     struct hexplane hex;
-    struct mlp_net head[N_HEADS]; /* loaded if used */
+    struct mlp_net head[N_HEADS]; /* only the heads in `used` are loaded */
     bool used[N_HEADS];
-    double grid_pe; /* option of the run; 0: unknown */
-    bool product;   /* apply_rotation: quaternions are multiplied, not added */
+    double grid_pe; /* the training's setting grid_pe; 0: unknown */
+    bool product;   /* apply_rotation: rotations are multiplied by residuals, not added to them */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -40,7 +40,7 @@ static int probe(const struct spin_peek *peek)
 {
     bool cloud = spin_peek_has(peek, "point_cloud"), modec;
 
-    if (spin_peek_says(peek, "feature_out_c.0.weight")) /* E-D3DGS */
+    if (spin_peek_says(peek, "feature_out_c.0.weight")) /* a network of E-D3DGS */
         return 0;
     if (!peek->is_folder)
         return strcmp(spin_path_name(peek->path), "deformation.pth") == 0 ? 85 : 0;
@@ -51,7 +51,8 @@ static int probe(const struct spin_peek *peek)
     modec = spin_peek_says(peek, "LGD_method=");
     if (cloud && spin_peek_says(peek, "kplanes_config=") && !modec)
         return 90;
-    /* These files are written by plain 3DGS and by the Deformable-3D-Gaussians family. */
+    /* One of these files means plain 3DGS or the family of Deformable 3D Gaussians, which write
+     * them. */
     if (spin_peek_has(peek, "deform") || spin_peek_has(peek, "cameras.json") ||
         spin_peek_has(peek, "input.ply"))
         return 0;
@@ -79,7 +80,7 @@ static spin_status fail_no_save(const char *path, const char *wanted)
 
 /* ---- Heads in use ---------------------------------------------------------------------------- */
 
-/* Parses a list such as "position,rotation". */
+/* Parses the value of option `deform`, a list such as "position,rotation", or "none". */
 static spin_status parse_heads(const char *list, bool used[N_HEADS])
 {
     for (int h = 0; h < N_HEADS; h++)
@@ -101,8 +102,8 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
     return SPIN_OK;
 }
 
-/* Guesses whether a layer was trained: an untrained Linear layer is within the bounds of its
- * initialisation. */
+/* Guesses whether a layer was trained: if it was not, all its values are within the bounds of their
+ * random initialisation. */
 static bool looks_trained(const struct mlp_layer *l)
 {
     double weight = sqrt(6.0 / (l->n_in + l->n_out)), bias = 1 / sqrt((double)l->n_in);
@@ -118,7 +119,8 @@ static bool looks_trained(const struct mlp_layer *l)
     return false;
 }
 
-/* Notes which heads are assumed to be in use without cfg_args, and which heads look trained. */
+/* For models without cfg_args: adds notes for the user that name the heads that are assumed to be
+ * in use, and the heads that look trained. */
 static spin_status note_guess(struct model *model)
 {
     struct spin_model *m = &model->base;
@@ -142,7 +144,7 @@ static spin_status note_guess(struct model *model)
     return SPIN_OK;
 }
 
-/* Applies cfg_args and options; options override cfg_args. */
+/* Sets used, product and grid_pe from cfg_args and from options, which override cfg_args. */
 static spin_status settle(struct model *model)
 {
     const struct spin_model *m = &model->base;
@@ -193,8 +195,8 @@ static spin_status load_network(struct spin_model *m)
     return SPIN_OK;
 }
 
-/* Warns if deformation_table.pth, which does not affect the result, has a wrong length: the files
- * are then of two checkpoints. */
+/* Warns if deformation_table.pth does not have one value per Gaussian: the files are then of two
+ * checkpoints. The table itself does not affect the result. */
 static void check_table(struct spin_model *m, const char *save)
 {
     size_t n = m->canonical.n;
@@ -245,7 +247,8 @@ static spin_status open_model(void *self, const char *path)
                                 cloud, m->canonical.sh_degree);
     check_table(m, save);
     spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));
-    m->sequence->half_open = true; /* the method's reader of Panoptic uses times t / T, below 1 */
+    m->sequence->half_open =
+        true; /* in the method's reader of Panoptic, frame t of T is at t / T */
     snprintf(m->sequence->variant, sizeof m->sequence->variant,
              "4DGaussians, %zu Gaussians, %d scales of planes, width %d", m->canonical.n,
              model->hex.n_scales, model->hex.width);
@@ -257,8 +260,8 @@ static spin_status open_model(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Adds the residual r to the rotation q, or multiplies the two. Unlike the other attributes,
- * rotations are not multiplied by the mask. */
+/* Sets `to` to the rotation q with the residual r, normalised: the product q r if model->product,
+ * otherwise the sum. Unlike the other attributes, rotations are not multiplied by the mask. */
 static void turn(const struct model *model, const float q[4], const float r[4], float to[4])
 {
     if (model->product) {

@@ -9,8 +9,9 @@ static int fourdgs_probe(const struct spin_peek *peek)
     return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
 }
 
-/* The last time at which splats are visible. Playback covers [0, duration), and time windows end at
- * floats, at the latest at `duration` rounded down: this is the float before that. */
+/* Returns the last time at which splats can be visible. Playback covers [0, duration). Windows in
+ * time end at floats, at the latest at `duration` rounded down to a float, and exclude their end,
+ * so the result is the float before that one. */
 static float before(double duration)
 {
     float last = (float)duration;

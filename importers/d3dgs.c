@@ -1,14 +1,14 @@
-/* Dynamic 3D Gaussians (Luiten et al., 3DV 2024): a run is one params.npz.
+/* Dynamic 3D Gaussians (Luiten et al., 3DV 2024): a training yields one file, params.npz.
  *
- * Positions, colours and rotations are stored per frame, opacities and scales once. Forks store
- * opacities and scales per frame, too: an array with three dimensions is per frame. Colours are
- * plain RGB instead of SH and may leave 0..1: they become degree-0 SH without clamping.
+ * Positions, colours and rotations are stored per frame, opacities and scales once. Some forks also
+ * store opacities and scales per frame: an array is per frame if it has three dimensions. Colours
+ * are plain RGB instead of SH and may be outside 0..1: they become degree-0 SH without clamping.
  *
  * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting") adds one array, mask [T, N,
- * 1]: the logit of each Gaussian's presence in each frame. The published code reads the mask in
- * several ways. Training hides, frame by frame, the Gaussians whose presence is at most 0.1, which
- * is the default here. Masked Gaussians are removed rather than scaled to 0, since a scale of 0 has
- * no logarithm. */
+ * 1], which contains the logit of each Gaussian's presence in each frame. The published code reads
+ * the mask in several ways. Training hides, in each frame, the Gaussians whose presence is at most
+ * 0.1; this is also the default here. Hidden Gaussians are removed rather than scaled to 0, since a
+ * scale of 0 has no logarithm. */
 #include "importers/lib/model.h"
 #include "io/npy.h"
 #include "math/quat.h"
@@ -16,7 +16,7 @@
 
 enum { MEANS, COLOURS, ROTATIONS, OPACITIES, SCALES, N_KEYS };
 
-/* The arrays; each frame is converted straight from the memory map when it is read. */
+/* The arrays of a file. A frame is converted from them only when it is read. */
 struct run {
     struct spin_model base;
     struct spin_npz npz;
@@ -25,7 +25,8 @@ struct run {
     size_t *counts; /* [n_frames] */
 };
 
-/* The CRC of members above this size (bytes) is not checked, since that would read every byte. */
+/* The CRC of archive members of this many bytes or more is not checked, since the check would read
+ * every byte. */
 #define CRC_LIMIT (64u << 20)
 
 static const struct {
@@ -52,7 +53,7 @@ static bool has_key(const struct spin_peek *peek, const char *key)
     return false;
 }
 
-/* Counts which of the five arrays the archive contains. */
+/* Returns how many of the arrays in `keys` the archive contains. */
 static int count_keys(const struct spin_peek *peek)
 {
     int found = 0;
@@ -104,7 +105,8 @@ static spin_status check_means(struct run *run)
     return SPIN_OK;
 }
 
-/* Expects [T, N, width], or [N, width] for a static column. */
+/* Checks the shape of an array, which must be [T, N, width] or, if all frames share its values, [N,
+ * width]. */
 static spin_status check_column(struct run *run, int key)
 {
     struct spin_array *a = &run->array[key];
@@ -195,7 +197,7 @@ static void close_run(void *self)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the stored values of one frame, which must be finite. */
+/* Reads the values of an array for one frame as stored; nonfinite values are an error. */
 static spin_status read_column(const struct run *run, int key, int frame, float *out)
 {
     const struct spin_array *a = &run->array[key];
@@ -243,15 +245,15 @@ static spin_status read_run(const struct run *run, int frame, unsigned columns,
 
 static int d3dgs_probe(const struct spin_peek *peek)
 {
-    bool mask = has_key(peek, "mask"); /* TC3DGS */
+    bool mask = has_key(peek, "mask"); /* the file is of TC3DGS */
     int found = count_keys(peek);
 
     if (peek->is_folder)
         return spin_peek_has(peek, "params.npz") && !mask ? 60 : 0;
     if (mask || !spin_zip_looks_like(peek->head, peek->n_head))
         return 0;
-    if (peek->tail_names[0] == '\0') /* a truncated zip has no directory: open() reports that if the
-                                        first member is means3D */
+    if (peek->tail_names[0] == '\0') /* a truncated zip has no directory: if its first member is
+                                        means3D, open() reports the truncation */
         return memmem(peek->head, peek->n_head, "means3D.npy", 11) ? 30 : 0;
     if (has_key(peek, "cam_unnorm_rots")) /* a map of SplaTAM: open() refuses it and explains why */
         return found >= 3 ? 30 : 0;
@@ -262,7 +264,7 @@ static int d3dgs_probe(const struct spin_peek *peek)
 
 static spin_status open_run(void *self, const char *path)
 {
-    /* Arrays that splats cannot represent. */
+    /* Arrays that are not imported, and the note for the user about each. */
     static const struct {
         const char *key, *what;
     } lost[] = {
@@ -312,13 +314,13 @@ static const struct {
 struct tc_run {
     struct run base;
     struct spin_array mask;
-    bool still_mask; /* mask is [N, 1], the same in all frames */
+    bool still_mask; /* the mask has the shape [N, 1] and is the same in all frames */
     enum mode mode;
     double threshold;
     float *row;    /* [n] the mask of one frame */
-    double *sum;   /* [n] presence summed over frames */
+    double *sum;   /* [n] sum of the presence over all frames */
     uint32_t *off; /* [n] number of frames whose mask hides the Gaussian */
-    bool *keep;    /* [n] Gaussians to keep, in the current frame or in all frames */
+    bool *keep;    /* [n] whether a Gaussian is kept, in the current frame or in all frames */
 };
 
 static int tc3dgs_probe(const struct spin_peek *peek)
@@ -363,11 +365,12 @@ static spin_status read_mask(struct tc_run *run, int frame)
     return SPIN_OK;
 }
 
-/* Sigmoid of the mask; a Gaussian is present if this is above the threshold. */
+/* Returns the presence of a Gaussian, which is the sigmoid of its mask. A Gaussian is visible if
+ * its presence is above the threshold. */
 static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
 
-/* Counts the rows of each frame in one pass over the mask. In the modes AVG, ANY and ALL, all
- * frames keep the same rows, which this function also chooses. */
+/* Sets base.counts, the number of Gaussians that are kept in each frame, in one pass over the mask.
+ * In the modes AVG, ANY and ALL, all frames keep the same Gaussians; run->keep is then also set. */
 static spin_status count(struct tc_run *run)
 {
     struct run *base = &run->base;
@@ -432,7 +435,7 @@ static spin_status open_mask(struct tc_run *run)
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->off, (void **)&run->off));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->keep, (void **)&run->keep));
     SPIN_TRY(count(run));
-    if (run->mode == FRAME && !run->still_mask) /* rows differ from frame to frame */
+    if (run->mode == FRAME && !run->still_mask) /* row i differs from frame to frame */
         sequence->static_columns = 0;
     sequence->identity = run->mode != FRAME || run->still_mask;
     snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %zu Gaussians", n);

@@ -1,8 +1,9 @@
 /* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
- * network of position and time that adds to their activated attributes. MotionGS (Zhu et al.,
- * NeurIPS 2024) trains this model with other losses and saves it in the same files.
+ * network that computes, from position and time, residuals that are added to their activated
+ * attributes. MotionGS (Zhu et al., NeurIPS 2024) trains this model with other losses and saves it
+ * in the same files.
  *
- * Two traps:
+ * Two peculiarities:
  * - Residuals are added after the activation, and the rasteriser does not normalise the resulting
  * quaternions, so it draws another ellipsoid than for unit quaternions. The importer computes the
  * covariance in the same way and decomposes it again.
@@ -12,7 +13,7 @@
 
 enum {
     MAX_LAYERS = 32,
-    POSITION_FREQUENCIES = 10, /* fixed by the method, not stored: 63 inputs */
+    POSITION_FREQUENCIES = 10, /* in the encoding of positions; fixed by the method, not stored */
     POSITION_INPUTS = 3 + 6 * POSITION_FREQUENCIES,
     MAX_TIME_FREQUENCIES = 64,
     WARM_UP = 3000 /* training does not use the network before this iteration */
@@ -22,11 +23,11 @@ struct model {
     struct spin_model base;
     struct mlp_net linear; /* one layer has a skip connection from the input */
     int n_in, width;
-    struct mlp_net time; /* time network; n is 0 without one */
-    int n_time;          /* number of inputs of the first layer that depend on time */
-    float *inputs;       /* [n_time] for the time of the frame, followed by scratch memory */
-    int frequencies;     /* in the encoding of time */
-    bool screw;          /* is_6dof: positions move by screw_w and screw_v, not by warp */
+    struct mlp_net time; /* the time network; time.n is 0 if there is none */
+    int n_time;          /* number of inputs of `linear` that depend on time */
+    float *inputs;       /* [n_time] these inputs for the current frame; then scratch memory */
+    int frequencies;     /* number of frequencies in the encoding of time */
+    bool screw;          /* is_6dof: screw_w and screw_v move positions; otherwise `warp` does */
     bool motiongs;       /* cfg_args contains options of MotionGS */
     struct mlp_net warp, screw_w, screw_v, rotation, scaling;
 };
@@ -42,15 +43,16 @@ static int probe(const struct spin_peek *peek)
                    ? 85
                    : 0;
     if (!spin_peek_has(peek, "deform") || !spin_peek_has(peek, "point_cloud") ||
-        spin_peek_says(peek, "grid_args")) /* Grid4D and DASH */
+        spin_peek_says(peek, "grid_args")) /* an option of Grid4D and DASH */
         return 0;
     return spin_peek_says(peek, "is_6dof") ? 90 : 60;
 }
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* Loads linear.0, with weights [W, I], and the layers after it, with weights [W, W] except for one
- * layer with a skip connection from the input, [W, I + W]. */
+/* Loads linear.0, whose weights [W, I] define the width W and the number of inputs I, and the
+ * layers after it. Their weights are [W, W], except for one layer with a skip connection from the
+ * input, whose weights are [W, I + W]. */
 static spin_status load_layers(struct model *m)
 {
     const struct spin_value *root = m->base.tensors;
@@ -156,8 +158,8 @@ static spin_status load_network(struct spin_model *base)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* MotionGS is recognised by its options. Its times are those of the data set, which may be seconds.
- */
+/* Recognises MotionGS by its options and adds a note about the unit of times. Times of MotionGS are
+ * those of the data set, which may be seconds; other times run from 0 to 1. */
 static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
 {
     struct cfg_span format = spin_cfg_get(cfg, "scene_format");
@@ -172,7 +174,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
                             "so images rendered with the cameras of the data set are shifted");
     if (m->motiongs && spin_cfg_is(format, "'plenopticVideo'")) {
         sequence->time_last = 10;
-        sequence->half_open = true; /* 300 frames at i/30 */
+        sequence->half_open = true; /* frame i of 300 is at i/30 */
         spin_note(sequence,
                   "scene_format='plenopticVideo': times are seconds, 0 to 10, and are not stored");
     } else if (m->motiongs && (spin_cfg_is(format, "''") || spin_cfg_is(format, "'blender'"))) {
@@ -187,8 +189,8 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
     return SPIN_OK;
 }
 
-/* Opens cfg_args and warns if it contradicts the tensors, which determine the kind of network: it
- * is then probably of another run. */
+/* Opens cfg_args and warns if its options contradict the tensors: cfg_args is then probably of
+ * another training. The kind of network is that of the tensors. */
 static spin_status check_cfg(const struct deform_save *save, struct model *m)
 {
     const struct {
@@ -237,16 +239,17 @@ static spin_status open_model(void *self, const char *path)
                               (size_t)m->n_time + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK +
                                   2 * spin_mlp_widest(&m->time),
                               sizeof *m->inputs, (void **)&m->inputs));
-    /* Scratch: the input, followed by one layer's output for the skip connection; two layers; and
-     * heads with 4 + 3 outputs. */
+    /* Scratch memory of each thread: the input, followed by one layer's output for the skip
+     * connection; two layers; and heads with 4 + 3 outputs. */
     return spin_mlp_team_create(((size_t)m->n_in + 3 * (size_t)m->width + 7) * MLP_BLOCK,
                                 &base->team);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Writes the encoding of v, which is one of `width` values with interleaved encodings: v, then
- * sin(2^k v) and cos(2^k v) for each frequency k. Channels are `step` floats apart. */
+/* Writes the encoding of v: the channel v, then the channels sin(2^k v) and cos(2^k v) for k = 0,
+ * 1, ..., `frequencies` - 1. The encodings of `width` values are interleaved, so the channels of
+ * one value are `width` * `step` floats apart. */
 static void encode(float v, int frequencies, int width, size_t step, float *out)
 {
     out[0] = v;
@@ -258,8 +261,8 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
     }
 }
 
-/* Computes the inputs that depend on time. The time network evaluates a block of points, but only
- * the first point is used. */
+/* Computes m->inputs, the inputs that depend on time. A time network evaluates a whole block of
+ * points, but only the result for the first point is used. */
 static void encode_time(struct model *m, float time)
 {
     float *in = m->inputs + m->n_time, *middle = in + (1 + 2 * m->frequencies) * MLP_BLOCK;
@@ -275,9 +278,9 @@ static void encode_time(struct model *m, float time)
         m->inputs[i] = last[i * MLP_BLOCK];
 }
 
-/* Moves p by a screw motion, p' = R p + T, the matrix exponential of the twist (w, v). The method
- * adds 1e-5 to every component after dividing by the angle, so w is not exactly of unit length and
- * R not exactly a rotation. */
+/* Moves p by a screw motion, p' = R p + T, where R and T are the matrix exponential of the twist
+ * (w, v). The method divides w and v by the angle |w| and then adds 1e-5 to every component, so w
+ * is not exactly of unit length and R is not exactly a rotation. */
 static void move_by_screw(const double w_raw[3], const double v_raw[3], const float p[3],
                           float out[3])
 {

@@ -3,8 +3,8 @@
  * for the time to residuals of the raw attributes; positions are not an input.
  *
  * As training proceeds, it enlarges the table of time vectors and fades in the residuals, so the
- * result depends on the iteration, which only the name of the checkpoint's folder records. It also
- * depends on some options of the run, which only cfg_args records. */
+ * result depends on the iteration, which only the name of the checkpoint's folder records. The
+ * result also depends on some options of the training, which only cfg_args records. */
 #include "importers/lib/deform.h"
 
 #include <string.h>
@@ -17,23 +17,24 @@ enum { MAX_ROWS = 1 << 20 };
 
 static const struct {
     const char *tensor;
-    int width, number; /* floats per row; column number for spin_model_values() */
+    int width, number; /* floats per row, and column number for spin_model_values() */
 } heads[N_HEADS] = {{"pos_deform", 3, 0},
                     {"scales_deform", 3, 2},
                     {"rotations_deform", 4, 1},
                     {"opacity_deform", 1, 3},
                     {"rgb_deform", 48, 4}};
 
-static const char letters[N_STAGES] = {'c', 'f'}; /* in the names of a stage's tensors */
+static const char letters[N_STAGES] = {'c', 'f'}; /* the letter of each stage in tensor names */
 
 struct stage {
     bool used;
-    int rows; /* size of the table after resizing for this stage */
+    int rows; /* rows of the table of time vectors, once resized for this stage */
     /* The first layer has the embedding as its only input; its bias contains the contribution of
      * the time. */
     struct mlp_net trunk;
-    struct mlp_layer both; /* the first layer as stored, of [time, embedding] */
-    float *bias;           /* [width] of the first layer at one time */
+    struct mlp_layer both; /* the first layer as stored; its inputs are the time vector and the
+                              embedding */
+    float *bias;           /* [width] bias of the trunk's first layer for the current time */
     struct mlp_net head[N_HEADS];
 };
 
@@ -41,18 +42,18 @@ struct model {
     struct spin_model base;
     float *embedding; /* [n][n_embedding] */
     int n_embedding;
-    float *table; /* [n_rows][n_time] */
+    float *table; /* [n_rows][n_time] the time vectors as stored */
     int n_rows, n_time;
-    double shift; /* added to every time */
+    double shift; /* offset that is added to every time */
     struct stage stage[N_STAGES];
     bool used[N_HEADS];
-    float weight[N_HEADS];   /* factors on the residuals */
-    size_t layer;            /* floats of the widest layer of a block */
-    struct settings {        /* from cfg_args */
-        long long iteration; /* of the checkpoint */
+    float weight[N_HEADS];   /* factors by which the residuals are multiplied */
+    size_t layer;            /* floats of a block in the widest layer */
+    struct settings {        /* settings of the training that affect the result */
+        long long iteration; /* iteration of the checkpoint */
         double min_rows, max_rows, resized_until, deform_from;
         bool anneal, coarse_table, whole_table;
-        double n_frames; /* 0: unknown */
+        double n_frames; /* frames of the clip; 0: unknown */
     } settings;
 };
 
@@ -96,8 +97,8 @@ static spin_status read_iteration(struct spin_model *m, const char *save, long l
 
 static bool is_count(double x) { return x >= 1 && x <= MAX_ROWS && x == floor(x); }
 
-/* Reads the options that affect the result. Training writes all options, so a missing one is an
- * error. */
+/* Reads the options in cfg_args that affect the result. Training writes all of its options to
+ * cfg_args, so it is an error if one is missing; only total_num_frames may be missing. */
 static spin_status read_settings(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
@@ -150,7 +151,7 @@ static spin_status read_settings(struct model *m)
     return SPIN_OK;
 }
 
-/* Derives table sizes and residual weights from the iteration. */
+/* Derives the sizes of the tables and the weights of the residuals from the iteration. */
 static void settle(struct model *m)
 {
     const struct settings *s = &m->settings;
@@ -170,7 +171,8 @@ static void settle(struct model *m)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* Layers of the trunk are numbered 0, 2, 4, ...; refuses gaps and tensors of other names. */
+/* Checks that the trunk has no tensors besides those of `depth` layers, which are numbered 0, 2, 4,
+ * ...: others would be behind a gap in the numbers or have unknown names. */
 static spin_status check_trunk(const struct spin_model *m, char letter, int depth)
 {
     char stem[64];
@@ -189,7 +191,8 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
                           n, stem, depth);
 }
 
-/* Copies the first layer to s->both and reduces it to the columns whose input is the embedding. */
+/* Copies the trunk's first layer to s->both, and reduces the one in the trunk to the columns whose
+ * input is the embedding. */
 static spin_status split_first(struct model *m, struct stage *s)
 {
     struct mlp_layer *first = &s->trunk.layer[0];
@@ -376,7 +379,7 @@ static spin_status open_model(void *self, const char *path)
     return spin_mlp_team_create(4 * m->layer, &base->team);
 }
 
-/* ---- The vector of a time -------------------------------------------------------------------- */
+/* ---- The time vector ------------------------------------------------------------------------- */
 
 /* Linear interpolation between two rows; `share` is the weight of row `high`. */
 struct between {
@@ -391,7 +394,7 @@ static struct between between_rows(double place, int n)
     return (struct between){low, low + 1 < n ? low + 1 : low, place - low};
 }
 
-/* Value `c` of row `i` of the table resized to n rows. */
+/* Returns value `c` of row `i` of the table of time vectors, linearly resized to n rows. */
 static double resized(const struct model *m, int i, int n, int c)
 {
     double place = n > 1 ? i * (double)(m->n_rows - 1) / (n - 1) : 0;
@@ -413,8 +416,8 @@ static double place_of(double time, int n)
     return place > last ? 2 * last - place : place;
 }
 
-/* Adds the contribution of the time, which is the same for all Gaussians, to the first layer's
- * bias. */
+/* Sets the bias of the trunk's first layer for a time. To the stored bias, it adds the contribution
+ * of the time vector, which is the same for all Gaussians. */
 static void set_time(const struct model *m, double time, struct stage *s)
 {
     struct between b = between_rows(place_of(time + m->shift, s->rows), s->rows);
@@ -432,7 +435,8 @@ static void set_time(const struct model *m, double time, struct stage *s)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Adds a stage's residuals to n Gaussians. scratch: four layers. */
+/* Adds the residuals of a stage to the Gaussians `first` to `first` + n - 1. `scratch` has 4 *
+ * m->layer floats. */
 static void add_stage(const struct deform_job *job, const struct stage *s, size_t first, int n,
                       float *scratch)
 {

@@ -2,10 +2,11 @@
  * whose positions and rotations are interpolated between key frames and which are opaque between
  * two times.
  *
- * A run writes a checkpoint and two PLYs. For the duration over which static Gaussians drift, the
- * checkpoint has its own value, and the PLYs rely on cfg_args. Like the method's renderer, this
- * importer prefers the checkpoint. The checkpoint also contains the interval and the shift of the
- * key frames; only cfg_args contains the kind of interpolation. */
+ * A training writes a checkpoint and two PLYs. Static Gaussians drift over a duration for which the
+ * checkpoint has its own value, whereas the PLYs require the value in cfg_args, which may differ.
+ * Like the method's renderer, this importer prefers the checkpoint. The checkpoint also contains
+ * the interval and the shift of the key frames; only cfg_args contains the kind of interpolation.
+ */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/keyframes.h"
@@ -26,22 +27,22 @@ enum { HALVINGS = 3 };
 #define LEAST_OPACITY (1.0 / 255)
 
 enum column {
-    PLACE,    /* [3] of every key frame */
-    ROTATION, /* [4] of every key frame, w x y z of any length */
-    SCALE,    /* [3] logarithms */
-    OPACITY,  /* logit */
+    PLACE,    /* [3] position in every key frame */
+    ROTATION, /* [4] quaternion w x y z in every key frame, not normalised */
+    SCALE,    /* [3] logarithms of the scales */
+    OPACITY,  /* logit of the opacity */
     SH,       /* [(sh_degree+1)^2][3] */
     DRIFT,    /* static: [3] displacement over `duration` frames */
-    CENTRE,   /* dynamic: [2] times, in key frames */
-    WIDTH,    /* dynamic: [2] logarithms, in key frames */
+    CENTRE,   /* dynamic: [2] the two times between which the Gaussian is opaque, in key frames */
+    WIDTH,    /* dynamic: [2] logarithms of the widths of both edges, which are in key frames */
     N_COLUMNS
 };
 
 /* The static or the dynamic Gaussians. */
 struct part {
-    bool moving; /* dynamic */
+    bool moving; /* the Gaussians are dynamic */
     size_t n;
-    int n_keys; /* 1 if static */
+    int n_keys; /* number of key frames; 1 for static Gaussians */
     int sh_degree;
     float *column[N_COLUMNS]; /* [n][width_of()]; NULL: not used by these Gaussians */
 };
@@ -50,7 +51,7 @@ static const char *const kind_names[] = {
     [KEYFRAMES_LINEAR] = "linear", [KEYFRAMES_CUBE] = "cube", [KEYFRAMES_PCHIP] = "pchip"};
 
 struct model {
-    struct spin_model base; /* path: of the checkpoint, or of the folder with the PLYs */
+    struct spin_model base; /* base.path: the checkpoint, or the folder with the PLYs */
     bool is_chkpnt;
     struct part still, moving;
     int sh_degree;
@@ -59,14 +60,14 @@ struct model {
     double interval;    /* frames from one key frame to the next */
     double shift;       /* frames from the first key frame to time 0 */
     double duration;    /* frames over which a static Gaussian moves by its drift */
-    double frames;      /* of the clip: times run from 0 to frames - 1 */
+    double frames;      /* frames of the clip, whose times run from 0 to frames - 1 */
     double least_width; /* added to the widths of both edges of the opacity, in key frames */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Recognises properties of the PLYs, an option in cfg_args, or a group of a checkpoint's optimiser.
- */
+/* Recognises the method by properties of the PLYs, by an option in cfg_args, or by a parameter
+ * group in the optimiser of a checkpoint. */
 static int probe(const struct spin_peek *peek)
 {
     bool ply = spin_peek_says(peek, " xyz_disp_0") || spin_peek_says(peek, " motion_xyz_0_0");
@@ -81,8 +82,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* Finds the newest iteration_<N> with at least one of the two PLYs; read_parts() reports a missing
- * one. */
+/* Sets *out to the newest folder iteration_<N> with at least one of the two PLYs, or to NULL if
+ * there is none. If the other PLY is missing, read_parts() reports that. */
 static spin_status newest_save(struct spin_model *m, const char *clouds, const char **out)
 {
     static const char *const files[] = {"point_cloud.ply", "dynamic_point_cloud.ply"};
@@ -99,8 +100,9 @@ static spin_status newest_save(struct spin_model *m, const char *clouds, const c
     return SPIN_OK;
 }
 
-/* `path` is the model's folder, a checkpoint, a folder with the PLYs, or one of the PLYs. In the
- * model's folder the newest iteration is chosen, and its checkpoint rather than its PLYs. */
+/* Finds the files to read. `path` is the model's folder, a checkpoint, a folder with the PLYs, or
+ * one of the PLYs. For the model's folder, these are the files of the newest iteration: its
+ * checkpoint or, if it has none, its PLYs. */
 static spin_status find_files(const char *path, struct model *m)
 {
     struct spin_model *base = &m->base;
@@ -132,7 +134,7 @@ static spin_status find_files(const char *path, struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* Values of options and cfg_args; NAN: not given. */
+/* Values of options or, if these are not given, of cfg_args; NAN: neither states the value. */
 struct told {
     double interval, pad, frames, var_pad, first;
     int kind; /* -1: not given */
@@ -175,7 +177,8 @@ static spin_status read_told(const struct spin_model *m, struct told *told)
     return read_kind(m, &told->kind);
 }
 
-/* Refuses missing settings. A checkpoint lacks only the kind of interpolation. */
+/* Refuses a model with a missing setting. If a checkpoint is read, only the kind of interpolation
+ * is required, since the checkpoint contains the other settings. */
 static spin_status check_told(const struct model *m, const struct told *told)
 {
     const struct {
@@ -196,7 +199,8 @@ static spin_status check_told(const struct model *m, const struct told *told)
     return SPIN_OK;
 }
 
-/* Notes where cfg_args or options contradict the checkpoint, whose values are used. */
+/* Adds a note for the user for each value of cfg_args or options that contradicts the checkpoint.
+ * The values in the checkpoint are used. */
 static void note_differences(const struct model *m, double interval, double shift)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
@@ -270,9 +274,10 @@ static spin_status read_settings(struct model *m)
 
 /* ---- Columns --------------------------------------------------------------------------------- */
 
-/* The source of each column. still, moving: index in the checkpoint's tuple, for static and dynamic
- * Gaussians (0: none); SH are two consecutive items, degree 0 and all others. tensor: name for
- * messages. stem: property of the PLYs. */
+/* The source of each column. width: floats per row or, if `keyed`, per row and key frame. still,
+ * moving: index in the checkpoint's tuple for static and for dynamic Gaussians (0: they have no
+ * such column); SH are two consecutive items, degree 0 and all other degrees. tensor: name for
+ * messages. stem: how the names of the PLY properties begin. */
 static const struct {
     size_t width;
     bool keyed;
@@ -296,7 +301,7 @@ static int item_of(const struct part *p, int column)
 
 static size_t n_sh(int degree) { return (size_t)((degree + 1) * (degree + 1)); }
 
-/* Floats per row of a column. */
+/* Returns the number of floats per row of a column; 0: these Gaussians have no such column. */
 static size_t width_of(const struct part *p, int column)
 {
     if (item_of(p, column) == 0)
@@ -316,7 +321,7 @@ static spin_status reserve(struct spin_model *m, struct part *p)
     return SPIN_OK;
 }
 
-/* The degree with n SH per colour channel, or -1. */
+/* Returns the SH degree with n coefficients per colour channel, or -1 if there is none. */
 static int degree_of(uint64_t n)
 {
     for (int d = 0; d <= 3; d++) {
@@ -328,7 +333,7 @@ static int degree_of(uint64_t n)
 
 /* ---- Checkpoint ------------------------------------------------------------------------------ */
 
-/* The name of an item for messages, such as "motion xyz (item 23)". */
+/* Writes and returns the name of an item for messages, such as "motion xyz (item 23)". */
 static const char *item_name(const struct part *p, const char *tensor, int item, char text[64])
 {
     snprintf(text, 64, "%s%s (item %d)", p->moving ? "motion " : "", tensor, item);
@@ -357,8 +362,8 @@ static spin_status take_column(struct spin_model *m, const struct spin_value *mo
     return SPIN_OK;
 }
 
-/* Reads SH up to the degree `active`; higher degrees are stored, but training does not use them
- * yet. */
+/* Reads SH up to the degree `active`. The checkpoint also contains higher degrees, but training did
+ * not use them yet when it was saved. */
 static spin_status take_sh(struct spin_model *m, const struct spin_value *model, int active,
                            struct part *p)
 {
@@ -388,8 +393,8 @@ static spin_status take_sh(struct spin_model *m, const struct spin_value *model,
     return SPIN_OK;
 }
 
-/* Checks a part without Gaussians: until training creates dynamic Gaussians, all their tensors are
- * empty, of any shape. */
+/* Checks that all tensors of a part without Gaussians are empty, whatever their shapes. Dynamic
+ * Gaussians do not exist until training creates them. */
 static spin_status check_empty(const struct spin_value *model, const struct part *p)
 {
     for (int c = 0; c < N_COLUMNS; c++) {
@@ -434,8 +439,8 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
 
 /* ---- PLYs ------------------------------------------------------------------------------------ */
 
-/* The property of float `at` of a column's row: "x", "rot_0", "motion_xyz_12_0". f_rest_* are
- * stored channel by channel. */
+/* Writes the name of the PLY property that contains float `at` of a column's row, such as "x",
+ * "rot_0" or "motion_xyz_12_0". f_rest_* are stored channel by channel. */
 static void name_property(const struct part *p, int column, int at, char text[64])
 {
     const char *who = p->moving ? "motion_" : "", *stem = kinds[column].stem;
@@ -510,11 +515,11 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
     return SPIN_OK;
 }
 
-/* ---- Rows ------------------------------------------------------------------------------------ */
+/* ---- Rows that can be drawn ------------------------------------------------------------------ */
 
-/* Replaces scales and quaternion of a static Gaussian by those of the ellipsoid that the method's
- * rasteriser draws: it does not normalise the quaternion, so the result is no rotation unless the
- * length is 1. Returns false if there is no such ellipsoid. */
+/* Replaces the scales and the quaternion of a static Gaussian by those of the ellipsoid that the
+ * method's rasteriser draws. The rasteriser does not normalise the quaternion, so it draws another
+ * ellipsoid if the length is not 1. Returns false if the result is not an ellipsoid. */
 static bool settle_shape(float log_scale[3], float quat[4])
 {
     double scale[3], raw[4], cov6[6], split[3], unit[4];
@@ -556,9 +561,8 @@ static bool settle_row(const struct part *p, size_t row)
     return p->moving || settle_shape(p->column[SCALE] + 3 * row, p->column[ROTATION] + 4 * row);
 }
 
-/* Converts the rotations of static Gaussians to unit quaternions, with scales that give the
- * ellipsoids of the method's rasteriser. Drops rows that cannot be drawn and returns their number.
- */
+/* Drops the rows of `p` that cannot be drawn, and returns their number. If the Gaussians are
+ * static, also replaces their shapes as described at settle_shape(). */
 static size_t clean(struct part *p)
 {
     size_t n_all = p->n;
@@ -673,7 +677,7 @@ static spin_status open_model(void *self, const char *path)
     return SPIN_OK;
 }
 
-/* ---- One time -------------------------------------------------------------------------------- */
+/* ---- The splats at one time ------------------------------------------------------------------ */
 
 static spin_status find_keys(const struct model *m, double time, struct keyframes *out)
 {
@@ -763,11 +767,11 @@ static spin_status ex4dgs_frame(void *self, int frame, double time, unsigned col
 
 /* ---- 4D splats ------------------------------------------------------------------------------- */
 
-/* Segments are cut where opacity jumps by more than this. */
+/* The path of a Gaussian is cut at a time at which the opacity jumps by more than this. */
 #define LEAST_JUMP 1e-6
 
-/* A segment of a dynamic Gaussian's path: fractions `from` and `to` of the way from `key` to the
- * next. */
+/* A segment of the path of dynamic Gaussian `row`. It is in the interval from key frame `key` to
+ * the next one, from the fraction `from` to the fraction `to` of this interval. */
 struct piece {
     size_t row;
     int key;
@@ -777,7 +781,7 @@ struct piece {
 struct pieces {
     struct piece *piece;
     size_t n, capacity;
-    double worst; /* largest error of a rotation, degrees */
+    double worst; /* largest error of a rotation in any segment, in degrees */
 };
 
 static void turn_at(const struct model *m, const struct piece *p, double part, float out[4])
@@ -788,8 +792,8 @@ static void turn_at(const struct model *m, const struct piece *p, double part, f
                         out);
 }
 
-/* The chord of a segment's rotation: the quaternion at the midpoint, and the change from one end to
- * the other. */
+/* Computes the chord of a segment's rotation: the quaternion `middle` at the midpoint, and the
+ * change from the segment's start to its end. */
 static void chord_of(const struct model *m, const struct piece *p, float middle[4], float change[4])
 {
     float to[4];
@@ -806,7 +810,7 @@ static void chord_of(const struct model *m, const struct piece *p, float middle[
     memset(change, 0, 4 * sizeof *change);
 }
 
-/* The largest angle between chord and arc, in degrees. */
+/* Returns the largest angle between the chord and the arc of a segment, in degrees. */
 static double error_of(const struct model *m, const struct piece *p)
 {
     float middle[4], change[4], arc[4];
@@ -829,7 +833,7 @@ static double error_of(const struct model *m, const struct piece *p)
     return worst * 180 / 3.141592653589793;
 }
 
-/* The largest factor on the opacity within a segment. */
+/* Returns the largest factor by which the window multiplies the opacity within a segment. */
 static double peak_of(const struct model *m, const struct piece *p)
 {
     const float *centre = m->moving.column[CENTRE] + 2 * p->row;
@@ -863,7 +867,8 @@ static spin_status add_piece(const struct model *m, struct pieces *all, struct p
     return SPIN_OK;
 }
 
-/* The earlier of the Gaussian's two times, in key frames, if its opacity jumps there; else NAN. */
+/* Returns the earlier of a Gaussian's two times, in key frames, if the opacity jumps at this time;
+ * otherwise NAN. */
 static double jump_of(const struct model *m, size_t row)
 {
     const float *centre = m->moving.column[CENTRE] + 2 * row;
@@ -896,7 +901,8 @@ static spin_status find_pieces(const struct model *m, int first, int last, struc
 
 static double time_of(const struct model *m, double key) { return key * m->interval - m->shift; }
 
-/* The time rounded to a float or, if `inside`, the first float after the time. */
+/* Returns the time rounded to a float. If `inside`, returns the first float after the time, so that
+ * the time itself is before the cut. */
 static float cut_at(double time, bool inside)
 {
     float cut = (float)time;
@@ -904,8 +910,9 @@ static float cut_at(double time, bool inside)
     return inside && (double)cut <= time ? nextafterf(cut, SPIN_FOREVER) : cut;
 }
 
-/* The standard deviation of an edge of the window, in frames. The method's edges are exp(-x^2),
- * without the factor 1/2 of a Gaussian. The exponential of the width may overflow. */
+/* Returns the standard deviation of an edge of the window, in frames. The method's edges are
+ * exp(-x^2), without the factor 1/2 of a Gaussian. The exponential of the width may overflow, so
+ * the result is at most SPIN_FOREVER. */
 static float sigma_of(const struct model *m, double log_width)
 {
     return (float)fmin((exp(log_width) + m->least_width) * m->interval / sqrt(2),
@@ -921,8 +928,9 @@ static void fill_window(const struct model *m, const struct piece *p, size_t i)
     double jump = jump_of(m, p->row), from = p->key + p->from, to = p->key + p->to;
     bool on = from >= jump;
 
-    /* The method measures both edges from the later time, so opacity jumps at the earlier one,
-     * where segments are cut: only those after the jump have a plateau between the two times. */
+    /* The method measures both edges from the later time, so the opacity jumps at the earlier time,
+     * and segments are cut there. Only segments after the jump have a plateau between the two
+     * times. */
     s->plateaus[3 * i] = (float)time_of(m, on ? low : high);
     s->plateaus[3 * i + 1] = (float)time_of(m, high);
     s->plateaus[3 * i + 2] = sigma_of(m, (double)width[1]);
@@ -941,7 +949,7 @@ static void fill_piece(const struct model *m, const struct piece *p, size_t i)
 
     s->times[i] = (float)time_of(m, p->key + u);
     u = (s->times[i] + m->shift) / m->interval -
-        p->key; /* u again, from the time as rounded to float */
+        p->key; /* recompute u, since the time was rounded to a float */
     for (int axis = 0; axis < 3; axis++) {
         spin_keyframes_cubic(m->kind, p->key, places + axis, 3, c);
         s->centres[3 * i + (size_t)axis] = (float)(c[0] + u * (c[1] + u * (c[2] + u * c[3])));
@@ -1005,8 +1013,8 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
     return SPIN_OK;
 }
 
-/* Returns no 4D splats if key frames of the clip are missing; frame() refuses only the times that
- * need them. */
+/* Returns no 4D splats if the model lacks key frames that a time of the clip requires. Even then,
+ * frame() works at all other times. */
 static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     struct model *m = self;

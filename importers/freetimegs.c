@@ -2,28 +2,29 @@
  * ckpts/ckpt_<step>.pt, or the same model as one .ftgs.ply. Splats move on straight lines with a
  * Gaussian window in time, so they are 4D splats exactly.
  *
- * Times run from 0 to 1 over the clip, frame i of F at i/(F-1), and velocities are per length of
- * the clip. The method's renderer raises every opacity to at least 1e-4, which no rasteriser draws;
- * the importer hides splats with an opacity below 1/255. */
+ * Times run from 0 to 1 over the clip, with frame i of F at i/(F-1), and a velocity is the
+ * displacement over the whole clip. The method's renderer raises every opacity to at least 1e-4.
+ * No rasteriser draws splats with this opacity; the importer hides those with an opacity below
+ * 1/255. */
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
-#define LEAST_SIGMA 0.02 /* for checkpoints: the method clamps durations to this */
+#define LEAST_SIGMA 0.02 /* the method raises durations in checkpoints to at least this */
 #define USUAL_FRAMES 300
 #define MOST_FRAMES 1000000
 
 struct model {
     struct spin_model base;
-    double step;     /* -1: a PLY */
-    double n_frames; /* 0: unknown */
-    double fps;      /* 0: unknown */
-    bool moves;      /* use_velocity */
-    double least_sigma;
+    double step;        /* iteration of the checkpoint; -1: the file is a PLY */
+    double n_frames;    /* frames of the clip; 0: unknown */
+    double fps;         /* frames per second of the clip; 0: unknown */
+    bool moves;         /* use_velocity: if false, the splats do not move */
+    double least_sigma; /* shorter durations are raised to this */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* N of ckpt_<N>.pt, else -1. */
+/* Returns N for the name ckpt_<N>.pt and -1 for other names. */
 static long long step_of(const char *name)
 {
     char *end = NULL;
@@ -76,8 +77,8 @@ static float *column_of(struct model *m, int column)
                                 s->paths,   s->times,      s->sigmas}[column];
 }
 
-/* Converts durations, which are stored as logarithms of sigma, clamps them to at least least_sigma,
- * and describes the sequence. */
+/* Converts durations, which are stored as logarithms of sigma, raises them to at least least_sigma,
+ * and fills the description of the sequence. */
 static spin_status finish(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
@@ -172,7 +173,8 @@ static spin_status check_spec(const struct spin_value *spec)
     return check_said(spec);
 }
 
-/* Refuses names other than the nine known ones: an additional one means another model. */
+/* Refuses 'splats' if it has an array besides the nine that FreeTimeGS has: it is then another
+ * model. */
 static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
@@ -193,7 +195,8 @@ static spin_status check_names(const struct spin_value *splats)
     return SPIN_OK;
 }
 
-/* Binds a tensor of this shape; [n][1] may also be stored as [n]. */
+/* Sets *out to the tensor `key` of 'splats', which must have this shape; instead of [n][1] it may
+ * also have the shape [n]. */
 static spin_status bind(struct model *m, const char *key, int n_dims, int64_t shape[3],
                         struct spin_array *out)
 {
@@ -270,7 +273,8 @@ static spin_status read_checkpoint(struct spin_model *base)
 
 /* ---- PLY ------------------------------------------------------------------------------------- */
 
-/* The text of the comment `key`, or NULL. Of duplicates the last counts. */
+/* Returns what follows `key` in the last comment that begins with `key`, or NULL if there is none.
+ */
 static const char *comment_of(const struct spin_ply *ply, const char *key)
 {
     size_t n = strlen(key);
@@ -339,7 +343,7 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     return SPIN_OK;
 }
 
-/* Properties of each column, in the order of the enum above. */
+/* Names of the PLY properties of each column. */
 static const char *const property_of[N_COLUMNS][4] = {
     {"x", "y", "z"},
     {"scale_0", "scale_1", "scale_2"},

@@ -1,5 +1,6 @@
 /* Grid4D (Xu et al., NeurIPS 2024): a cloud of canonical Gaussians, four 3-D hash grids (one over
- * space, three over two axes and time) and a network that rotates, moves and reshapes them.
+ * space, three over two axes and time) and a network that rotates, moves and reshapes the
+ * Gaussians.
  *
  * Residuals are added after the activations, so the method's rasteriser gets quaternions that are
  * not of unit length: see spin_deform_shape().
@@ -24,18 +25,19 @@ struct hash_level {
 };
 
 struct hash_grid {
-    int n_dims, n_levels, n_features; /* per level */
+    int n_dims, n_levels, n_features; /* n_features: number of features of each level */
     struct hash_level level[HASH_MAX_LEVELS];
 };
 
 struct hash_model;
 
-/* What distinguishes the two methods. */
+/* What differs between Grid4D and DASH. */
 struct hash_method {
-    const char *name;              /* "Grid4D" */
-    const char *extra;             /* an additional property of the cloud, or NULL */
-    const char *key;               /* a tensor that only this method's grid has */
-    const char *other_key, *other; /* a tensor of the other method; advice for its runs */
+    const char *name;              /* name of the method, such as "Grid4D" */
+    const char *extra;             /* name of an additional property of the cloud, or NULL */
+    const char *key;               /* name of a tensor that only this method's grid has */
+    const char *other_key, *other; /* name of a tensor that only the other method's grid has; name
+                                      of the other method, with advice for the user */
     /* Loads the networks and sets layer and n_scratch; m is the importer's struct hash_model. */
     spin_status (*load)(struct hash_model *m);
     /* Reads settings other than bound and scale_xyz; may be NULL. */
@@ -46,22 +48,23 @@ struct hash_method {
 struct hash_model {
     struct spin_model base;
     const struct hash_method *method;
-    const char *save; /* iteration_<N> */
-    float *extra;     /* [n] the additional property of the cloud, or NULL */
+    const char *save; /* name iteration_<N> of the checkpoint */
+    float *extra;     /* [n] values of the additional property of the cloud, or NULL */
     double bound, scale_xyz[3];
     const struct spin_value *grid, *network; /* the two saved dicts; valid during load() */
-    struct mlp_net trunk;                    /* may begin with a layer of the method's own */
-    int width;
+    struct mlp_net trunk;                    /* grid_mlp; in DASH, d4_mlp is the first layer */
+    int width;                               /* inputs of each head */
     struct mlp_net warp, rotation, scaling;
-    size_t layer;     /* floats of the widest layer of a block */
-    size_t n_scratch; /* floats that a block needs */
+    size_t layer;     /* floats of a block in the widest layer */
+    size_t n_scratch; /* floats of scratch memory for a block */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* `key`: a tensor name that occurs in the first bytes of this method's checkpoints only. `option`:
- * the prefix of the grid options that this method writes to cfg_args. Folder names alone do not
- * identify the method: all descendants of Deformable-3D-Gaussians use the same names. */
+/* Returns the confidence that the input is of a method. `key` is a tensor name that occurs in the
+ * first bytes of this method's checkpoints only, `option` the prefix of the grid options that this
+ * method writes to cfg_args. Folder names alone do not identify the method: all descendants of
+ * Deformable-3D-Gaussians use the same names. */
 static int hash_probe(const struct spin_peek *peek, const char *key, const char *option)
 {
     if (!peek->is_folder)
@@ -149,7 +152,7 @@ static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t
     return SPIN_OK;
 }
 
-/* Loads the encoder `name`, which has n_dims inputs. */
+/* Loads the hash grid `name`, whose points have n_dims coordinates. */
 static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_dims,
                                   struct hash_grid *grid)
 {
@@ -186,8 +189,9 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
     return SPIN_OK;
 }
 
-/* Loads the layers behind the encoder, grid_mlp.0, .2, ... of `width`, and the heads. base.tensors
- * must be those of the network. */
+/* Loads the layers grid_mlp.0, grid_mlp.2, ..., which have `width` inputs and outputs, and the
+ * heads; gaussian_warp has n_warp outputs. m->base.tensors must be the dict of the network, not
+ * that of the grid. */
 static spin_status hash_load_heads(struct hash_model *m, int width, int n_warp)
 {
     m->width = width;
@@ -199,7 +203,7 @@ static spin_status hash_load_heads(struct hash_model *m, int width, int n_warp)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Splits the saved pair (grid, network) and checks that it is of this method. */
+/* Splits the saved pair (grid, network) and checks that the pair belongs to this method. */
 static spin_status split(struct hash_model *m)
 {
     const struct spin_value *root = m->base.torch.root;
@@ -232,8 +236,8 @@ static spin_status load(struct spin_model *base)
     return m->method->load(m);
 }
 
-/* Opens the model's folder, or one of its deform.pth. The tensors do not contain bound and
- * scale_xyz: these are read from options or cfg_args. */
+/* Opens the checkpoint at `path`, which is the model's folder or a deform.pth in it. The tensors do
+ * not contain bound and scale_xyz: these are read from options or cfg_args. */
 static spin_status hash_open(struct hash_model *m, const char *path,
                              const struct hash_method *method)
 {
@@ -362,7 +366,8 @@ static int grid4d_probe(const struct spin_peek *peek)
     return hash_probe(peek, "xyt_encoding.", "'deform_");
 }
 
-/* Reads network_args['directional']: the gate has the range -1..1 instead of 0..1. */
+/* Reads network_args['directional']. If it is true, the gate in hidden() has the range -1..1,
+ * otherwise 0..1. */
 static spin_status settle(struct hash_model *base)
 {
     struct grid4d_model *model = (struct grid4d_model *)base;
@@ -442,8 +447,9 @@ static void sample(const struct deform_job *job, size_t first, int n, float *spa
     }
 }
 
-/* Multiplies relu(temporal) by a gate that depends on the position and runs grid_mlp. Returns the
- * layer with the result. */
+/* Computes the hidden layer that the heads receive: multiplies the output of temporal_mlp, after
+ * its ReLU, by a gate that depends on the position, and runs grid_mlp. Returns the layer of
+ * `scratch` that contains the result. */
 static float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
 {
     const struct grid4d_model *model = job->model;
@@ -522,7 +528,7 @@ SPIN_MODEL_IMPORTER(grid4d, struct grid4d_model, grid4d_open_save, spin_model_cl
 /* ---- DASH ------------------------------------------------------------------------------------ */
 
 struct dash_model {
-    struct hash_model base; /* extra: nonzero for dynamic Gaussians; the trunk begins with d4_mlp */
+    struct hash_model base; /* base.extra: not 0 for dynamic Gaussians */
     struct hash_grid grid;
 };
 

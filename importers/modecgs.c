@@ -1,6 +1,6 @@
 /* MoDec-GS (Kwak et al., CVPR 2025): anchors that spawn Gaussians at several offsets each. One
- * network moves the anchors, at the nearest canonical time; a second one moves the spawned
- * Gaussians, at the time of the frame.
+ * network moves the anchors and is evaluated at the canonical time nearest to the frame; a second
+ * network moves the spawned Gaussians and is evaluated at the time of the frame.
  *
  * Only positions are imported: opacity, shape and colour of spawned Gaussians depend on the camera,
  * so there is no set of Gaussians per frame. Whether the Gaussian at an offset is opaque also
@@ -15,7 +15,8 @@ enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_SEGMENTS = 4096 };
 
 enum { ANCHOR, FEATURE, OFFSETS, SCALING, N_HEADS };
 
-/* If the option `flag` is set, the output of a head is multiplied by the dynamics of its anchor. */
+/* The heads of the network for anchors. If the option `flag` in cfg_args is set, the output of a
+ * head is multiplied by the dynamics of the anchor. */
 static const struct {
     const char *tensor, *flag;
 } heads[N_HEADS] = {
@@ -26,25 +27,26 @@ static const struct {
 };
 
 struct model {
-    struct spin_model base; /* path: of the save */
-    size_t n, most;         /* anchors; anchors x offsets */
+    struct spin_model base; /* base.path: the folder of the checkpoint */
+    size_t n, most;         /* number of anchors; number of anchors x number of offsets */
     int n_offsets, n_features;
     float *anchor;               /* [n][3] */
     float *offset;               /* [n][n_offsets][3] */
     float *feature;              /* [n][n_features] */
-    float *scaling;              /* [n][6] after exp */
+    float *scaling;              /* [n][6] factors on offsets and scales, after exp */
     float *dynamics;             /* [n][2] factors of the anchor and of its spawned Gaussians */
-    bool scaled[N_HEADS];        /* residuals are multiplied by the dynamics */
+    bool scaled[N_HEADS];        /* for each head: residuals are multiplied by the dynamics */
     float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;
     double grid_pe;
-    bool still; /* spawned Gaussians do not move */
-    struct hexplane global, local;
+    bool still; /* no_dx is set: spawned Gaussians do not move */
+    struct hexplane global,
+        local; /* planes of the networks for anchors and for spawned Gaussians */
     struct mlp_net head[N_HEADS], move;
-    struct mlp_net alive; /* opacity_mlp, loaded if there are cameras */
+    struct mlp_net alive; /* the network opacity_mlp, which is loaded if there are cameras */
     struct camera_places cameras;
     float *centre; /* [most][3] positions in the frame that was read last */
-    bool *kept;    /* [most] offsets to import in that frame */
+    bool *kept;    /* [most] whether the position is imported in that frame */
 };
 
 static int probe(const struct spin_peek *peek)
@@ -107,7 +109,8 @@ static float dynamics_factor(const struct dynamics *d, float x)
     return d->activation == SIGMOID ? sigmoid : d->activation == RELU ? (x > 0 ? x : 0) : tanhf(x);
 }
 
-/* Reads the flags that change positions, and refuses those whose effect is not known. */
+/* Reads the flags in cfg_args that change positions, and refuses a flag with a value whose effect
+ * is not known. */
 static spin_status read_settings(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
@@ -179,7 +182,7 @@ static spin_status read_columns(const struct spin_ply *ply, const struct spin_pl
     SPIN_TRY(alloc_floats(model, model->n, 2, &model->dynamics));
     for (int d = 0; d < 3; d++)
         SPIN_TRY(spin_model_column(ply, e, axis[d], model->anchor + d, 3));
-    for (size_t i = 0; i < 3 * k; i++) { /* axis-major in the file */
+    for (size_t i = 0; i < 3 * k; i++) { /* in the file: x of all offsets, then y, then z */
         char name[32];
 
         snprintf(name, sizeof name, "f_offset_%zu", i);
@@ -223,8 +226,8 @@ static spin_status use_times(const char *path, const struct spin_array *a, struc
     return SPIN_OK;
 }
 
-/* Reads canonical_times.npy. Without this file, spaces TIA_num_segments times evenly, a number from
- * cfg_args. */
+/* Reads the canonical times from canonical_times.npy. Without this file, they are evenly spaced,
+ * and cfg_args contains their number, TIA_num_segments. */
 static spin_status read_times(struct model *model)
 {
     const struct cfg_args *cfg = &model->base.settings.cfg;
@@ -250,8 +253,9 @@ static spin_status read_times(struct model *model)
     return SPIN_OK;
 }
 
-/* Returns the nearest canonical time, minus the mean length of a segment if it is later than
- * `time`. The difference is not always the previous entry, since training shifts the entries. */
+/* Returns the canonical time nearest to `time` or, if that is later than `time`, this canonical
+ * time minus the mean length of a segment. The difference is not always the previous canonical
+ * time, since training shifts the canonical times. */
 static float canonical_time(const struct model *model, float time)
 {
     int nearest = 0;
@@ -309,9 +313,9 @@ static spin_status open_network(struct model *model, const char *name,
 
 /* ---- opacity_mlp.pt -------------------------------------------------------------------------- */
 
-/* Reads *count floats from storage `index`, or all of them if *count is 0, and sets *count. All
- * must be finite. TorchScript numbers storages in the order of their appearance: weight and bias of
- * the first layer, then of the second. */
+/* Reads the floats of storage `index`, all of which must be finite. Their number must be *count; if
+ * *count is 0, any number is accepted and stored in *count. TorchScript numbers storages in the
+ * order of their appearance: weight and bias of the first layer, then of the second. */
 static spin_status read_storage(struct model *model, const struct spin_zip *zip, int index,
                                 size_t *count, const float **out)
 {
@@ -385,10 +389,10 @@ static spin_status read_opacity(struct model *model)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* The parts of a worker's scratch for a block of anchors. */
+/* The parts of a thread's scratch memory, which is for a block of anchors. */
 enum {
-    NETWORK = N_HEADS, /* scratch of either network; the N_HEADS parts before it are the deformed
-                          attributes */
+    NETWORK = N_HEADS, /* scratch memory of either network; the N_HEADS parts before this one are
+                          the deformed attributes */
     INPUT,             /* INPUT, LAYER and ALIVE: input, hidden layer and output of opacity_mlp */
     LAYER,
     ALIVE,
@@ -465,7 +469,7 @@ struct job {
     float time, canonical;
 };
 
-/* Computes anchors, features, offsets and scalings at the canonical time. */
+/* Computes the positions, features, offsets and scalings of n anchors at the canonical time. */
 static void deform_anchors(const struct job *job, size_t first, int n, float *const *part)
 {
     const struct model *model = job->model;
@@ -506,7 +510,7 @@ static void spawn(const struct model *model, int n, float *const *part)
     }
 }
 
-/* Keeps the offsets that are opaque for at least one of the cameras. */
+/* Sets `kept` of each offset whose Gaussian is opaque from at least one of the cameras. */
 static void find_alive(const struct model *model, size_t first, int n, float *const *part)
 {
     size_t k = (size_t)model->n_offsets;
@@ -525,7 +529,7 @@ static void find_alive(const struct model *model, size_t first, int n, float *co
             norm = sqrtf(norm);
             for (int d = 0; d < 3 && norm > 0; d++)
                 v[d * MLP_BLOCK] /= norm;
-            v[3 * MLP_BLOCK] = norm; /* distance: an input only of layers with A + 4 inputs */
+            v[3 * MLP_BLOCK] = norm; /* the distance, which only a layer with A + 4 inputs uses */
         }
         spin_mlp_run(&model->alive, part[INPUT], part[LAYER], part[ALIVE]);
         for (int p = 0; p < n; p++)
@@ -535,7 +539,7 @@ static void find_alive(const struct model *model, size_t first, int n, float *co
     }
 }
 
-/* Moves the spawned Gaussians by the second network, at the time of the frame. */
+/* Moves the spawned Gaussians with the second network, at the time of the frame. */
 static void move_centres(const struct job *job, size_t first, int n, float *const *part)
 {
     const struct model *model = job->model;

@@ -1,9 +1,10 @@
 /* OMG4 (Optimized Minimal 4D Gaussian Splatting), a compressed Realtime-4DGS, and its variant with
- * velocities, OMG4-FTGS: one pickle in an xz.
+ * velocities, OMG4-FTGS. The file is a pickle, compressed with xz.
  *
  * Shapes are Huffman-coded indices into codebooks. Four small networks compute opacity and colour
- * from position, time and six numbers per Gaussian, so each frame requires an evaluation for all
- * visible Gaussians. 4D splats store the values at each Gaussian's own time. */
+ * from position, time and six numbers per Gaussian, so each frame requires their evaluation for all
+ * visible Gaussians. The 4D splats contain the opacity and colour that each Gaussian has at its own
+ * time, the centre of its window. */
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/motion.h"
@@ -12,18 +13,17 @@
 #include "math/ntc.h"
 
 #define UNPACKED_LIMIT ((size_t)1 << 30)
-#define LEAST_WEIGHT 0.05 /* as in Realtime-4DGS */
+#define LEAST_WEIGHT 0.05 /* the renderer omits Gaussians with a lower weight in time */
 #define LEAST_WEIGHT_FTGS                                                                          \
-    (1.0 /                                                                                         \
-     255) /* the renderer of OMG4-FTGS has no threshold, but fainter Gaussians are invisible */
-#define SPREAD 1.2 /* range of initial times relative to the clip */
+    (1.0 / 255) /* the renderer of OMG4-FTGS omits none, but Gaussians below this are invisible */
+#define SPREAD 1.2 /* initial times cover a range this many times as long as the clip */
 
 enum {
     OCTAVES = 16,
     HIDDEN = 64,
     N_FEATURES = 13,
-    HEAD_IN = 16, /* features and three of the six appearance numbers */
-    N_APP = 6
+    HEAD_IN = 16, /* features, and three of the appearance numbers */
+    N_APP = 6     /* appearance numbers of a Gaussian */
 };
 
 enum { CONT, DC, OPACITY, SH, N_NETS };
@@ -42,14 +42,14 @@ static const struct {
 
 struct model {
     struct spin_model base;
-    struct spin_pickle pickle; /* only during open() */
-    bool moving;               /* OMG4-FTGS: has velocities */
+    struct spin_pickle pickle; /* contents of the file; only during open() */
+    bool moving;               /* the file is of OMG4-FTGS, so there are velocities */
     struct clip_times times;
     size_t n;
     struct gaussian4d gaussians;
-    size_t *kept, n_kept; /* rows visible at the time that was read last */
-    float *app;           /* [n][6] of the rows of the file */
-    bool has_looks;       /* the 4D splats have opacities and colours */
+    size_t *kept, n_kept; /* rows of splats_4d for which the networks are evaluated */
+    float *app;           /* [n][6] appearance numbers of the rows of the file */
+    bool has_looks;       /* opacities and colours of splats_4d have been computed */
     struct mlp_net net[N_NETS];
 };
 
@@ -74,7 +74,7 @@ static int probe(const struct spin_peek *peek)
 /* Codes as pickled by the Python package dahuffman. They need not be canonical, so the tree is
  * built from the pickled table. */
 struct huffman_node {
-    uint32_t child[2]; /* 0: none */
+    uint32_t child[2]; /* indices of the children; 0: none */
     int64_t label;
 };
 
@@ -222,7 +222,9 @@ static const struct spin_value *get_list(struct model *m, const char *name, cons
     return list && list->kind == SPIN_VALUE_LIST ? list : NULL;
 }
 
-/* Fills columns at..at+length-1 of out [n][width] from one codebook. */
+/* Fills the columns of out [n][width] from column `at` on with entries of the codebook `code`. The
+ * labels in `index`, Huffman-coded with `table`, are the numbers of the entries for rows 0 to n -
+ * 1. */
 static spin_status read_part(struct model *m, const struct spin_value *code,
                              const struct spin_value *index, const struct spin_value *table,
                              size_t at, size_t width, float *out)
@@ -323,7 +325,7 @@ static void encode(float x, float *out)
     }
 }
 
-/* Offsets of the parts of a thread's scratch, in channels. */
+/* Offsets of the parts of a thread's scratch memory, in channels of MLP_BLOCK floats. */
 enum {
     ENCODED = 0,
     INPUT = ENCODED + 8 * OCTAVES,
@@ -336,7 +338,7 @@ enum {
 struct pass {
     struct model *m;
     double time;
-    bool own; /* evaluate each Gaussian at its own time, not at `time` */
+    bool own; /* true: evaluate each Gaussian at its own time; false: all at `time` */
     unsigned columns;
     struct spin_splats *out;
 };
@@ -378,7 +380,7 @@ static void encode_block(const struct pass *p, size_t first, int n, float *encod
     }
 }
 
-/* Sets a network's inputs: the features, and three of the six appearance numbers from `from` on. */
+/* Sets a network's inputs: the features, and the appearance numbers `from` to `from` + 2. */
 static void fill_input(const struct pass *p, size_t first, int n, int from, const float *features,
                        float *in)
 {
@@ -416,7 +418,7 @@ static void run_colours(const struct pass *p, size_t first, int n, float *scratc
         size_t k = first + (size_t)b, i = m->kept[k];
 
         take_rows(result, b, 1, 47, sh[b]);
-        /* FTGS's renderer uses the first 16 rows only. */
+        /* The renderer of OMG4-FTGS uses the first 16 rows of SH only. */
         spin_sh_fold(m->moving ? 0 : 2, time_of(p, i) - (double)m->base.splats_4d.times[i],
                      m->times.last - m->times.first, sh[b], p->out->sh + 48 * k);
     }
@@ -593,13 +595,13 @@ static spin_status open_model(void *self, const char *path)
     return SPIN_OK;
 }
 
-/* ---- One time -------------------------------------------------------------------------------- */
+/* ---- The splats at one time ------------------------------------------------------------------ */
 
 static spin_status run_networks(struct pass *p)
 {
     struct model *m = p->m;
 
-    if (!m->base.team.scratch) /* first call */
+    if (!m->base.team.scratch) /* the first call starts the threads */
         SPIN_TRY(spin_mlp_team_create(N_CHANNELS * MLP_BLOCK, &m->base.team));
     spin_mlp_team_run(&m->base.team, m->n_kept, run_block, p);
     return SPIN_OK;

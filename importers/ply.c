@@ -1,8 +1,8 @@
 /* PLY: one 3DGS cloud, or a folder with one cloud per frame.
  *
- * Properties are looked up by name, so their order does not matter. Besides Gaussians three other
- * kinds are supported: plain points, with or without colours, which give positions only (and RGB),
- * and SuperSplat's compressed layout. */
+ * Properties are looked up by name, so their order does not matter. Besides Gaussians, three other
+ * kinds of files are supported: points without colours, which yield positions only; points with
+ * colours, which yield positions and RGB; and Gaussians in SuperSplat's compressed layout. */
 #include <strings.h>
 
 #include "formats/compressed_ply.h"
@@ -17,16 +17,17 @@ struct clip {
     int *numbers;   /* [n_frames] */
     size_t *counts; /* [n_frames] */
     enum kind kind;
-    int sh_degree;      /* largest of all frames */
+    int sh_degree;      /* largest SH degree of all frames; -1: points */
     const char **names; /* vertex properties of the first frame except f_rest_*; NULL-terminated */
     size_t n_names;
-    bool warned_scale, warned_opacity, warned_extra;
+    bool warned_scale, warned_opacity, warned_extra; /* warnings that were already printed */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* The confidence that a folder is a sequence of clouds, by the names in it: numbered files, one
- * folder per frame with the layout of INRIA's 3DGS, or a single model in this layout. */
+/* Returns the confidence that a folder contains a sequence of clouds, according to the names in it:
+ * numbered files, one folder per frame with the layout of INRIA's 3DGS, or a single model in this
+ * layout. */
 static int probe_folder(const struct spin_peek *peek)
 {
     int n_folders = 0;
@@ -38,8 +39,9 @@ static int probe_folder(const struct spin_peek *peek)
         n_folders += strncmp(name, "frame", 5) == 0 && !strchr(name, '.');
         tree = tree || strncmp(name, "iteration_", 10) == 0;
     }
-    if (spin_peek_has(peek,
-                      "deformation.pth")) /* the canonical cloud of 4DGaussians, not a frame */
+    if (spin_peek_has(
+            peek,
+            "deformation.pth")) /* the PLY is the canonical cloud of 4DGaussians, not a frame */
         return 20;
     if (spin_file_sequence_count(peek, ".ply") > 0)
         return 70;
@@ -58,8 +60,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* Finds the cloud of a model's folder: point_cloud/iteration_<n>/point_cloud.ply or
- * point_cloud.ply; NULL when there is none. */
+/* Sets *out to the cloud of a model's folder, which is point_cloud/iteration_<n>/point_cloud.ply
+ * with the largest n or, without such a file, point_cloud.ply; to NULL if there is neither. */
 static spin_status find_model(struct spin_model *m, const char *folder, const char **out)
 {
     const char *clouds, *name = NULL;
@@ -72,8 +74,10 @@ static spin_status find_model(struct spin_model *m, const char *folder, const ch
     return spin_model_find(m, out, folder, "point_cloud.ply");
 }
 
-/* Finds the frames, in any order; none is an error. In a folder, the frames are its PLY files; else
- * its model or newest checkpoint, as one frame; else the models in its numbered folders. */
+/* Lists the files of all frames, in any order; it is an error if there are none. If `path` is a
+ * folder, the first of these that exists is used: the PLY files in the folder; as the only frame,
+ * the cloud of the model or of the newest checkpoint in the folder; the clouds of models in
+ * numbered subfolders. */
 static spin_status find_files(struct spin_model *m, const char *path,
                               struct spin_file_sequence *seq)
 {
@@ -152,9 +156,9 @@ static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_pl
 struct content {
     const struct spin_ply_element *vertex;
     enum kind kind;
-    int sh_degree, n_rest;             /* sh_degree -1: points */
-    struct spin_gs_ply gaussians;      /* if GAUSSIANS */
-    struct spin_compressed_ply packed; /* if COMPRESSED */
+    int sh_degree, n_rest;             /* sh_degree is -1 for points */
+    struct spin_gs_ply gaussians;      /* set if `kind` is GAUSSIANS */
+    struct spin_compressed_ply packed; /* set if `kind` is COMPRESSED */
 };
 
 static spin_status inspect(const struct spin_ply *ply, struct content *out)
@@ -190,7 +194,8 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Notes what the first frame reveals about its writer. */
+/* Adds notes and warnings for the user about what the first frame reveals about the program or
+ * training that wrote it. */
 static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
@@ -235,7 +240,8 @@ static spin_status keep_names(struct clip *clip, const struct spin_ply_element *
     return SPIN_OK;
 }
 
-/* Checks that all frames have the same properties, in any order; only the SH degree may differ. */
+/* Checks that a frame has the same properties as the first one, in any order; only the SH degree
+ * may differ. */
 static spin_status compare_names(const struct clip *clip, const struct spin_ply *ply,
                                  const struct content *c)
 {
@@ -335,8 +341,8 @@ static spin_status open_clip(void *self, const char *path)
 
 /* ---- One frame ------------------------------------------------------------------------------- */
 
-/* Warns about values that look as if exp or the sigmoid had been applied already. It is a guess,
- * hence no error. */
+/* Warns about values that look as if exp or the sigmoid had been applied already. Since this is a
+ * guess, it is not an error. */
 static void warn_activated(struct clip *clip, const char *path, const struct spin_splats *s,
                            unsigned columns)
 {

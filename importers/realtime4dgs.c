@@ -1,27 +1,28 @@
 /* Realtime-4DGS (Yang et al., ICLR 2024): chkpnt<N>.pth, a tuple of tensors.
  *
  * Gaussians are four-dimensional: at any time each is an ellipsoid of fixed shape on a straight
- * line, with a Gaussian window in time and cosines of time in its colour. The file lacks the range
- * of times, and which of two conventions its rotations follow: both can be given as options;
- * otherwise a note names the assumption.
+ * line, with a Gaussian window in time and cosines of time in its colour. The file states neither
+ * the range of times nor which of two conventions its rotations follow. Options can state both;
+ * without an option, a note for the user names the assumption.
  *
  * Hybrid 3D-4DGS (Oh et al., 2025): a fork of Realtime-4DGS that turns long-lived Gaussians into
- * static ones during training. A checkpoint contains two halves: the Gaussians of Realtime-4DGS,
- * and permanent 3-D ones.
+ * static ones during training. A checkpoint contains two halves: dynamic Gaussians, which are those
+ * of Realtime-4DGS, and static, permanent 3-D Gaussians.
  *
- * A run of Hybrid 3D-4DGS also writes a PLY that looks like a cloud of 3DGS, but contains only the
- * dynamic half, with every Gaussian at its own time. */
+ * A training of Hybrid 3D-4DGS also writes a PLY that looks like a cloud of 3DGS, but contains only
+ * the dynamic half, with every Gaussian at its own time. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
-/* Floats of all SH of a row, in space and in time. */
+/* Largest number of floats in the SH of a row, spatial and temporal SH together. */
 #define MAX_SH 144
 
 /* The method's renderer skips Gaussians whose weight in time is not above this. */
 #define LEAST_WEIGHT 0.05
 /* Number of rows after which mapped pages of the file are released. */
 #define PAGE_ROWS 4096
-/* Initial times are drawn from the clip extended by 10% at both ends. */
+/* Training draws the Gaussians' initial times from the clip extended by 10% at both ends, a range
+ * this many times as long as the clip. */
 #define SPREAD 1.2
 
 enum part {
@@ -44,20 +45,20 @@ enum part {
 
 struct rows {
     /* The parts in the checkpoint. */
-    const char *who;                           /* prefix of their names in messages, or NULL */
-    const struct spin_value *part[R4_N_PARTS]; /* NULL: missing */
-    bool swapped;                              /* SH are [N][3][K] */
-    bool masked;                               /* a mask that a fork appends follows the parts */
-    bool moving;                               /* gaussian_dim 4: has t and scaling_t */
-    double iteration;                          /* -1: unknown */
-    /* The data. */
+    const char *who;                           /* prefix of the parts' names in messages, or NULL */
+    const struct spin_value *part[R4_N_PARTS]; /* NULL: the part is missing */
+    bool swapped;                              /* SH are stored as [N][3][K] instead of [N][K][3] */
+    bool masked;      /* the tuple has one more item at its end, the mask of a fork */
+    bool moving;      /* gaussian_dim is 4, so there are t and scaling_t */
+    double iteration; /* iteration of the checkpoint; -1: unknown */
+    /* What is read from the parts. */
     size_t n;
-    bool rot_4d;             /* rotated in four dimensions: has rotation_r too */
-    int n_sh;                /* per row of the file; 0: SH are not read */
-    int degree, degree_t;    /* of the SH in use, in space and in time */
-    struct spin_array sh[2]; /* dc, rest; valid while the checkpoint is open */
-    /* During open() only: xyz, scaling [n][3]; rotation, rotation_r [n][4] of any length; opacity
-     * [n] logits; t, scaling_t [n] */
+    bool rot_4d;             /* Gaussians are rotated in four dimensions: there is rotation_r */
+    int n_sh;                /* number of SH in a row of the file; 0: SH are not read */
+    int degree, degree_t;    /* spatial and temporal degree of the SH that the renderer uses */
+    struct spin_array sh[2]; /* features_dc, features_rest; valid while the checkpoint is open */
+    /* The columns, during open() only: xyz and scaling [n][3]; rotation and rotation_r [n][4], not
+     * normalised; opacity [n], logits; t and scaling_t [n]. */
     float *column[R4_N_PARTS];
 };
 
@@ -65,10 +66,10 @@ struct rows {
 struct reading {
     bool older;      /* 4-D rotations follow the convention before 2024-09 */
     bool transposed; /* 3-D rotations are inverted */
-    double extra;    /* added to the variance of the window only */
+    double extra;    /* added to the variance of the window in time, but not to the shape */
 };
 
-/* ---- Parts ----------------------------------------------------------------------------------- */
+/* ---- Parts of a checkpoint ------------------------------------------------------------------- */
 
 /* Where each part is stored. item, item3: index in the tuple of a 4-D and of a 3-D model (-1:
  * none). attribute: key in the dict of a fork, which is the name of the class's attribute. loaded:
@@ -132,7 +133,7 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
     return SPIN_OK;
 }
 
-/* Sets the parts from a fork's dict. */
+/* Sets the parts from the dict that a fork saves instead of a tuple. */
 static void take_attributes(const struct spin_value *m, struct rows *r)
 {
     double dim = 4;
@@ -144,7 +145,7 @@ static void take_attributes(const struct spin_value *m, struct rows *r)
 }
 
 /* Sets the parts from the dict that training reads as loaded_pth, whose keys begin with `prefix`.
- * The last two axes of its features are swapped, and it does not contain SH degrees. */
+ * In this dict, the last two axes of the features are swapped, and there are no SH degrees. */
 static void r4_loaded(const struct spin_value *dict, const char *prefix, struct rows *r)
 {
     r->swapped = true;
@@ -157,8 +158,8 @@ static void r4_loaded(const struct spin_value *dict, const char *prefix, struct 
     }
 }
 
-/* Finds the parts; *r must be zeroed. Checkpoints of other methods are refused, by name if they are
- * recognised. */
+/* Finds the parts; *r must be zeroed. Checkpoints of other methods are refused; the message names
+ * the method if it is recognised. */
 static spin_status r4_find(const struct spin_value *root, struct rows *r)
 {
     const struct spin_value *m = spin_value_at(root, 0);
@@ -236,10 +237,11 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
         spin_array_to_f32(&r->sh[1], width * i, width, out + 3);
 }
 
-/* ---- Degrees --------------------------------------------------------------------------------- */
+/* ---- SH degrees ------------------------------------------------------------------------------ */
 
-/* Derives the spatial degree from the number of SH, and whether they include SH of the cosines of
- * time. Returns false for a number that no setting of the method yields. */
+/* Derives from the number of SH in a row the spatial degree, and whether the row includes temporal
+ * SH, the factors of the cosines of time. `told` is sh_degree of cfg_args, or -1 if it is unknown.
+ * Returns false for a number that no setting of the method yields. */
 static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
@@ -298,8 +300,8 @@ static spin_status find_degrees(struct rows *r, double told)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads all tensors, and the SH if `with_sh`. The sh_degree of cfg_args decides where a number of
- * SH fits two degrees. A checkpoint without rows is not an error. */
+/* Reads all tensors except the SH, and binds the SH if `with_sh`. If the number of SH fits two
+ * degrees, sh_degree of cfg_args decides. A checkpoint without rows is not an error. */
 static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 {
     static const int64_t places[2] = {-1, 3};
@@ -320,7 +322,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
         SPIN_TRY(bind_sh(m, r));
         SPIN_TRY(find_degrees(r, told));
     }
-    for (int p = 0; p < R4_N_PARTS; p++) { /* values need not be finite */
+    for (int p = 0; p < R4_N_PARTS; p++) { /* accepts nonfinite values: r4_add() drops such rows */
         int64_t shape[2] = {(int64_t)r->n, all[p].width};
 
         if (all[p].width == 0 || (p >= R4_T && !r->moving) || (p == R4_ROTATION_R && !r->rot_4d))
@@ -374,8 +376,9 @@ static float *add_row(struct spin_model *m, const struct rows *r, size_t i, size
         quat);
 }
 
-/* Adds all rows, numbered from `row` on; static ones are permanent. Rows with nonfinite values are
- * dropped and counted. Returns the number of rows with an opacity below SPIN_FAINT. */
+/* Adds all rows to `gaussians`; their numbers there begin with `row`. Rows without a time (not
+ * r->moving) are permanent. Rows with nonfinite values are dropped and counted. Returns the number
+ * of rows with an opacity below SPIN_FAINT. */
 static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
                      const struct reading *reading, struct gaussian4d *gaussians)
 {
@@ -398,19 +401,19 @@ static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
         if (!to || r->n_sh == 0)
             continue;
         memcpy(to, sh, width * sizeof *sh);
-        if (r->degree_t > 0) /* 16 SH per cosine */
+        if (r->degree_t > 0) /* there are 16 SH for each cosine */
             memcpy(s->sh_cos + 2 * (to - s->sh), sh + width,
                    (size_t)r->degree_t * width * sizeof *sh);
     }
     return n_faint;
 }
 
-/* The optional arrays of 4D splats that these rows need. */
+/* Returns the optional arrays of struct spin_splats_4d that the rows need. */
 static unsigned r4_parts(const struct rows *r) { return r->degree_t > 0 ? SPIN_4D_SH_COS : 0; }
 
 /* ---- Messages -------------------------------------------------------------------------------- */
 
-/* ", iteration 30000", or "" if unknown. */
+/* Returns a text such as ", iteration 30000", or "" if the iteration is unknown. */
 static const char *r4_iteration(const struct rows *r, char text[48])
 {
     text[0] = '\0';
@@ -419,7 +422,7 @@ static const char *r4_iteration(const struct rows *r, char text[48])
     return text;
 }
 
-/* Notes guessed times and an environment map. */
+/* Adds notes for the user if the times were guessed, and if there is an environment map. */
 static void r4_note(const struct rows *r, const struct clip_times *times,
                     struct spin_sequence_info *sequence)
 {
@@ -441,15 +444,15 @@ struct realtime_model {
     struct spin_model base;
     struct rows rows;
     struct reading reading;
-    bool stale;
-    double ratio; /* the data set's times over the file's */
+    bool stale;   /* the stored SH and opacities are obsolete: see is_stale() */
+    double ratio; /* the data set's times divided by those of the file */
     struct clip_times times;
     struct gaussian4d gaussians;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Whether the pickle begins with ((int, Parameter, ... */
+/* Whether the pickle begins with "((int, Parameter, ...", as in checkpoints of this method. */
 static bool begins_like_ours(const struct spin_peek *peek)
 {
     static const char parameter[] = "ctorch._utils\n_rebuild_parameter";
@@ -468,7 +471,7 @@ static int realtime_probe(const struct spin_peek *peek)
 
         for (size_t i = 0; peek->names && peek->names[i]; i++)
             found = found || spin_chkpnt_iteration(peek->names[i]) >= 0;
-        /* Plain 3DGS and its descendants also save checkpoints, beside their clouds. */
+        /* Plain 3DGS and its descendants also save checkpoints, beside the folder point_cloud. */
         return found ? (spin_peek_has(peek, "point_cloud") ? 20 : 70) : 0;
     }
     if (begins_like_ours(peek))
@@ -478,7 +481,8 @@ static int realtime_probe(const struct spin_peek *peek)
 
 /* ---- Shapes ---------------------------------------------------------------------------------- */
 
-/* The median, over at most MOST Gaussians, of the largest standard deviation in space. */
+/* Returns the median of the Gaussians' largest standard deviations in space, if rotations follow
+ * the older convention (`older`) or today's. At most MOST Gaussians are used. */
 static double median_extent(const struct rows *rows, bool older)
 {
     enum { MOST = 4096 };
@@ -501,8 +505,9 @@ static double median_extent(const struct rows *rows, bool older)
     return sqrt(extent[n_used / 2]);
 }
 
-/* Under the wrong convention, the long time axis of static Gaussians points into space, so the
- * right convention yields smaller ellipsoids. */
+/* Chooses the convention of rotations: that of option `convention` or, if its value is auto, the
+ * older one if this makes the Gaussians clearly smaller, otherwise today's. Under the wrong
+ * convention, Gaussians are larger, since the long time axis of static ones points into space. */
 static spin_status choose_convention(struct realtime_model *m)
 {
     enum { AUTO, TODAY, OLDER };
@@ -530,8 +535,8 @@ static spin_status choose_convention(struct realtime_model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Whether this is a checkpoint of OMG4 with networks. The networks then compute colours and
- * opacities, and the stored SH and opacities are obsolete. */
+/* Whether this is a checkpoint of OMG4 in which networks compute colours and opacities. The SH and
+ * opacities that it stores are then obsolete, and the networks are not stored in it. */
 static bool is_stale(const struct rows *r)
 {
     const struct spin_value *groups = spin_value_get(r->part[R4_OPTIMIZER], "param_groups");
@@ -557,7 +562,7 @@ static void realtime_describe(const struct realtime_model *m)
     r4_note(r, &m->times, sequence);
     if (r->masked)
         spin_note(sequence, "the last item of the model, the mask of a fork, is ignored");
-    /* Upstream issue 50: training can lose the gradients of these SH. */
+    /* Upstream issue 50: training can lose the gradients of the temporal SH. */
     if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
         spin_note(sequence, "all temporal SH are 0: colours do not change over time");
     sequence->continuous = r->moving;
@@ -614,7 +619,7 @@ static spin_status realtime_open_run(void *self, const char *path)
     if (!base->path)
         return spin_not_found("'%s' contains no chkpnt<N>.pth", path);
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
-    SPIN_TRY(spin_model_config(base)); /* errors name other files than the checkpoint */
+    SPIN_TRY(spin_model_config(base)); /* errors of this call name other files */
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
     m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;
@@ -655,8 +660,8 @@ struct hybrid_model {
     struct spin_model base;
     struct rows half[N_HALVES];
     struct gaussian4d gaussians; /* of both halves, with consecutive row numbers */
-    size_t n_moving;             /* dynamic ones among them */
-    double ratio;                /* the data set's times over the file's */
+    size_t n_moving;             /* number of dynamic Gaussians in `gaussians` */
+    double ratio;                /* the data set's times divided by those of the file */
     struct clip_times times;
 };
 
@@ -674,7 +679,7 @@ static int hybrid_probe(const struct spin_peek *peek)
                : 0;
 }
 
-/* ---- The halves ------------------------------------------------------------------------------ */
+/* ---- The two halves -------------------------------------------------------------------------- */
 
 static spin_status take_parts(const struct spin_value *root, struct hybrid_model *m)
 {
@@ -700,7 +705,7 @@ static spin_status take_parts(const struct spin_value *root, struct hybrid_model
     return SPIN_OK;
 }
 
-/* In a half without Gaussians all parts must be None or empty tensors. */
+/* Checks a half without Gaussians: all its parts must be None or empty tensors. */
 static spin_status check_nothing(const struct rows *r)
 {
     const char *who = r->who ? r->who : "";

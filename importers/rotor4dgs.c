@@ -1,21 +1,21 @@
 /* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors.
  *
- * A Gaussian's 4-D shape is a rotor of eight numbers, used as stored: its length scales the shape.
- * Colours do not change in time. The method's renderer culls hardly any Gaussians, so slow ones are
- * in every frame, even with an opacity of nearly 0. The importer omits Gaussians that are invisible
- * in 8-bit images. */
+ * A Gaussian's 4-D rotation is a rotor of eight numbers, which is not normalised: its length scales
+ * the shape. Colours do not change over time. The method's renderer omits hardly any Gaussian:
+ * those with a long window in time are in every frame, even where their opacity is nearly 0. The
+ * importer omits Gaussians that are invisible in 8-bit images. */
 #include <ctype.h>
 
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "io/json.h"
 
-/* 3DGS renderers skip fainter Gaussians. */
+/* 3DGS renderers skip Gaussians with a lower opacity. */
 #define LEAST_OPACITY (1.0 / 255)
-/* The threshold of the method's renderer, which draws Gaussians with 0.5 dt^2 / variance below 16.
- */
+/* The lowest weight in time at which the method's renderer draws a Gaussian: 0.5 dt^2 / variance
+ * must be below 16. */
 #define FAR_WEIGHT 1.1253517471925912e-7 /* exp(-16) */
-/* The threshold of Realtime-4DGS. */
+/* The lowest weight in time at which Realtime-4DGS draws a Gaussian. */
 #define BELL_WEIGHT 0.05
 
 struct model {
@@ -30,7 +30,7 @@ struct model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* N of step-<N>.ckpt, else -1. */
+/* Returns N for the name step-<N>.ckpt and -1 for other names. */
 static long long step_of_name(const char *name)
 {
     char *end;
@@ -59,7 +59,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-/* Keys begin with one of several prefixes; the prefix of quats1 is used for all keys. */
+/* Sets m->prefix. Versions of the method use different prefixes for the names of tensors; the one
+ * before 'quats1' applies to all tensors. */
 static spin_status find_prefix(struct spin_model *m)
 {
     const struct spin_value *d = m->tensors;
@@ -79,7 +80,8 @@ static spin_status find_prefix(struct spin_model *m)
                    : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
-/* Binds the tensor prefix + key, which must have this shape and contain floating-point numbers. */
+/* Sets *out to the tensor whose name is the prefix followed by `key`. It must have this shape and
+ * contain floating-point numbers. */
 static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
                         struct spin_array *out)
 {
@@ -218,7 +220,8 @@ static bool is_identity(const spin_json *json)
     return true;
 }
 
-/* Notes a transform in dataparser_transforms.json, one folder above that of the checkpoint. */
+/* Adds a note for the user if the file dataparser_transforms.json contains a transform. The file is
+ * in the parent of the checkpoint's folder. */
 static spin_status note_transform(struct spin_model *m)
 {
     const char *folder, *path;

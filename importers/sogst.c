@@ -1,9 +1,9 @@
-/* .sogst, one file per clip, or the PLY that its encoders read; src/formats/sogst.h describes both.
- */
+/* Reads .sogst files, each of which contains a clip, and the PLY files that encoders of .sogst
+ * read; src/formats/sogst.h describes both formats. */
 #include "formats/sogst.h"
 #include "importers/lib/file_sequence.h"
 
-/* Players do not draw fainter splats. */
+/* Players do not draw splats with a lower opacity. */
 #define LEAST_OPACITY (1 / 255.0)
 
 static bool is_ply(const unsigned char *head, size_t n)

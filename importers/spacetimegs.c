@@ -14,24 +14,24 @@
 #include "math/quat.h"
 #include "math/sh.h"
 
-/* Offsets in a row of a Gaussian's values. */
+/* Offsets of the values of a Gaussian in its row. */
 enum {
-    PLACE = 0, /* at its own time */
+    PLACE = 0, /* position at TIME */
     TIME = 3,
-    WIDTH = 4,   /* natural logarithm */
-    MOTION = 5,  /* linear, quadratic, cubic: x y z each */
-    LOGIT = 14,  /* of the opacity at its own time */
-    SCALE = 15,  /* natural logarithms */
-    TURN = 18,   /* quaternion at its own time */
-    CHANGE = 22, /* of the quaternion per unit of time */
-    COLOUR = 26, /* full: the base colour, then 3 features of the view */
-    FEATURE = 32 /* full: 3 features per unit of time */
+    WIDTH = 4,   /* natural logarithm of the width of the window */
+    MOTION = 5,  /* coefficients of the path: linear, quadratic, cubic; x y z each */
+    LOGIT = 14,  /* logit of the opacity at TIME */
+    SCALE = 15,  /* natural logarithms of the scales */
+    TURN = 18,   /* quaternion at TIME */
+    CHANGE = 22, /* change of the quaternion per unit of time */
+    COLOUR = 26, /* lite: the colour; full: the base colour, then 3 features of the view */
+    FEATURE = 32 /* full: 3 features of the time, per unit of time */
 };
 
-/* Properties of a cloud: a single name, or prefix0, prefix1, ... */
+/* The PLY properties of a cloud. A group is the property `name`, or <name>0, <name>1, ... */
 static const struct group {
     const char *name;
-    int n[2]; /* lite, full; 0: a single name */
+    int n[2]; /* number of properties in lite and in full models; 0: the property `name` */
     int at;
 } groups[] = {
     {"x", {0, 0}, PLACE},          {"y", {0, 0}, PLACE + 1},
@@ -39,7 +39,7 @@ static const struct group {
     {"trbf_scale", {0, 0}, WIDTH}, {"motion_", {9, 9}, MOTION},
     {"opacity", {0, 0}, LOGIT},    {"scale_", {3, 3}, SCALE},
     {"rot_", {4, 4}, TURN},        {"omega_", {4, 4}, CHANGE},
-    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: lite has none */
+    {"f_dc_", {3, 6}, COLOUR},     {"f_t_", {-1, 3}, FEATURE}, /* -1: lite models have no f_t_* */
 };
 enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 35 };
 
@@ -51,27 +51,28 @@ enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 
  * world coordinates, with a unit direction. The method's option rgbfunction selects the
  * ending. */
 enum { PIXEL_INPUTS = 12, PIXEL_HIDDEN = 6 };
-enum ending { SIGMOID, CLAMP, AS_IS }; /* sandwich, sandwichnoact, sandwichnoactss */
+/* For the values sandwich, sandwichnoact and sandwichnoactss of rgbfunction. */
+enum ending { SIGMOID, CLAMP, AS_IS };
 
 struct model {
     struct spin_model base;
-    const char *decoder; /* path, NULL: there is none */
+    const char *decoder; /* path of the network for colours; NULL: there is none */
     size_t n, n_dropped;
     bool full;
-    size_t width;          /* of a row */
-    float *rows;           /* [n][width]; of a lite model only during open() */
-    enum ending ending;    /* full */
-    struct mlp_net colour; /* full; n is 0 if only base colours are imported */
+    size_t width;          /* floats in a row */
+    float *rows;           /* [n][width]; for a lite model, only during open() */
+    enum ending ending;    /* for a full model */
+    struct mlp_net colour; /* for a full model; colour.n is 0 if only base colours are imported */
     struct camera_places cameras;
-    double duration; /* frames that the run was trained on; 0: unknown */
+    double duration; /* number of frames that training used; 0: unknown */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
 static int probe(const struct spin_peek *peek)
 {
-    /* A cloud, or the folder of one checkpoint. The confidence must exceed the 90 of the PLY
-     * importer. */
+    /* The input is a cloud, or the folder of one checkpoint. The confidence must exceed 90, which
+     * is that of the PLY importer. */
     if (spin_peek_says(peek, "property float trbf_center") &&
         spin_peek_says(peek, "property float motion_8") &&
         spin_peek_says(peek, "property float omega_3"))
@@ -85,7 +86,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The cloud ------------------------------------------------------------------------------- */
 
-/* Distinguishes lite from full models by f_dc_* and f_t_*. */
+/* Distinguishes lite from full models by the numbers of properties f_dc_* and f_t_*. */
 static spin_status check_colours(const struct spin_ply *ply, const struct spin_ply_element *e,
                                  struct model *m)
 {
@@ -104,7 +105,8 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
     return SPIN_OK;
 }
 
-/* Notes properties of forks, whose meaning is not known. */
+/* Adds a note for the user and prints a warning if there are properties that SpacetimeGaussians
+ * does not write. They are those of a fork, and their meaning is not known. */
 static void note_others(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct model *m)
 {
@@ -167,7 +169,8 @@ static spin_status read_cloud(struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* The number K of the run's first frame, from a source_path that ends in colmap_<K>; else -1. */
+/* Returns the number K of the first frame that training used, if `path`, the source_path of
+ * cfg_args, ends in colmap_<K>; otherwise -1. */
 static long first_frame(struct cfg_span path)
 {
     const char *at = path.end;
@@ -254,7 +257,8 @@ static spin_status find_cameras(const char *path, const char *save, struct model
     return file ? spin_camera_places_load(file, &m->cameras) : SPIN_OK;
 }
 
-/* Chooses how colours of a full model are imported: by its network, or as base colours. */
+/* Chooses which colours of a full model are imported: those that its network computes, or the base
+ * colours. */
 static spin_status settle_colours(const char *path, const char *save, struct model *m)
 {
     enum { AUTO, VIEWS, BASE };
@@ -304,10 +308,11 @@ static double end_colour(const struct model *m, double x)
     return m->ending == CLAMP ? fmin(fmax(x, 0), 1) : x;
 }
 
-/* The SH coefficient of degree 0 for a colour 0..1. */
+/* Returns the SH coefficient of degree 0 for a colour 0..1. */
 static float dc_of(double colour) { return (float)((colour - 0.5) / SPIN_SH_C0); }
 
-/* Whether values are finite, and positions far below the largest float at all times from 0 to 1. */
+/* Whether all values of a row are finite, the coordinates of the position are below 1e18 at all
+ * times from 0 to 1, and the scales do not overflow. */
 static bool stays_in_range(const struct model *m, const float *row)
 {
     double d = fmax(fabs((double)row[TIME]), fabs(1 - (double)row[TIME]));
@@ -337,11 +342,11 @@ static void fill_row(struct model *m, size_t i)
     memcpy(s->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
     if (spin_quat_norm(turn) > 0)
         memcpy(s->spins + 4 * i, change, 4 * sizeof *row);
-    else /* length 0: as in the method's renderer, the rotation is constant */
+    else /* quaternion of length 0: the rotation is constant, as in the method's renderer */
         turn = spin_quat_norm(change) > 0 ? change : unturned;
     memcpy(s->quats + 4 * i, turn, 4 * sizeof *row);
     s->logit_opacities[i] = row[LOGIT];
-    /* Clamped, since the narrowest and the widest windows are outside the range of float. */
+    /* Limited, since the narrowest and the widest windows are outside the range of float. */
     s->sigmas[i] =
         (float)fmin(fmax(exp((double)row[WIDTH]) / sqrt(2), 1e-37), (double)SPIN_FOREVER);
     for (size_t c = 0; c < 3; c++)
@@ -349,7 +354,8 @@ static void fill_row(struct model *m, size_t i)
             m->full ? dc_of(end_colour(m, row[COLOUR + c])) : dc_of(row[COLOUR + c]);
 }
 
-/* Rows that are nonfinite at any time are dropped; the others keep their order. */
+/* Fills the 4D splats. Rows that are nonfinite at any time are dropped; the others keep their
+ * order. */
 static spin_status fill_splats(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
@@ -371,8 +377,8 @@ static spin_status fill_splats(struct model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Finds the cloud and the network beside it. `path` is a folder with checkpoints, a checkpoint, or
- * one of the two files. */
+/* Finds the cloud and, in the same folder, the network. `path` is a folder with checkpoints, the
+ * folder of a checkpoint, or one of the two files. */
 static spin_status find_files(const char *path, struct model *m, const char **save)
 {
     const char *wanted = spin_model_option(&m->base, "iteration");
@@ -454,7 +460,7 @@ static spin_status open_model(void *self, const char *path)
                                 &m->base.team);
 }
 
-/* ---- One time -------------------------------------------------------------------------------- */
+/* ---- The splats at one time ------------------------------------------------------------------ */
 
 struct job {
     const struct model *model;
@@ -468,7 +474,8 @@ struct means {
     double d[3], c[3], dd[3][3], dc[3][3];
 };
 
-/* Solves a x = b for three columns at once; a is symmetric and positive definite. b becomes x. */
+/* Solves a x = b for three columns of b at once, and replaces b by x. `a` must be symmetric and
+ * positive definite. */
 static void solve3(double a[3][3], double b[3][3])
 {
     for (int k = 0; k < 3; k++) {
@@ -490,10 +497,11 @@ static void solve3(double a[3][3], double b[3][3])
     }
 }
 
-/* Fits SH of degree 1 by least squares: colour = mean colour + slope . (d - mean d), with two
- * regularisers. (slope . mean d)^2, weighted like all cameras together, keeps degree 0 near the
- * mean colour, because some viewers draw degree 0 only. least^2 slope^2 keeps the slope small if
- * the rays differ by less than about `least` radians, where the slope would be noise. */
+/* Fits SH of degree 1 to the colours by least squares. The fitted colour in direction d is mean
+ * colour + slope . (d - mean d). Two terms are added to the squared error. (slope . mean d)^2,
+ * weighted like all cameras together, keeps degree 0 near the mean colour, because some viewers
+ * draw degree 0 only. least^2 slope^2 keeps the slope small if the rays differ by less than about
+ * `least` radians, since the slope would then be noise. */
 static void fit(const struct means *m, float sh[12])
 {
     const double least = 1e-2;
@@ -501,8 +509,8 @@ static void fit(const struct means *m, float sh[12])
 
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            a[i][j] = m->dd[i][j]; /* mean d mean d^T is not subtracted: the first regulariser would
-                                      add it again */
+            a[i][j] = m->dd[i][j]; /* without subtracting mean d mean d^T, since this product is
+                                      what the first added term contributes */
             slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
         }
         a[i][i] += least * least;
@@ -518,7 +526,8 @@ static void fit(const struct means *m, float sh[12])
     }
 }
 
-/* Sets inputs 6 to 11 of a point: origin and direction of the ray from a camera. */
+/* Sets the inputs 6 to 11 of the network for one point: origin and direction of the ray from a
+ * camera to the point. */
 static void set_ray(const float camera[3], const double place[3], float *in)
 {
     double d[3], norm;
@@ -532,8 +541,9 @@ static void set_ray(const float camera[3], const double place[3], float *in)
     }
 }
 
-/* Adds one camera to the means: the colour of a pixel that only this Gaussian covers, from its base
- * colour and the inputs and outputs of the network. */
+/* Adds one camera to the means for a Gaussian. The colour for this camera is that of a pixel that
+ * only this Gaussian covers: it is computed from the base colour and the output of the network. The
+ * direction of the ray is one of the inputs `in`. */
 static void add_camera(const struct model *m, const float base[3], const float *in,
                        const float *rgb, struct means *means)
 {
@@ -553,7 +563,7 @@ static void add_camera(const struct model *m, const float base[3], const float *
     }
 }
 
-/* Fits the SH of n Gaussians, for at least one camera. */
+/* Fits the SH of the Gaussians `first` to `first` + n - 1. There must be at least one camera. */
 static void decode(void *context, size_t first, int n, float *scratch)
 {
     const struct job *job = context;
@@ -602,8 +612,8 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     return spin_model_check(m->base.path, time, SPIN_COL_SH, out);
 }
 
-/* Colours computed by the network are valid at one time only, so models that use it have no 4D
- * splats. */
+/* Colours that the network computes are valid at one time only, so models that use the network have
+ * no 4D splats. */
 static spin_status spacetimegs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     const struct model *m = self;

@@ -1,5 +1,5 @@
-/* .splat4d of adamraudonis/splats4D: a clip in one file, with the same splats in every frame. Only
- * one group of frames is in memory at a time. */
+/* Reads .splat4d files of adamraudonis/splats4D: a clip in one file, with the same splats in every
+ * frame. Only one group of frames is unpacked in memory at a time. */
 #include <string.h>
 
 #include "formats/splat4d.h"

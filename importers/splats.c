@@ -1,12 +1,13 @@
 /* Clips of splat files: a folder with a file per frame, or a single file of one or more frames. The
  * functions here open and read a file of each format; the decoders are in src/formats.
  *
- * SPZ: most files do not record their axes. splat-transform and our exporter write those of the
- * training; Niantic's library writes right, up, back if told the axes of its input. --axes applies
- * to files that do not record them.
+ * SPZ: most files do not record their axes. Files of splat-transform and of our exporter have the
+ * axes of the training; files of Niantic's library have the axes right, up, back if the library was
+ * told the axes of its input. Option `axes` states the axes of files that do not record them.
  *
- * GLB (KHR_gaussian_splatting): glTF's axes are x left, y up, z forward, those of a run mostly x
- * right, y down, z forward: --axes gltf undoes the half turn about z that exporters apply. */
+ * GLB (KHR_gaussian_splatting): the axes of glTF are x left, y up, z forward, whereas those of a
+ * training are mostly x right, y down, z forward. With --axes gltf, the importer undoes the half
+ * turn about z that exporters apply. */
 #include "formats/glb_scene.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
@@ -15,24 +16,24 @@
 #include "importers/lib/file_sequence.h"
 #include "io/zip.h"
 
-/* Contents of a file. */
+/* What is known about a file once it is open. */
 struct opened {
-    size_t n_frames;     /* 1 unless it is a clip */
+    size_t n_frames;     /* number of frames in the file; 1 unless it is a clip */
     size_t n;            /* splats per frame */
-    int sh_degree;       /* the largest that read() returns */
-    bool antialias;      /* trained for antialiased drawing */
+    int sh_degree;       /* largest SH degree that read() returns */
+    bool antialias;      /* the splats were trained with antialiasing */
     bool has_axes;       /* the file records its axes */
-    double axes[4];      /* if has_axes: rotation w x y z from the file's axes to the run's */
-    const char *note[4]; /* guesses and losses, each noted once; NULL: none */
-    const char *folder;  /* folder of the loose files (SOG), or NULL */
-    struct spin_gs_glb_scene scene; /* of a GLB */
+    double axes[4];      /* if has_axes: rotation w x y z from the file's axes to the training's */
+    const char *note[4]; /* notes for the user about assumptions and losses; NULL: none */
+    const char *folder;  /* if the images of a SOG are separate files: their folder; else NULL */
+    struct spin_gs_glb_scene scene; /* if the file is a GLB: its contents */
 };
 
 struct clip {
-    struct spin_model base; /* canonical: a frame in the axes of its file */
+    struct spin_model base; /* base.canonical: a frame in the axes of its file */
     const struct format *format;
-    const double
-        *turn; /* rotation to the run's axes, for files that do not record their axes; NULL: none */
+    const double *turn; /* rotation to the training's axes, for files that do not record their axes;
+                           NULL: none */
     struct spin_file_sequence files;
     int n_frames, sh_degree;
     int *numbers;   /* [n_frames] */
@@ -40,7 +41,9 @@ struct clip {
     size_t *counts; /* [n_frames] */
 
     /* The open file. */
-    size_t file, within; /* index of the file (SIZE_MAX: none); its frame to read */
+    /* `file`: index in `files`; SIZE_MAX: no file is open. `within`: index, within this file, of
+     * the frame that read() is to read. */
+    size_t file, within;
     struct spin_map map;
     struct opened opened;
 };
@@ -48,16 +51,16 @@ struct clip {
 struct format {
     const char *suffix; /* ".spz" */
     const char *name;   /* "SPZ", for messages */
-    /* open() parses clip->map into clip->opened; read() reads frame clip->within. Errors do not
-     * name the file. */
+    /* open() fills clip->opened from the bytes in clip->map; read() reads the frame clip->within.
+     * Their error messages do not name the file. */
     spin_status (*open)(struct clip *clip);
     spin_status (*read)(struct clip *clip, unsigned columns, struct spin_splats *out);
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Confidence by file names; low in the folder of a run, whose point clouds are more likely the
- * input. */
+/* Returns the confidence according to the file names. It is low in the folder of a training, where
+ * the point clouds are more likely the input. */
 static int probe_names(const struct spin_peek *peek, const char *suffix)
 {
     int named = spin_file_named(peek, suffix);
@@ -85,7 +88,8 @@ static spin_status fail_file(const struct clip *clip, size_t file, spin_status s
     return spin_fail_context(status, "cannot read '%s'", clip->files.frame[file].path);
 }
 
-/* Files of a clip are mostly read in order, so the last one stays open. */
+/* Opens a file, unless it is already open. The last file stays open, since the frames of a file are
+ * mostly read one after the other. */
 static spin_status open_file(struct clip *clip, size_t file)
 {
     spin_status status;
@@ -115,8 +119,8 @@ static spin_status reserve_frames(struct clip *clip, size_t n)
     return spin_model_alloc(&clip->base, n, sizeof *clip->counts, (void **)&clip->counts);
 }
 
-/* Sets numbers and times of the frames of a single file. Frame numbers in the file are used only if
- * they increase. */
+/* Sets the numbers and times of the frames if the clip is a single file. Frame numbers in the file
+ * are used only if they increase. */
 static void describe_clip(const struct clip *clip, struct spin_sequence_info *sequence)
 {
     bool numbered = true;
@@ -140,7 +144,8 @@ static void describe_files(const struct clip *clip, struct spin_sequence_info *s
     sequence->time_last = clip->n_frames - 1;
 }
 
-/* Adds the notes of a file, and notes differences from the files before. */
+/* Adds the notes of the open file to the sequence, and a note if its SH degree differs from that of
+ * previous files. */
 static void note_file(struct clip *clip, size_t file)
 {
     struct spin_sequence_info *sequence = clip->base.sequence;
@@ -257,7 +262,7 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
 
 /* ---- .splat ---------------------------------------------------------------------------------- */
 
-/* The format has no header, so it is recognised by file name only. */
+/* Opens a .splat file. The format has no header, so files are recognised by name only. */
 static spin_status open_splat(struct clip *clip)
 {
     clip->opened.note[0] = "the format has no view-dependent colour";
@@ -288,7 +293,7 @@ SPIN_MODEL_IMPORTER(splat, struct clip, open_splat_clip, close_clip,
 
 /* ---- .ksplat --------------------------------------------------------------------------------- */
 
-/* The format has no magic number, so it is recognised by file name only. */
+/* Opens a .ksplat file. The format has no magic number, so files are recognised by name only. */
 static spin_status open_ksplat(struct clip *clip)
 {
     struct spin_ksplat header;
@@ -348,8 +353,9 @@ static spin_status read_spz(struct clip *clip, unsigned columns, struct spin_spl
     return spin_spz_read(clip->map.data, clip->map.size, columns, out);
 }
 
-/* Recognises folders of .spz files, .spz files of versions 2 and 3, and version 4 of any name.
- * Versions 2 and 3 need the name, since a gzip may contain anything. */
+/* Recognises folders of .spz files, files of version 4 with any name, and files of versions 2 and 3
+ * whose names end with .spz. Versions 2 and 3 are gzip files, which may contain anything, so the
+ * name is required. */
 static int spz_probe(const struct spin_peek *peek)
 {
     int named = probe_names(peek, ".spz");
@@ -378,7 +384,7 @@ SPIN_MODEL_IMPORTER(spz, struct clip, open_spz_clip, close_clip,
 
 /* ---- SOG ------------------------------------------------------------------------------------- */
 
-/* Opens one .sog file, or the loose files of a clip by their meta.json. */
+/* Opens a .sog file, or a meta.json whose images are separate files in the same folder. */
 static spin_status open_sog(struct clip *clip)
 {
     struct opened *out = &clip->opened;

@@ -1,11 +1,11 @@
-/* TSOG, one file per clip; src/formats/tsog.h describes it. */
+/* Reads TSOG files, each of which contains a clip; src/formats/tsog.h describes the format. */
 #include "formats/tsog.h"
 
 #include <string.h>
 
 #include "importers/lib/file_sequence.h"
 
-/* The player does not draw fainter splats. */
+/* The player does not draw splats with a lower opacity. */
 #define LEAST_OPACITY (1 / 255.0)
 
 struct tsog_model {
@@ -14,8 +14,8 @@ struct tsog_model {
     size_t *counts; /* [n_frames] splats per frame */
 };
 
-/* Recognises the extension, or the name of the profile in meta.json. Names of images do not
- * identify the format: in older files they are arbitrary. */
+/* Recognises the format by the extension of the file, or by the name of the profile in meta.json.
+ * The names of images do not identify the format, since they are arbitrary in older files. */
 static int probe(const struct spin_peek *peek)
 {
     bool zip = spin_zip_looks_like(peek->head, peek->n_head);
@@ -29,7 +29,8 @@ static int probe(const struct spin_peek *peek)
     return spin_peek_says(peek, "org.opsiclear.tsog-playback") ? 100 : 0;
 }
 
-/* Describes static and discrete clips: a frame at each of the times 0, 1, 2, ... */
+/* Fills the description of a static or discrete clip, which has a frame at each of the times 0, 1,
+ * 2, ... */
 static spin_status describe_frames(struct tsog_model *m)
 {
     struct spin_sequence_info *sequence = m->base.sequence;

@@ -1,4 +1,4 @@
-/* 4DAnyone: synchronous videos that a network generated from a single video.
+/* Data sets of 4DAnyone: synchronous videos that a network generated from a single video.
  *
  *     cameras.json                    camera_model, cameras[]: camera_id, K, image_width,
  *                                     image_height, camera_to_world (OpenCV's axes), video
@@ -6,8 +6,8 @@
  *     videos/dense/00.mp4 ...         the videos, as named by `video`
  *     images/00/000000.png ...        frames of a video, read instead of the video if they exist
  *
- * World: y up, unchanged. videos/sparse and skeletons are not views. The data set itself holds out
- * no camera. */
+ * The y axis of the world points up; the importer does not turn the world. The folders
+ * videos/sparse and skeletons do not contain views. The data set itself holds out no camera. */
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 

@@ -1,4 +1,4 @@
-/* COLMAP sparse models with undistorted images.
+/* Data sets that are a sparse model of COLMAP with undistorted images, in one of three layouts.
  *
  *     sparse/0/{cameras,images,points3D}.{bin,txt}, images/
  *         one model; each image is one frame
@@ -11,15 +11,15 @@
  * Binary files are little-endian and packed; they are preferred to text files, as in the methods.
  * A pose is w2c in OpenCV's axes: R(q) p + t.
  *
- * The principal point of the file is kept; the methods' own readers move it to the image centre, as
- * principal=centre does. Only pinhole cameras can be rendered: a model with nonzero distortion
- * must be undistorted first.
+ * The principal point of the file is kept. The methods' own readers move it to the image centre, as
+ * option `principal` with the value centre does. Only pinhole cameras can be rendered: images of a
+ * model with nonzero distortion must be undistorted first.
  *
- * With one model the time of an image is its index in the file divided by the number of images
- * (as in 4DGaussians, which reads it as a video of one camera), and each eighth image by name is
- * held out (3DGS's --eval). In the layout of FreeTimeGS times are k/(n-1), and each eighth camera
- * is held out. With a folder per frame each image is a camera of every frame, times are 0, 1, 2,
- * ..., and the first camera is held out (3DGStream). */
+ * Times and held-out views depend on the layout. In the first, image i of n in the file is at time
+ * i/n, as in 4DGaussians, which reads such a data set as a video of one camera, and every eighth
+ * image in the order of names is held out, as by 3DGS's --eval. In the second, frame k of n is at
+ * k/(n-1), and every eighth camera is held out. In the third, each image of the model is a camera
+ * of every frame, times are 0, 1, 2, ..., and the first camera is held out, as in 3DGStream. */
 #include "importers/lib/model.h"
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
@@ -28,22 +28,22 @@ enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
 
 struct lens {
     int id;
-    struct spin_camera camera; /* without a pose */
+    struct spin_camera camera; /* intrinsics; the pose is not set */
 };
 
 struct image {
     const char *name;
     double q[4], t[3];
     int lens_id;
-    size_t place; /* index in the file */
+    size_t place; /* index of the image in the file */
     struct spin_camera camera;
 };
 
 /* A sparse model: pinhole cameras with their poses. */
 struct colmap {
     struct spin_model base;
-    const char *images; /* folder */
-    bool by_name;       /* time of an image: by the order of names, not of the file */
+    const char *images; /* name of the folder of images */
+    bool by_name;       /* times follow the order of the images' names; false: that of the file */
     bool centre;        /* move principal points to the image centre */
     int hold; /* hold out every hold-th image or camera; 0: none; -1: the default of the layout */
     const char *sparse; /* folder of the model's files */
@@ -52,9 +52,9 @@ struct colmap {
     size_t n_lenses;
     struct image *image; /* sorted by name */
     size_t n_images, capacity;
-    double (*point)[3]; /* a sample, every point_step-th */
+    double (*point)[3]; /* [n_points] a sample of the model's points: every point_step-th */
     size_t n_points;
-    uint64_t point_step, n_seen;
+    uint64_t point_step, n_seen; /* n_seen: number of points read so far */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -71,7 +71,7 @@ static int probe(const struct spin_peek *peek)
 }
 
 /* Camera models: the number n of parameters and the indices of fx, fy, cx and cy. Parameters from
- * index `distortion` on must be 0; it is -1 for models that are never a pinhole. */
+ * index `distortion` on must be 0; `distortion` is -1 for models that are never pinhole cameras. */
 static const struct {
     const char *name;
     int n, fx, fy, cx, cy, distortion;
@@ -133,7 +133,7 @@ static spin_status take_count(struct source *s, size_t smallest, const char *wha
     return SPIN_OK;
 }
 
-/* Reads the next line; false at the end. */
+/* Sets s->word to the next line. Returns false at the end of the file. */
 static bool next_line(struct source *s)
 {
     char *stop = memchr(s->at, '\n', (size_t)(s->end - s->at));
@@ -149,14 +149,14 @@ static bool next_line(struct source *s)
     return true;
 }
 
-/* A line that is neither a comment nor blank. */
+/* Whether a line is neither a comment nor blank. */
 static bool is_record(const char *line)
 {
     line += strspn(line, " \t");
     return *line != '#' && *line != '\0';
 }
 
-/* The next word, terminated in place; "" at the end of the line. */
+/* Returns the next word of the line, terminated in place, or "" at the end of the line. */
 static char *next_word(struct source *s)
 {
     char *word = s->word + strspn(s->word, " \t");
@@ -308,8 +308,8 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     return spin_views_check_pose(m, "the pose");
 }
 
-/* Reads the name: the rest of the line or, in binary files, a text that ends with 0. In binary
- * files also skips the image's points. */
+/* Reads the name of an image: the rest of the line or, in binary files, a text that ends with 0. In
+ * binary files, also skips the points of the image, which follow. */
 static spin_status take_name(struct source *s, const char **name)
 {
     const char *end;
@@ -385,7 +385,8 @@ static spin_status read_point(struct colmap *m, struct source *s, int *id)
     return SPIN_OK;
 }
 
-/* Warns if all points are behind a camera: its axes are OpenGL's, or its pose is wrong. */
+/* Warns if all points are behind a camera, since the camera then has OpenGL's axes or a wrong pose.
+ */
 static void warn_behind(const struct colmap *m)
 {
     for (size_t i = 0; i < m->n_images; i++) {
@@ -408,12 +409,14 @@ static void warn_behind(const struct colmap *m)
 
 /* ---- The files ------------------------------------------------------------------------------- */
 
-/* The files of a model. */
+/* The three files of a model, and how their records are read. */
 static const struct kind {
     const char *name, *what, *many;
-    size_t smallest; /* bytes of a record */
+    size_t smallest; /* smallest size of a record in a binary file, in bytes */
     spin_status (*read)(struct colmap *m, struct source *s, int *id);
-    int lines; /* per record in text; the second line of an image has its points and may be empty */
+    /* Lines per record in a text file. The second line of an image has the points of the image and
+     * may be empty. */
+    int lines;
 } camera_file = {"cameras", "camera", "cameras", 24 + 3 * 8, read_lens, 1},
   image_file = {"images", "image", "images", 4 + 7 * 8 + 4 + 1 + 8, read_image, 2},
   point_file = {"points3D", "point", "points", 8 + 3 * 8 + 3 + 8 + 8, read_point, 1};
@@ -442,7 +445,7 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
 {
     struct source s = {.binary = m->binary};
     SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
-    SPIN_FREED char *text = NULL; /* a copy, split in place */
+    SPIN_FREED char *text = NULL; /* a copy of a text file, to be split in place */
     const char *path;
 
     SPIN_TRY(spin_model_join(&m->base, &path, m->sparse, "%s.%s", kind->name,
@@ -457,7 +460,7 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
     return spin_fail_context(read_records(m, kind, &s), "cannot read '%s'", path);
 }
 
-/* Finds the model in sparse/0 or sparse. */
+/* Sets m->sparse to the subfolder sparse/0 or sparse of a folder, whichever contains the model. */
 static spin_status find_sparse(struct colmap *m, const char *folder)
 {
     static const char *const places[] = {"sparse/0", "sparse"};
@@ -472,7 +475,8 @@ static spin_status find_sparse(struct colmap *m, const char *folder)
                           folder);
 }
 
-/* Compares names without extension: the methods choose held-out images in this order. */
+/* Compares names without their extensions, since the methods choose held-out images in this order.
+ */
 static int by_name(const void *a, const void *b)
 {
     const char *x = ((const struct image *)a)->name, *y = ((const struct image *)b)->name;
@@ -486,7 +490,7 @@ static int by_name(const void *a, const void *b)
     return order ? order : strcmp(x, y);
 }
 
-/* Reads the model of a folder with sparse/0 or sparse in it. Warns when all points are behind a
+/* Reads the model in the subfolder sparse/0 or sparse of a folder. Warns if all points are behind a
  * camera. */
 static spin_status read_model(struct colmap *m, const char *folder)
 {
@@ -510,8 +514,8 @@ static spin_status read_model(struct colmap *m, const char *folder)
 
 /* ---- Folders of frames ----------------------------------------------------------------------- */
 
-/* Length of the part of an image's name that names its camera: the folder, else the name without
- * extension. */
+/* Returns the length of the part of an image's name that is the name of its camera: the folder or,
+ * if there is none, the name without its extension. */
 static size_t camera_part(const char *name)
 {
     const char *end = strrchr(name, '/');
@@ -537,8 +541,9 @@ static spin_status has_frames(const char *folder, bool *out)
     return SPIN_OK;
 }
 
-/* In a data set of FreeTimeGS, each image of the model is a camera, whose frames are in the folder
- * of the image or in a folder with its name. Sets *found to whether all these folders exist. */
+/* Sets c[i].where to the folder of each camera's frames. In a data set of FreeTimeGS, each image of
+ * the model is a camera, whose frames are in the folder of the image or in a folder with the name
+ * of the image. Sets *found to whether all these folders exist and contain frames. */
 static spin_status find_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
                                 bool *found)
 {
@@ -550,8 +555,8 @@ static spin_status find_folders(struct colmap *m, const char *images, struct spi
     return SPIN_OK;
 }
 
-/* Assigns folders with other names to the cameras, both in the order of their names, if there are
- * as many. */
+/* To be called if the folders of frames are not named like the cameras. If there are as many such
+ * folders as cameras, assigns folders to cameras, both in the order of names, and sets *found. */
 static spin_status pair_folders(struct colmap *m, const char *images, struct spin_rig_camera *c,
                                 bool *found)
 {
@@ -579,7 +584,8 @@ static spin_status pair_folders(struct colmap *m, const char *images, struct spi
     return SPIN_OK;
 }
 
-/* Sets *out to the cameras, each with its folder of frames; to NULL if each image is a frame. */
+/* Sets *out to the cameras, each with its folder of frames, or to NULL if there are no such folders
+ * and each image of the model is a frame. */
 static spin_status find_rig(struct colmap *m, const char *images, struct spin_rig_camera **out)
 {
     struct spin_rig_camera *c;
@@ -626,8 +632,8 @@ static spin_status read_rig(struct colmap *m, struct spin_rig_camera *c, const c
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Camera ids are the numbers in the names of the images if these are distinct, else the indices of
- * the images in the order of their names. */
+/* Sets *out to the camera id of each image: the number in its name if all images have distinct
+ * numbers, otherwise its index in the order of names. */
 static spin_status camera_ids(struct colmap *m, int **out)
 {
     int *sorted;
@@ -645,8 +651,8 @@ static spin_status camera_ids(struct colmap *m, int **out)
     return SPIN_OK;
 }
 
-/* Adds a view for each image of the model, whose file is below `folder`, in the given row. If row
- * is below 0, each image gets a row of its own. */
+/* Adds a view for each image of the model; the image files are below `folder`. All views belong to
+ * frame `row` of the data set or, if `row` is negative, each to a frame of its own. */
 static spin_status add_views(struct colmap *m, const char *folder, const int *ids, int row,
                              int number, struct spin_views *out)
 {
@@ -671,8 +677,8 @@ static spin_status add_views(struct colmap *m, const char *folder, const int *id
     return SPIN_OK;
 }
 
-/* Checks that all images exist, and scales the cameras to the sizes of the images of the first
- * frame. */
+/* Checks that all images exist, and scales each camera to the size of its image in the first frame.
+ */
 static spin_status fit_views(const struct colmap *m, struct spin_views *out, size_t first)
 {
     SPIN_TRY(spin_views_check_images(out, first));
@@ -690,7 +696,8 @@ static int by_frame_number(const void *a, const void *b)
     return x < y ? -1 : x > y;
 }
 
-/* Reads folders frame<digits>, sorted by number; the first has the model. */
+/* Reads the folders frame<digits> in the order of their numbers. The first one contains the model.
+ */
 static spin_status read_frames(struct colmap *m, const char *path, struct spin_views *out)
 {
     const char *folder;

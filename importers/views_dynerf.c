@@ -1,4 +1,5 @@
-/* Neural 3D Video (DyNeRF) and Meet Room: LLFF cameras and the frames of a few fixed cameras.
+/* Data sets of Neural 3D Video (DyNeRF) and Meet Room: static cameras in a file of LLFF, and the
+ * frames of each camera.
  *
  *     poses_bounds.npy                [C][17]: 3 x 5 matrix, near, far; one row per camera
  *     cam00/images/0000.png ...       as 4DGaussians extracts them (or cam00/0000.png)
@@ -6,10 +7,11 @@
  *     frames/0000/images/cam00.png    as StreamRF extracts them
  *     cam00.mp4 ...                   the videos themselves, when no frames were extracted
  *
- * Row i of poses_bounds belongs to the i-th existing camera in the order of their numbers, not to
- * the camera with number i. The 3 x 5 matrix is c2w in LLFF's axes [down, right, back], the centre,
- * and a column of height, width and focal length of the full-size video. World: LLFF's, unchanged,
- * as in 4DGaussians and Deformable-3DGS. */
+ * Row i of poses_bounds belongs to the i-th existing camera in the order of the camera numbers, not
+ * to the camera with number i. The 3 x 5 matrix consists of the rotation of c2w, in LLFF's axes
+ * [down, right, back]; of the camera's centre; and of a column with height, width and focal length
+ * of the full-size video. The importer does not transform the world, which is that of LLFF, as in
+ * 4DGaussians and Deformable-3DGS. */
 #include <ctype.h>
 #include <strings.h>
 
@@ -22,21 +24,21 @@ enum { COLUMNS = 17 };
 
 struct frame_image {
     const char *path;
-    int camera, number; /* from the names */
+    int camera, number; /* camera number and frame number, from the names */
 };
 
 struct set {
-    struct spin_model base; /* path: the folder */
+    struct spin_model base; /* base.path: the folder of the data set */
     struct frame_image *image;
     size_t n, capacity;
     int *video; /* camera numbers of the video files, sorted */
     size_t n_video;
     int *camera; /* camera numbers in the order of the rows of poses_bounds */
     size_t n_cameras;
-    int *number; /* sorted frame numbers: index = row */
+    int *number; /* [n_rows] sorted frame numbers; the index is the frame of the data set */
     size_t n_rows;
     double *pose;                   /* [n_cameras][17] */
-    struct spin_camera *intrinsics; /* [n_cameras], of the images' size */
+    struct spin_camera *intrinsics; /* [n_cameras] the cameras, scaled to the images' size */
 };
 
 static int probe(const struct spin_peek *peek)
@@ -55,7 +57,8 @@ static bool is_image(const char *name)
             strcasecmp(dot, ".jpeg") == 0);
 }
 
-/* The camera number of a name: 7 for "cam07", "cam_7", "cam07.mp4", "cam07_0001.png"; else -1. */
+/* Returns the camera number in a name, such as 7 for "cam07", "cam_7", "cam07.mp4" and
+ * "cam07_0001.png", or -1 if there is none. */
 static int camera_number(const char *name)
 {
     int value = 0, n_digits = 0;
@@ -81,9 +84,9 @@ static spin_status add_image(struct set *set, const char *folder, const char *na
     return SPIN_OK;
 }
 
-/* Adds the images of a folder. camera >= 0: all are of that camera, and names are frame numbers
- * (camera folders). number >= 0: all are of that frame, and names are cameras (frame folders).
- * Otherwise names contain both. */
+/* Adds the images of a folder. If `camera` is 0 or more, all images are of that camera, and their
+ * names contain frame numbers. If `number` is 0 or more, all images are of that frame, and their
+ * names contain camera numbers. If both are -1, the names contain both numbers. */
 static spin_status add_folder(struct set *set, const char *folder, int camera, int number)
 {
     char **names;
@@ -150,7 +153,8 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
     return SPIN_OK;
 }
 
-/* Adds every frame of every video as an image "cam00.mp4#<frame>", which is decoded on demand. */
+/* Adds every frame of every video as an image with a path such as "cam00.mp4#7", for frame 7.
+ * Readers of images decode the frame when they open such a path. */
 static spin_status add_video_frames(struct set *set, char **names)
 {
     SPIN_TRY_IN(
@@ -175,7 +179,8 @@ static spin_status add_video_frames(struct set *set, char **names)
     return SPIN_OK;
 }
 
-/* Finds images in the first of the three layouts that contains any, else uses the videos. */
+/* Adds the images of the first of the three layouts that has any or, if none has, the frames of the
+ * videos. */
 static spin_status find_images(struct set *set)
 {
     const char *folder = set->base.path, *images, *frames;
@@ -231,7 +236,8 @@ static spin_status read_poses(struct set *set)
     return SPIN_OK;
 }
 
-/* Lists the distinct numbers of all images: of cameras, or of frames. */
+/* Lists the distinct camera numbers of all images or, if `cameras` is false, the distinct frame
+ * numbers. */
 static spin_status list_numbers(struct set *set, bool cameras, int **out, size_t *n)
 {
     SPIN_TRY(spin_model_alloc(&set->base, set->n, sizeof **out, (void **)out));
@@ -241,8 +247,8 @@ static spin_status list_numbers(struct set *set, bool cameras, int **out, size_t
     return SPIN_OK;
 }
 
-/* Assigns the rows of poses_bounds to the cameras with images. If these are not as many as the
- * rows, but the videos are, assigns the rows to the videos. */
+/* Assigns the rows of poses_bounds to the cameras with images. If the number of these cameras is
+ * not that of the rows, but the number of videos is, assigns the rows to the videos. */
 static spin_status match_cameras(struct set *set)
 {
     size_t n = 0;
@@ -275,7 +281,7 @@ static spin_status read_camera(const double row[COLUMNS], struct spin_camera *ou
         if (!isfinite(row[i]))
             return spin_malformed("column %d is not finite", i);
     }
-    /* [down, right, back] to OpenCV's [right, down, forward]. */
+    /* Converts LLFF's axes [down, right, back] to OpenCV's [right, down, forward]. */
     for (int i = 0; i < 3; i++) {
         c2w[4 * i] = row[5 * i + 1];
         c2w[4 * i + 1] = row[5 * i];
@@ -319,7 +325,7 @@ static spin_status read_cameras(struct set *set)
 /* ---- Views ----------------------------------------------------------------------------------- */
 
 /* Checks that each camera has each frame once. Only frames at the end may be missing, since
- * programs that extract frames disagree on their number. */
+ * programs that extract frames disagree on the number of frames of a video. */
 static spin_status check_rows(struct set *set)
 {
     size_t n = set->n_cameras * set->n_rows;

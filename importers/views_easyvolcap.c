@@ -1,18 +1,21 @@
-/* EasyVolcap and data sets of its layout (EasyMocap, SelfCap, Mobile-Stage): cameras in OpenCV's
- * YAML, and images.
+/* Data sets of EasyVolcap, and others with the same layout (EasyMocap, SelfCap, Mobile-Stage):
+ * cameras in OpenCV's YAML, and images.
  *
  *     intri.yml                       names; for each camera NN: K_NN, H_NN, W_NN, D_NN or dist_NN,
  *                                     ccm_NN
  *     extri.yml                       R_NN (rotation vector) or Rot_NN, T_NN
  *     images/<camera>/000000.jpg ...  the frames
- *     masks/<camera>/ ...             foreground (or mask, msk; may be missing)
+ *     masks/<camera>/ ...             foreground masks; the folder may also be called mask or msk,
+ *                                     or be missing
  *     cameras/<camera>/{intri,extri}.yml
- *                                     instead of the first two: moving cameras, an entry per frame
+ *                                     for moving cameras, instead of the first two files: an entry
+ *                                     per frame
  *
  * A pose is w2c = [R | T] in OpenCV's axes. Distortion is refused: EasyVolcap undistorts images and
  * then uses another K, which the files do not contain. The data set itself holds out no camera.
  *
- * Times are k/(n-1), as in FreeTimeGS on these sets. EasyVolcap itself uses k/n. */
+ * Frame k of n is at time k/(n-1), as in trainings of FreeTimeGS on these data sets. EasyVolcap
+ * itself uses k/n. */
 #include "importers/lib/views_rig.h"
 #include "math/covariance.h"
 
@@ -36,11 +39,11 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- YAML ------------------------------------------------------------------------------------ */
 
-/* Parses the subset of YAML that OpenCV's FileStorage writes for cameras. A file becomes a JSON
- * object: a number a number, a list of texts an array, a matrix an object with its rows, cols and
- * data. */
+/* State of parsing the subset of YAML that OpenCV's FileStorage writes for cameras. The file is
+ * converted to a JSON object, whose members are numbers, arrays for lists of texts, and, for
+ * matrices, objects with the members rows, cols and data. */
 struct reader {
-    spin_json *top, *value; /* value: the entry to which the lines below a key belong */
+    spin_json *top, *value; /* the whole object; the member to which lines below a key belong */
     bool open;              /* the data of a matrix continue in the next line */
 };
 
@@ -54,7 +57,7 @@ static spin_status set_value(spin_json *object, const char *key, spin_json *valu
                                                   : spin_malformed("'%.40s' cannot be stored", key);
 }
 
-/* Strips quotes; returns "" if they do not match. */
+/* Returns the text without its quotes, or "" if the quotes do not match. */
 static const char *plain_text(char *text)
 {
     size_t n = strlen(text);
@@ -85,7 +88,7 @@ static spin_status take_numbers(struct reader *r, const char *at)
     return SPIN_OK;
 }
 
-/* Reads "- text" of a list, or "rows: 3" and the like of a matrix. */
+/* Reads a line below a key: "- text" in a list, or an entry such as "rows: 3" in a matrix. */
 static spin_status take_below(struct reader *r, char *line)
 {
     char *value;
@@ -148,7 +151,7 @@ static spin_status take_line(struct reader *r, char *line)
     return *line == ' ' || *line == '-' ? take_below(r, words) : take_key(r, line);
 }
 
-/* Splits the text in place. */
+/* Parses the text of a file, which is split in place. */
 static spin_status parse(struct reader *r, char *text)
 {
     char *line;
@@ -198,7 +201,7 @@ static const spin_json *find(const spin_json *file, const char *key, const char 
     return spin_json_get(file, text);
 }
 
-/* Reads a matrix key_name. */
+/* Reads the matrix <key>_<name>, which must have the given numbers of rows and columns. */
 static spin_status read_matrix(const spin_json *file, const char *key, const char *name, int rows,
                                int cols, double *out)
 {
@@ -218,7 +221,8 @@ static spin_status read_matrix(const spin_json *file, const char *key, const cha
     return SPIN_OK;
 }
 
-/* Checks that D or dist, k1 k2 p1 p2 k3, is 0. */
+/* Checks that the distortion D_<name> or dist_<name>, if there is one, is 0. Its coefficients are
+ * k1 k2 p1 p2 k3. */
 static spin_status check_distortion(const spin_json *intri, const char *name)
 {
     const char *key = find(intri, "D", name) ? "D" : "dist";
@@ -236,7 +240,7 @@ static spin_status check_distortion(const spin_json *intri, const char *name)
     return SPIN_OK;
 }
 
-/* The matrix of the rotation by |r| about r. */
+/* Computes the matrix of the rotation about the axis r by the angle |r|. */
 static void turn(const double r[3], double out[9])
 {
     double angle = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
@@ -263,7 +267,7 @@ static spin_status read_pose(const spin_json *extri, const char *name, double w2
     return spin_views_check_pose(w2c, "the pose");
 }
 
-/* Reads the size from the file, else from the image. */
+/* Reads the image size from H_<name> and W_<name> or, if both are missing, from the image. */
 static spin_status read_size(const spin_json *intri, const char *name, const char *picture,
                              struct spin_camera *out)
 {
@@ -289,7 +293,7 @@ static spin_status read_lens(const spin_json *intri, const char *name, const cha
     return check_distortion(intri, name);
 }
 
-/* intri.yml and extri.yml of a folder. */
+/* The files intri.yml and extri.yml of a folder. */
 struct pair {
     struct file intri, extri;
 };
@@ -311,10 +315,10 @@ static spin_status read_camera(const struct pair *p, const char *name, const cha
 
 /* A data set: its folder and its cameras. */
 struct set {
-    struct spin_model base; /* path: the folder */
+    struct spin_model base; /* base.path: the folder of the data set */
     struct spin_rig_camera *camera;
     size_t n;
-    bool coloured; /* a camera has a ccm */
+    bool coloured; /* at least one camera has a colour matrix ccm */
 };
 
 static spin_status find_pictures(struct set *set, struct spin_rig_camera *c)
@@ -366,7 +370,7 @@ static spin_status read_still(struct set *set, const struct pair *p)
     return SPIN_OK;
 }
 
-/* Reads a moving camera, whose entries are named by frame numbers. */
+/* Reads a moving camera. The entries of its files, one per frame, are named by frame numbers. */
 static spin_status read_moving(struct set *set, const struct pair *p, struct spin_rig_camera *c,
                                spin_json *name_of)
 {
@@ -400,7 +404,8 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
 
 /* ---- The files ------------------------------------------------------------------------------- */
 
-/* Reads both files of a folder: those of the moving camera c, or of all cameras if c is NULL. */
+/* Reads intri.yml and extri.yml of a folder. They are those of the moving camera c or, if c is
+ * NULL, of all cameras. */
 static spin_status read_files(struct set *set, const char *folder, struct spin_rig_camera *c)
 {
     spin_json *name_of = spin_json_object();

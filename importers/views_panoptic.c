@@ -1,4 +1,4 @@
-/* CMU Panoptic Sports as prepared for Dynamic 3D Gaussians: cameras and images.
+/* Data sets of CMU Panoptic Sports as prepared for Dynamic 3D Gaussians: cameras and images.
  *
  *     train_meta.json  test_meta.json      w, h, k [T][C][3][3], w2c [T][C][4][4], fn [T][C],
  *                                          cam_id [T][C] (may be missing)
@@ -12,13 +12,13 @@
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 
-/* One of the two files. */
+/* The contents of train_meta.json or of test_meta.json. */
 struct split {
-    struct spin_model *m;                   /* path: the folder */
+    struct spin_model *m;                   /* m->path: the folder of the data set */
     const spin_json *k, *w2c, *fn, *cam_id; /* cam_id may be NULL */
     int width, height;
     size_t n_rows, n_cameras;
-    bool test;
+    bool test; /* the file is test_meta.json, whose views are held out */
 };
 
 static int probe(const struct spin_peek *peek)
@@ -102,7 +102,8 @@ static spin_status read_pose(const spin_json *json, struct spin_camera *camera)
     return spin_views_check_pose(m, "'w2c'");
 }
 
-/* The camera's id: cam_id, else the number that names its folder, else its index in the list. */
+/* Sets *out to the camera's id: its value in cam_id or, without that list, the number that is the
+ * name of its folder in `fn` or, if the name is no number, its index in the list. */
 static spin_status read_camera_id(const struct split *s, size_t row, size_t camera, const char *fn,
                                   int *out)
 {

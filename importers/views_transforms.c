@@ -1,22 +1,24 @@
-/* JSON of D-NeRF (Blender), n3v2blender.py and nerfstudio: cameras and images.
+/* Data sets of D-NeRF (Blender), n3v2blender.py and nerfstudio: JSON files with cameras, and
+ * images.
  *
  *     transforms_train.json  transforms_test.json, or only transforms.json
- *         camera_angle_x | fl_x fl_y cx cy    of all frames, or of one; w, h likewise
+ *         camera_angle_x | fl_x fl_y cx cy    for all frames; may also be members of a frame
+ *         w, h                                for all frames; may also be members of a frame
  *         frames[]: file_path, transform_matrix (c2w, OpenGL's axes), time
  *
- * Values of a frame override those of the file, and focal lengths override camera_angle_x.
- * The rows of the data set are the distinct times of both files. One file is one moving camera
- * unless its images are named cam<NN>. Images with alpha are composited when they are read, over
- * the colour of --background; D-NeRF's own training uses white.
+ * Values of a frame override those for all frames, and focal lengths override camera_angle_x. The
+ * frames of the data set are the distinct times of both files. All images of a file are of one
+ * moving camera, unless their names contain cam<NN>. Images with alpha are composited when they are
+ * read, over the colour of --background; D-NeRF's own training uses white.
  *
  * transforms.json contains all images. Those in its lists test_filenames and val_filenames are held
- * out. Without lists, the first of several cameras is held out; with one camera or without times,
- * every 8th image. Without times every image is a camera of its own. Poses are used as stored:
- * applied_transform was applied to them before, and nerfstudio's own centring is left out.
+ * out. Without lists, the first camera is held out if there are several cameras and times;
+ * otherwise every 8th image is. Without times, every image is a camera of its own. Poses are used
+ * as stored: applied_transform is already part of them, and nerfstudio's own centring is left out.
  *
- * 4DGaussians negates the translation of the inverse OpenGL matrix, which gives its x the
- * wrong sign unless the camera's right axis is perpendicular to its position; pose=4dgaussians
- * reproduces this, for models that were trained on such cameras. */
+ * 4DGaussians negates the translation of the inverse OpenGL matrix, which gives the translation's x
+ * the wrong sign unless the camera's right axis is perpendicular to its position. Option `pose`
+ * with the value 4dgaussians reproduces this, for models that were trained on such cameras. */
 #include <ctype.h>
 #include <unistd.h>
 
@@ -28,19 +30,21 @@ enum time_rule { TIME_FILE, TIME_MAX, TIME_UNIT };
 struct options {
     const char *test_file, *ending;
     enum time_rule time;
-    bool old_pose;
-    int hold; /* transforms.json: hold out each hold-th; 0: none; -1: the default */
+    bool old_pose; /* option `pose` is 4dgaussians */
+    int hold;      /* hold out every hold-th image of transforms.json; 0: none; -1: the default */
 };
 
-/* One of the files. */
+/* One of the JSON files. */
 struct split {
-    struct spin_model *m; /* path: the folder */
+    struct spin_model *m; /* m->path: the folder of the data set */
     const struct options *options;
     const spin_json *root; /* valid while the file is read */
     int id;                /* camera id of images that are not named cam<NN> */
-    bool test;
+    bool test;             /* all images of the file are held out */
     bool all;              /* the file is transforms.json */
-    bool has_lists, timed; /* transforms.json: lists held-out images; has frames with a time */
+    /* For transforms.json: has_lists, it has lists of held-out images; timed, a frame has a time.
+     */
+    bool has_lists, timed;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -52,13 +56,13 @@ static int probe(const struct spin_peek *peek)
 {
     if (spin_peek_has(peek, TRAIN))
         return 90;
-    return spin_peek_has(peek, ALL) ? 60 : 0; /* some tools write it beside another data set */
+    return spin_peek_has(peek, ALL) ? 60 : 0; /* some tools add this file to another data set */
 }
 
 /* ---- One camera ------------------------------------------------------------------------------ */
 
-/* Reads the number `key` of the frame, else of the file. A value that is not a number is an error.
- */
+/* Reads the number `key` of the frame or, if the frame has none, of the file. Sets *found to
+ * whether there is one. A value that is not a number is an error. */
 static spin_status read_number(const struct split *s, const spin_json *frame, const char *key,
                                double *out, bool *found)
 {
@@ -96,8 +100,8 @@ static spin_status check_lens(const struct split *s, const spin_json *frame)
     return SPIN_OK;
 }
 
-/* Reads the size from the JSON file. For the first frame, and for frames with a size of their own,
- * checks it against the image. Without w and h, reads the size of the image. */
+/* Reads the image size from w and h or, without them, from the image. For the first frame, and for
+ * frames with their own w and h, the image must have the size that w and h state. */
 static spin_status read_size(const struct split *s, const spin_json *frame, size_t index,
                              const char *path, struct spin_camera *camera)
 {
@@ -173,7 +177,8 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
 
 /* ---- One frame ------------------------------------------------------------------------------- */
 
-/* Finds the image by its name, else by its name with the extension of option `ending`. */
+/* Sets *out to the path of the image `name` or, if there is no such file, to this path followed by
+ * the extension in option `ending`. */
 static spin_status find_image(const struct split *s, const char *name, char **out)
 {
     const char *path;
@@ -185,7 +190,8 @@ static spin_status find_image(const struct split *s, const char *name, char **ou
     return SPIN_OK;
 }
 
-/* "images/cam07_0001" is camera 7; images with other names are of camera s->id. */
+/* Returns the camera id of an image: 7 for the name "images/cam07_0001", s->id for names without
+ * cam<NN>. */
 static int camera_of(const struct split *s, const char *name)
 {
     const char *at = strstr(spin_path_name(name), "cam");
@@ -205,8 +211,8 @@ static const char *without_dot(const char *name)
     return name;
 }
 
-/* Whether the list `key` of transforms.json contains an image. Sets s->has_lists if the list is not
- * empty. */
+/* Whether the file is transforms.json and its list `key` contains the image. Sets s->has_lists if
+ * this list is not empty. */
 static bool lists(struct split *s, const char *key, const char *name)
 {
     const spin_json *list = spin_json_get(s->root, key);
@@ -243,7 +249,7 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
         view->test = true;
     SPIN_TRY(find_image(s, name, &view->path));
     if (access(view->path, R_OK) != 0)
-        return SPIN_OK; /* reported later, with the number of all missing images */
+        return SPIN_OK; /* read_set() reports the number of missing images */
     SPIN_TRY(check_lens(s, frame));
     SPIN_TRY(read_size(s, frame, index, view->path, &view->camera));
     SPIN_TRY(read_intrinsics(s, frame, &view->camera));
@@ -270,12 +276,14 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
     return SPIN_OK;
 }
 
-/* ---- Rows and times -------------------------------------------------------------------------- */
+/* ---- Frames and times ------------------------------------------------------------------------ */
 
-/* Times closer than this fraction of the range are one frame: files are written with six digits. */
+/* Times belong to the same frame if they differ by at most this fraction of the range of all times,
+ * since files are written with six digits. */
 #define SAME_TIME 1e-6
 
-/* Numbers the rows, which are the distinct times in order, then scales the times by the rule. */
+/* Sets dataset_frame of each view to the index of its time among the distinct times of all views,
+ * then scales the times by the rule. */
 static spin_status set_rows(struct spin_model *m, struct spin_views *views, size_t first,
                             enum time_rule rule)
 {
@@ -295,7 +303,7 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
     }
     scale = rule == TIME_MAX ? high : rule == TIME_UNIT ? high - low : 1;
     for (size_t i = 0; i < n; i++) {
-        size_t a = 0, b = n_rows; /* search for the last time that is not later */
+        size_t a = 0, b = n_rows; /* binary search for the last distinct time that is not later */
 
         while (b - a > 1) {
             size_t middle = a + (b - a) / 2;
@@ -314,7 +322,7 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
     return SPIN_OK;
 }
 
-/* ---- Held out -------------------------------------------------------------------------------- */
+/* ---- Held-out views -------------------------------------------------------------------------- */
 
 static int by_path(const void *a, const void *b)
 {
@@ -323,8 +331,8 @@ static int by_path(const void *a, const void *b)
     return strcmp((*x)->path, (*y)->path);
 }
 
-/* Chooses the held-out views of transforms.json by option `hold`, or by default if it has no lists.
- */
+/* Chooses the held-out views of transforms.json. To be called if option `hold` is given, or if the
+ * file has no lists of held-out images; without the option, applies the default rule. */
 static spin_status hold_out(const struct split *s, struct spin_views *views, size_t first)
 {
     size_t n = views->n - first, hold = s->options->hold < 0 ? 8 : (size_t)s->options->hold;

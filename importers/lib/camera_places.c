@@ -5,7 +5,7 @@
 #include "importers/lib/run_config.h"
 #include "io/json.h"
 
-enum { MOST_DIFFERENT = 1024 }; /* most distinct positions read from cameras.json */
+enum { MOST_DIFFERENT = 1024 }; /* distinct positions of cameras.json; further ones are ignored */
 
 spin_status spin_camera_places_parse(const char *text, struct camera_places *out)
 {
@@ -30,7 +30,8 @@ spin_status spin_camera_places_parse(const char *text, struct camera_places *out
     return SPIN_OK;
 }
 
-/* Adds the position of one entry to place [*n][3] unless it is a duplicate or the list is full. */
+/* Appends the position of one entry to place [*n][3], unless `place` already contains this position
+ * or is full. */
 static spin_status add_entry(const char *path, const spin_json *list, size_t entry,
                              float (*place)[3], size_t *n)
 {

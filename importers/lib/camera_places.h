@@ -7,14 +7,15 @@ enum { CAMERA_PLACES_MOST = 64 };
 
 struct camera_places {
     int n;
-    float place[CAMERA_PLACES_MOST][3]; /* world units */
+    float place[CAMERA_PLACES_MOST][3]; /* [n] positions in world units */
 };
 
 /* Parses the value of --camera: "X,Y,Z", or several positions separated by ";". NULL yields no
  * positions. Errors are SPIN_E_USAGE. */
 spin_status spin_camera_places_parse(const char *text, struct camera_places *out);
 
-/* Reads the distinct "position" values of the list in the file `path`, in order. If there are more
- * than CAMERA_PLACES_MOST, evenly spaced ones are chosen. A list without positions is an error;
- * SPIN_E_MALFORMED names the file and the entry. */
+/* Reads the file `path`, a list of cameras, and stores their positions without duplicates, in the
+ * order of the list. If there are more than CAMERA_PLACES_MOST, keeps that many, at even distances
+ * in the list. An empty list, or an entry without a position, is an error; the message names the
+ * file and the entry. */
 spin_status spin_camera_places_load(const char *path, struct camera_places *out);

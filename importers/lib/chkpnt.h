@@ -1,35 +1,41 @@
-/* chkpnt<N>.pth, from which 3DGS and its descendants resume a training: (model, iteration). The
- * model is a tuple of tensors, numbers and the optimiser, whose length identifies the method. */
+/* Reading of the files chkpnt<N>.pth, from which 3DGS and its descendants resume a training. Each
+ * contains a tuple (model, iteration). The model is itself a tuple, of tensors, numbers and the
+ * state of the optimiser; its length identifies the method. */
 #pragma once
 
 #include "importers/lib/model.h"
 
-/* N of chkpnt<N>.pth, INT64_MAX for chkpnt_best.pth, else -1. */
+/* Returns N for the name chkpnt<N>.pth, INT64_MAX for chkpnt_best.pth and -1 for other names. */
 long long spin_chkpnt_iteration(const char *name);
 
 /* Sets *out to the name of the checkpoint to read in a folder, or to NULL if there is none.
  * `wanted` is a number or "best"; NULL selects the largest number or, if no name has a number,
- * chkpnt_best.pth. Sets *best to whether there is a chkpnt_best.pth that was not chosen. */
+ * chkpnt_best.pth. Sets *best to true if another file was chosen although there is a
+ * chkpnt_best.pth. */
 spin_status spin_chkpnt_choose(struct spin_model *m, const char *folder, const char *wanted,
                                const char **out, bool *best);
-/* Sets the model's path to the file `path`, or to the newest checkpoint of the folder `path`; to
- * NULL if the folder has none. Notes a chkpnt_best.pth that was not chosen. */
+/* Sets m->path to the checkpoint to read. If `path` is a file, this is `path`. If it is a folder,
+ * this is the file that spin_chkpnt_choose() selects by default, or NULL if there is none; a note
+ * for the user mentions a chkpnt_best.pth that was not chosen. */
 spin_status spin_chkpnt_find(struct spin_model *m, const char *path);
 
-/* The kind of a value for messages: "a tensor", "an int", ...; "nothing" for NULL. */
+/* Returns the type of a value as text for messages: "a tensor", "an int", ..., or "nothing" if `v`
+ * is NULL. */
 const char *spin_chkpnt_kind(const struct spin_value *v);
 
-/* Name, for messages, of the method whose checkpoints have n_items items in the model. */
+/* Returns, for messages, the name of the method that saves models of n_items items. */
 const char *spin_chkpnt_maker(size_t n_items);
 
-/* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. A tuple of
- * another length is refused, with the name of the method that saves such tuples; *model is then
- * NULL. `method` is the name of the caller's method. */
+/* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. For a
+ * model of another length, returns SPIN_E_UNSUPPORTED, sets *model to NULL, and names in the
+ * message `method`, which is the caller's method, and the method that saves such models. */
 spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, const char *method,
                               const struct spin_value **model, double *iteration);
 
-/* Binds a tensor [shape...] of floating-point numbers; -1 matches any size. Refuses rows that
- * repeat by a stride of 0, with which a small file could demand any amount of memory. */
+/* Sets *out to the tensor `v`, which must contain floating-point numbers and have the shape `shape`
+ * [n_dims], where -1 matches any size; `what` names the tensor in messages. Refuses a tensor with
+ * more elements than its storage has: strides of 0 would allow a small file to demand any amount of
+ * memory. */
 spin_status spin_chkpnt_bind(struct spin_torch *torch, const struct spin_value *v, const char *what,
                              int n_dims, const int64_t *shape, struct spin_array *out);
 

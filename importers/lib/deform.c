@@ -1,4 +1,4 @@
-/* Frames and saves of deformed clouds. */
+/* Frames and checkpoints of methods with deformed clouds. */
 #include "importers/lib/deform.h"
 
 #include "math/covariance.h"
@@ -49,10 +49,10 @@ void spin_deform_shape(const struct deform_job *job, size_t first, int n, const 
     }
 }
 
-/* ---- Saves ----------------------------------------------------------------------------------- */
+/* ---- Checkpoints ----------------------------------------------------------------------------- */
 
-/* Refuses a model whose last cloud and last network are of different checkpoints: the user must
- * choose one. */
+/* Refuses a model whose last cloud and last network belong to different checkpoints: the user must
+ * choose a checkpoint. */
 static spin_status check_newest(struct spin_model *m, const char *path, const char *clouds,
                                 const char *deforms, const char *found)
 {

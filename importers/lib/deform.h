@@ -1,5 +1,5 @@
-/* Methods with canonical Gaussians that a network deforms: computes frames, adds residuals to
- * activated shapes, and finds checkpoints whose files are in two folders. */
+/* Functions for methods with canonical Gaussians that a network deforms. They compute frames, add
+ * residuals to activated shapes, and find checkpoints whose files are in two folders. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -8,22 +8,24 @@
 
 /* Context of the mlp_block_fn that evaluates a frame. */
 struct deform_job {
-    const void *model;              /* the model of the importer */
+    const void *model;              /* the importer's own struct */
     const struct spin_splats *from; /* the canonical cloud */
     struct spin_splats *out;
     unsigned columns;
     float time;
 };
 
-/* Computes one frame: `fn`, whose context is a struct deform_job, fills the columns in `moved`; the
- * other columns are copied from the canonical cloud, with quaternions normalised. */
+/* Computes `columns` of one frame. Those in `moved` are filled by `fn`, whose context is a struct
+ * deform_job. The others are copied from the canonical cloud, and copied quaternions are
+ * normalised. */
 spin_status spin_deform_frame(struct spin_model *m, double time, unsigned columns, unsigned moved,
                               mlp_block_fn fn, struct spin_splats *out);
 
-/* Adds the residuals d_scale [3][MLP_BLOCK] to the activated scales and d_quat [4][MLP_BLOCK] to
- * the unit quaternions of n rows. The methods' rasteriser does not normalise the resulting
- * quaternions; stores the scales and rotations of the ellipsoids that it draws, NaN where there is
- * no ellipsoid. */
+/* Adds residuals to the shapes of the rows `first` to `first` + n - 1: d_scale [3][MLP_BLOCK] to
+ * the activated scales, d_quat [4][MLP_BLOCK] to the unit quaternions. The rasteriser of these
+ * methods does not normalise the sums of quaternions, so it draws other ellipsoids than for unit
+ * quaternions. The scales and rotations of the ellipsoids that it draws are stored, or NaN if the
+ * result is not an ellipsoid. */
 void spin_deform_shape(const struct deform_job *job, size_t first, int n, const float *d_scale,
                        const float *d_quat);
 
@@ -31,13 +33,14 @@ void spin_deform_shape(const struct deform_job *job, size_t first, int n, const 
  * point_cloud/iteration_<N>/point_cloud.ply and deform/iteration_<N>/deform.pth in the model's
  * folder. */
 struct deform_save {
-    const char *model, *name;    /* the model's folder; iteration_<N> */
-    const char *cloud, *network; /* paths of the two files */
+    /* Path of the model's folder; name iteration_<N> of the checkpoint's two folders. */
+    const char *model, *name;
+    const char *cloud, *network; /* paths of point_cloud.ply and of deform.pth */
 };
 
-/* Finds the checkpoint to read. `path` is the model's folder, or
- * MODEL/deform/iteration_<N>/deform.pth, which selects a checkpoint. In the model's folder option
- * `iteration` selects one, by N or "best". The default is the last checkpoint with both files; if
- * `together`, this must be the last of each of the two folders. */
+/* Finds the checkpoint to read. `path` is the file deform/iteration_<N>/deform.pth of a checkpoint,
+ * or the model's folder. For the folder, option `iteration` selects the checkpoint by its N or by
+ * "best"; without the option it is the last checkpoint that has both files. If `together`, it is
+ * then an error if the last cloud or the last network belongs to another checkpoint. */
 spin_status spin_deform_find(struct spin_model *m, const char *path, bool together,
                              struct deform_save *out);

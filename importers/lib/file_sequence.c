@@ -8,7 +8,8 @@ bool spin_file_has_suffix(const char *name, const char *suffix)
     return spin_text_ends_any_case(name, suffix);
 }
 
-/* "input.ply" is the point cloud from which training started. */
+/* Whether a file is a frame: its name ends with `suffix`, and it is neither hidden nor "input.ply",
+ * the point cloud from which training started. */
 static bool is_frame_name(const char *name, const char *suffix)
 {
     return name[0] != '.' && spin_file_has_suffix(name, suffix) && strcmp(name, "input.ply") != 0;

@@ -8,7 +8,8 @@ spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, 
     return spin_model_alloc(m, n, sizeof *g->row, (void **)&g->row);
 }
 
-/* Whether values are far below the largest float: positions move, and later code squares them. */
+/* Whether the magnitudes of all values are below 1e18, so that the result remains finite when later
+ * code squares them or moves positions. */
 static bool all_sane(const double *values, int n)
 {
     for (int i = 0; i < n; i++) {
@@ -73,7 +74,7 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
     return SPIN_OK;
 }
 
-/* Whether floats from..width-1 of every row are 0. */
+/* Whether the floats `from` to `width` - 1 of every row are 0. */
 static bool all_zero(const float *values, size_t n, size_t from, size_t width)
 {
     for (size_t i = 0; i < n; i++)

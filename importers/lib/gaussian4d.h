@@ -1,5 +1,5 @@
-/* Four-dimensional Gaussians as 4D splats: ellipsoids of fixed shape on straight lines, with a
- * Gaussian window in time. */
+/* Conversion of four-dimensional Gaussians to 4D splats: ellipsoids of fixed shape that move along
+ * straight lines and have a Gaussian window in time. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -13,36 +13,40 @@ struct gaussian4d {
     size_t *row;      /* [n] for each splat, its row in the file */
 };
 
-/* Reserves n rows in the model's splats_4d, whose paths are lines. */
+/* Allocates n rows in the model's splats_4d, with straight lines as paths and with the optional
+ * arrays `parts`. */
 spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, size_t n,
                                     int sh_degree, unsigned parts);
 
-/* Adds one Gaussian of known shape. variance: of its window in time; HUGE_VAL for a permanent
- * Gaussian. Returns the address at which the caller stores the SH; SH that vary in time go to the
- * same row of sh_cos. A row that would yield nonfinite values is dropped and counted, and the
- * function returns NULL. */
+/* Adds the Gaussian of row `row` of the file, with a known shape. `variance` is that of its window
+ * in time; HUGE_VAL: the Gaussian is permanent. Returns the address in splats_4d.sh to which the
+ * caller writes its SH; SH that vary over time belong in the row of sh_cos with the same index. A
+ * row whose values could overflow is dropped and counted in g->n_dropped, and the function returns
+ * NULL. */
 float *spin_gaussian4d_add(struct spin_model *m, struct gaussian4d *g, size_t row,
                            const float mean[3], double time, double logit, const double velocity[3],
                            double variance, const double log_scale[3], const double quat[4]);
 
-/* Adds one Gaussian whose shape, velocity and variance in time are those of `slice`; `extra` is
+/* Like spin_gaussian4d_add(), but shape, velocity and variance are those of `slice`; `extra` is
  * added to the variance. */
 float *spin_gaussian4d_add_slice(struct spin_model *m, struct gaussian4d *g, size_t row,
                                  const float mean[3], double time, double logit,
                                  const spin_slice *slice, double extra);
 
-/* To be called after all n rows. Returns SPIN_E_MALFORMED if all rows were dropped. Notes the
- * number of dropped rows and the reason `why` (NULL: no note). If n_faint, the number of opacities
- * below SPIN_FAINT, is nearly n, notes that training had just reset opacities. */
+/* To be called when all n rows of the file have been passed to the functions above. Returns
+ * SPIN_E_MALFORMED if all were dropped. If some were, adds a note for the user with their number
+ * and the reason `why` (NULL: no note). n_faint is the number of opacities below SPIN_FAINT; if it
+ * is nearly n, another note states that training had just reset opacities. */
 #define SPIN_FAINT 0.02
 spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n_faint,
                                   const char *why, struct spin_sequence_info *sequence);
 
-/* To be called before spin_gaussian4d_finish(). Drops sh_cos if all its values are 0; without
- * sh_cos, also drops the highest SH degrees while all their values are 0. */
+/* To be called before spin_gaussian4d_finish(). Frees sh_cos if all its values are 0. If there is
+ * then no sh_cos, lowers the SH degree as long as all coefficients of the highest degree are 0. */
 void spin_gaussian4d_drop_zeros(struct spin_model *m);
 
-/* To be called last. Multiplies the splats' times, which are in the file's unit, by `ratio`, calls
- * spin_splats_4d_settle(), and describes the sequence as continuous over the clip's times. */
+/* To be called last. Converts the splats from the file's unit of time to that of the clip, which is
+ * smaller by the factor `ratio`: multiplies times and sigmas, divides velocities. Then calls
+ * spin_model_settle_4d() and sets the range of the sequence to the clip's times. */
 spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d *g, double ratio,
                                    const struct clip_times *times);

@@ -3,7 +3,8 @@
 
 #include "math/plane.h"
 
-/* The axes of the columns and the rows of each plane; axis 3 is time. */
+/* For each plane, the axis of its columns and the axis of its rows: 0 to 2 are x, y, z; 3 is time.
+ */
 static const int hex_axes[6][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
 
 /* ---- Loading --------------------------------------------------------------------------------- */
@@ -82,7 +83,8 @@ static spin_status load_planes(struct spin_model *m, struct hexplane *hex)
     }
 }
 
-/* Checks two opposite corners of a bounding box; `key` is the tensor to name in the error. */
+/* Checks that a bounding box, given by two opposite corners, has an extent along every axis. `key`
+ * is the tensor that the error message names. */
 static spin_status check_box(const struct spin_model *m, const char *key, const float *low,
                              const float *high)
 {
@@ -94,8 +96,9 @@ static spin_status check_box(const struct spin_model *m, const char *key, const 
     return SPIN_OK;
 }
 
-/* Loads feature_out. Its input has F = channels x scales features, or 3 F if they are encoded,
- * which grid_pe > 1 indicates. */
+/* Loads the network feature_out. The planes yield F = channels x scales features. If the network
+ * has F inputs, these are the features. If it has 3 F inputs, these are the features, their sines
+ * and their cosines, and grid_pe must be known and above 1. */
 static spin_status load_feature(struct spin_model *m, double grid_pe, struct hexplane *hex)
 {
     int n_features = hex->channels * hex->n_scales;
@@ -142,8 +145,8 @@ spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane 
 
 size_t spin_hex_scratch(const struct hexplane *hex) { return 2 * spin_mlp_widest(&hex->feature); }
 
-/* Computes the features of one point into column `p` of a block. As in the method, time is not
- * mapped to [-1, 1] by the bounding box like the other axes. */
+/* Computes the features of one point into column `p` of a block. As in the method, the bounding box
+ * maps x, y and z to [-1, 1], whereas the time is used unchanged. */
 static void hex_sample(const struct hexplane *hex, const float xyz[3], float time, int p,
                        float *out)
 {

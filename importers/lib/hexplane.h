@@ -1,5 +1,6 @@
-/* The network of 4DGaussians, which MoDec-GS shares: six feature planes per scale over pairs of x,
- * y, z, t (HexPlane), a small MLP behind them, and heads (hustvl/4DGaussians 843d5ac). */
+/* The network of 4DGaussians (hustvl/4DGaussians 843d5ac), which MoDec-GS also uses. It consists of
+ * feature planes (HexPlane), one per scale and pair of the axes x, y, z, t; of a small MLP that
+ * receives the features of all planes; and of heads. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -8,35 +9,42 @@ enum {
     HEX_MAX_SCALES = 16,
     HEX_MAX_CHANNELS = 256,
     HEX_MAX_SIZE = 1 << 15, /* samples along an axis */
-    HEX_VOXELS = 64
+    HEX_VOXELS = 64         /* voxels of empty_voxel along an axis */
 };
 
 struct hexplane {
     int n_scales, channels;
     int size[HEX_MAX_SCALES][4];     /* samples along x, y, z, t */
     float *plane[HEX_MAX_SCALES][6]; /* [rows][columns][channels] */
-    float *corner;  /* [2][3] points mapped to -1 and to 1; the method stores the maximum first */
-    double grid_pe; /* 0: features are not encoded */
-    struct mlp_net feature;
-    int width;
-    struct mlp_net still;         /* static_mlp; n is 0 without one */
-    float *voxels;                /* empty_voxel [x][y][z], or NULL */
-    float *voxel_min, *voxel_max; /* [3] */
+    /* [2][3] The corners of the bounding box that are mapped to -1 and to 1. The method stores the
+     * maximum first. */
+    float *corner;
+    double grid_pe;         /* factor of the angles that encode features; 0: no encoding */
+    struct mlp_net feature; /* the network feature_out */
+    int width;              /* outputs of `feature`, and inputs of each head */
+    /* The factors of spin_hex_hidden(), `mask`, are the output of `still`, the network static_mlp,
+     * or values of `voxels`, the grid empty_voxel [x][y][z]. If still.n is 0 and `voxels` is NULL,
+     * the factors are 1. */
+    struct mlp_net still;
+    float *voxels;
+    float *voxel_min, *voxel_max; /* [3] bounding box of `voxels` */
 };
 
-/* Finds the network among the tensors and sets m->prefix, which differs between derived tools.
- * Returns false if there is none. */
+/* Searches m->tensors for the network and sets m->prefix to the prefix of its tensors, which
+ * differs between derived tools. Returns false if there is no network. */
 bool spin_hex_find(struct spin_model *m);
 
-/* Loads everything except the heads, which spin_model_head() loads. grid_pe is 0 if unknown. */
+/* Loads everything except the heads, which spin_model_head() loads. `grid_pe` is the setting of the
+ * training, or 0 if it is unknown. */
 spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane *hex);
 
-/* Number of floats of scratch memory for a block: two layers. */
+/* Returns the number of floats of scratch memory for one call of spin_hex_hidden(), which are two
+ * layers of a block. */
 size_t spin_hex_scratch(const struct hexplane *hex);
 
 /* Computes the hidden layer [width][MLP_BLOCK] of n points xyz [n][3], including the ReLU that is
- * the first operation of every head. scratch has spin_hex_scratch() floats: the result is one of
- * its two layers, *spare the other. mask is set to the factor on each point's canonical values, 1
- * in most models. */
+ * the first operation of every head. `scratch` has spin_hex_scratch() floats, which are two layers:
+ * the function returns the layer that contains the result and sets *spare to the other. mask[p] is
+ * set to a factor that multiplies the canonical values of point p; it is 1 in most models. */
 float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, float time,
                        float *scratch, float **spare, float mask[MLP_BLOCK]);

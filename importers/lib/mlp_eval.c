@@ -5,7 +5,8 @@
 #include "base/product.h"
 #include "math/ntc.h"
 
-/* out [n_out][MLP_BLOCK] = W in + b, clamped at 0 if `relu`. in and out must differ. */
+/* Sets out [n_out][MLP_BLOCK] to W in + b; if `relu`, negative values become 0. `in` and `out` must
+ * be different arrays. */
 static void mlp_linear(const struct mlp_layer *l, const float *in, float *out, bool relu)
 {
     if (!l->bias)
@@ -46,7 +47,7 @@ float *spin_mlp_run(const struct mlp_net *net, float *in, float *a, float *b)
     return now;
 }
 
-/* ---- Blocks over threads --------------------------------------------------------------------- */
+/* ---- Distributing blocks over threads -------------------------------------------------------- */
 
 void spin_mlp_team_free(struct mlp_team *team)
 {

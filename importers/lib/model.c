@@ -8,7 +8,7 @@ struct spin_model_block {
     void *block;
 };
 
-/* ---- Life ------------------------------------------------------------------------------------ */
+/* ---- Opening and closing --------------------------------------------------------------------- */
 
 spin_status spin_model_open(const char *path, const struct spin_plugin_values *values, void **self,
                             struct spin_sequence_info *sequence, size_t bytes,
@@ -133,7 +133,8 @@ spin_status spin_model_there(spin_status status, const char **out)
     return status;
 }
 
-/* Takes ownership of a malloc() block: it is freed with the model, or at once on failure. */
+/* Takes ownership of a malloc() block: the block is freed with the model or, if this function
+ * fails, immediately. */
 static spin_status keep(struct spin_model *m, void *block)
 {
     struct spin_model_block *b;
@@ -276,7 +277,7 @@ spin_status spin_model_check(const char *path, double time, unsigned columns,
     return SPIN_OK;
 }
 
-/* ---- The folder of a run --------------------------------------------------------------------- */
+/* ---- The folder of a training ---------------------------------------------------------------- */
 
 long long spin_model_iteration(const char *name)
 {
@@ -411,8 +412,8 @@ spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *s
     return file ? spin_cfg_open(file, &m->settings.cfg) : SPIN_OK;
 }
 
-/* Opens the file of --config. A file without any known key would have no effect, so it is refused.
- */
+/* Opens the YAML file of option `config`. Refuses a file that contains none of the settings that
+ * importers use, since it would have no effect. */
 static spin_status open_config(struct spin_model *m, const char *path)
 {
     static const char *const keys[] = {"time_duration", "frame_ratio", "compute_cov3D_python"};
@@ -437,8 +438,8 @@ spin_status spin_model_config(struct spin_model *m)
     if (config)
         return open_config(m, config);
     SPIN_TRY(spin_model_names(m, folder, &names, &n));
-    for (size_t i = 0; i < n;
-         i++) { /* training writes no YAML config here, but users may copy one in */
+    /* Training stores no YAML file in this folder, but users may copy one there. */
+    for (size_t i = 0; i < n; i++) {
         const char *dot = strrchr(names[i], '.');
 
         if (!dot || (strcmp(dot, ".yaml") != 0 && strcmp(dot, ".yml") != 0))

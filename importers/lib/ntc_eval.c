@@ -51,7 +51,8 @@ static spin_status ntc_count(const spin_json *object, const char *key, int least
     return SPIN_OK;
 }
 
-/* Checks that the string at key is one of two words; it may be missing unless `needed`. */
+/* Checks that the string at `key` is one of the two words. If `needed` is false, the string may be
+ * missing. */
 static spin_status ntc_word(const spin_json *object, const char *key, const char *word,
                             const char *other, bool needed)
 {
@@ -99,7 +100,8 @@ static spin_status ntc_read_shape(const spin_json *root, struct ntc_shape *s)
     return SPIN_OK;
 }
 
-/* Blanks out // and # comments, which upstream's parser allows, except inside strings. */
+/* Replaces comments by spaces. Comments begin with // or #, outside of strings; upstream's parser
+ * allows them although JSON does not. */
 static void ntc_strip_comments(char *text)
 {
     bool quoted = false, comment = false;
@@ -149,7 +151,7 @@ void spin_ntc_free(struct ntc *n)
     memset(n, 0, sizeof *n);
 }
 
-/* Sets up the layers: their matrices are consecutive, with a row per output. */
+/* Sets up the layers. Their matrices are stored one after the other, with one row per output. */
 static void ntc_layers(struct ntc *n)
 {
     const struct ntc_shape *s = n->shape;

@@ -1,4 +1,4 @@
-/* Settings of a run from cfg_args, YAML and options. */
+/* Settings of a training from cfg_args, a YAML file and options. */
 #include "importers/lib/run_config.h"
 
 #include <ctype.h>
@@ -18,7 +18,8 @@ static struct cfg_span trim(struct cfg_span s)
     return s;
 }
 
-/* The end of the quoted text that begins at `at`, or NULL if it is not terminated. */
+/* Returns the position behind the quoted text that begins at `at`, or NULL if the closing quote is
+ * missing. */
 static const char *cfg_skip_text(const char *at, const char *end)
 {
     char quote = *at++;
@@ -32,8 +33,9 @@ static const char *cfg_skip_text(const char *at, const char *end)
     return NULL;
 }
 
-/* Returns the comma, the bracket or the character `stop` (':', '=' or 0 for none) that ends the
- * value at `at`; NULL if brackets or quotes do not match. */
+/* Returns the end of the value that begins at `at`: the first comma, closing bracket or character
+ * `stop` outside of its own brackets and quotes, or `end`. `stop` is ':', '=' or 0, which stands
+ * for no character. Returns NULL if brackets or quotes do not match. */
 static const char *cfg_skip(const char *at, const char *end, char stop)
 {
     char open[CFG_MAX_DEPTH];
@@ -66,7 +68,8 @@ static const char *cfg_skip(const char *at, const char *end, char stop)
     return depth == 0 ? at : NULL;
 }
 
-/* Reads the next "name<mark>value" of a list and moves *at behind it. Returns false at the end. */
+/* Reads the next "<name><mark><value>" of a list that is separated by commas, and moves *at behind
+ * it. Returns false at the end of the list. */
 static bool cfg_next(const char **at, const char *end, char mark, struct cfg_span *name,
                      struct cfg_span *value)
 {
@@ -164,7 +167,7 @@ bool spin_cfg_numbers(struct cfg_span s, int n, double *out)
         if (!last)
             return false;
         one = trim(one);
-        if (one.at == one.end && last == end) /* (1,) */
+        if (one.at == one.end && last == end) /* a comma at the end, as in (1,) */
             break;
         if (found == n || !spin_cfg_number(one, &out[found++]))
             return false;
@@ -246,7 +249,8 @@ spin_status spin_cfg_open(const char *path, struct cfg_args *out)
 
 /* ---- YAML ------------------------------------------------------------------------------------ */
 
-/* Reads the next line, trimmed and without its comment, and moves *at behind it. */
+/* Reads the next line, trimmed and without its comment, and moves *at behind the line. Returns
+ * false at the end of the file. */
 static bool yaml_line(const char **at, const char *end, struct cfg_span *line)
 {
     const char *stop, *comment;
@@ -284,7 +288,7 @@ bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback)
     return spin_cfg_bool(spin_yaml_find(s, key, &next), &value) ? value : fallback;
 }
 
-/* Reads [a, b], or two lines "- a" and "- b". */
+/* Reads two numbers, the value of `key`, which is either "[a, b]" or two lines "- a" and "- b". */
 static bool yaml_pair(const struct run_config *s, const char *key, double out[2])
 {
     const char *next = NULL, *end;
@@ -343,9 +347,9 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
     return SPIN_OK;
 }
 
-/* Guesses the clip's times from the central 98% of the Gaussians' own, rounded. Methods initialise
- * times over a range `spread` times as long as the clip, so the guess is narrowed by this factor
- * about its midpoint. */
+/* Guesses the clip's times from the range of the central 98% of the Gaussians' times. Methods
+ * initialise the Gaussians' times over a range that is `spread` times as long as the clip, so the
+ * guess is this range, shortened by this factor about its midpoint. Both ends are rounded. */
 static spin_status guess_times(const float *time, size_t n, double spread, struct clip_times *out)
 {
     double low, high, half, step;

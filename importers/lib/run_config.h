@@ -1,11 +1,12 @@
-/* Settings of a run that are not in its checkpoint: from cfg_args, from the YAML that training was
- * given, from options, or guessed (the range of times). */
+/* Settings of a training that its checkpoint does not contain. They are read from cfg_args, from
+ * the YAML file that was given to the training, or from options; the range of times is guessed if
+ * none of these state it. */
 #pragma once
 
 #include "io/file.h"
 
-/* cfg_args, which the descendants of 3DGS write beside a model: Python's repr of an argparse
- * Namespace.
+/* cfg_args is a file that the descendants of 3DGS write to the model's folder. It contains Python's
+ * repr() of an argparse Namespace.
  *
  *     Namespace(sh_degree=3, ..., grid_args={'bound': 1.6}, no_do=True, ...)
  *
@@ -13,22 +14,22 @@
 #define CFG_MAX_BYTES (1u << 20)
 
 struct cfg_span {
-    const char *at, *end; /* start and end of a value; at is NULL without one */
+    const char *at, *end; /* start and end of a value; `at` is NULL if there is no value */
 };
 
 struct cfg_args {
     struct spin_map map;
-    struct cfg_span all; /* between the brackets of Namespace(...) */
-    char *path;          /* NULL: the run has none */
+    struct cfg_span all; /* the text between the brackets of Namespace(...) */
+    char *path;          /* path of the file; NULL: there is no cfg_args */
 };
 
 bool spin_cfg_is(struct cfg_span s, const char *text);
 
-/* The value of an option; `at` is NULL when there is none. Of duplicates the last counts, as in
- * Python. */
+/* Returns the value of `key`; `at` is NULL if there is none. If the file contains the key more than
+ * once, the last value is returned, as in Python. */
 struct cfg_span spin_cfg_get(const struct cfg_args *cfg, const char *key);
 
-/* The value of a key in a dict. */
+/* Returns the value of `key` in the dict {...}; `at` is NULL if there is none. */
 struct cfg_span spin_cfg_item(struct cfg_span dict, const char *key);
 
 bool spin_cfg_number(struct cfg_span s, double *out);
@@ -36,11 +37,12 @@ bool spin_cfg_number(struct cfg_span s, double *out);
 /* Parses a list or tuple of exactly n numbers, or a single number, which is stored n times. */
 bool spin_cfg_numbers(struct cfg_span s, int n, double *out);
 
-/* Parses True, False, None (false) or a number (0 is false). */
+/* Parses True, true, False, false, None or a number. None and 0 are false, other numbers are true.
+ */
 bool spin_cfg_bool(struct cfg_span s, bool *out);
 
-/* Reads an option of cfg_args. A value of another type is an error; if the option is missing, *out
- * keeps its value. */
+/* Read the value of `key`. A value of another type is an error. If the key is missing, *out keeps
+ * its value. */
 spin_status spin_cfg_read_bool(const struct cfg_args *cfg, const char *key, bool *out);
 
 spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, double *out);
@@ -48,19 +50,20 @@ spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, do
 spin_status spin_cfg_open(const char *path, struct cfg_args *out);
 
 struct run_config {
-    struct cfg_args cfg;  /* path is NULL when the run has none */
-    struct spin_map yaml; /* data is NULL when the run has none */
-    char *yaml_path;      /* NULL: there is none */
+    struct cfg_args cfg;  /* cfg_args; cfg.path is NULL if there is none */
+    struct spin_map yaml; /* the YAML file; yaml.data is NULL if there is none */
+    char *yaml_path;      /* path of the YAML file; NULL: there is none */
 };
 
-/* The clip's times, in the unit of the data set and of the YAML. */
+/* The clip's first and last time, in the unit of the data set and of the YAML file. */
 struct clip_times {
     double first, last;
-    bool guessed;
+    bool guessed; /* the times were guessed from those of the Gaussians */
 };
 
-/* The value of the first "key: value" at any depth, since forks nest sections differently. *next is
- * set to the start of the following line. */
+/* Returns the value of the first line "<key>: <value>" of the YAML file, at any depth, since forks
+ * nest sections differently, and sets *next to the start of the following line. `at` is NULL if
+ * there is no such line. */
 struct cfg_span spin_yaml_find(const struct run_config *s, const char *key, const char **next);
 
 bool spin_yaml_bool(const struct run_config *s, const char *key, bool fallback);
@@ -70,12 +73,13 @@ void spin_run_config_close(struct run_config *s);
 spin_status spin_yaml_open(const char *path, struct run_config *s);
 void spin_yaml_close(struct run_config *s);
 
-/* frame_ratio, by which training divided the data set's times: from cfg_args, else from the YAML,
- * else 1. */
+/* Sets *out to frame_ratio, by which training divided the data set's times. It is read from
+ * cfg_args, else from the YAML file; if neither contains it, it is 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
-/* Finds the clip's times: `asked` ("A,B" or NULL), else time_duration of the YAML, else a guess
- * from the n times of the Gaussians. The Gaussians' times are those of the data set divided by
- * `ratio`. Methods initialise them over a range that is `spread` times as long as the clip. */
+/* Finds the clip's times. They are `asked`, the text "A,B", unless it is NULL; else time_duration
+ * of the YAML file; else a guess from `time`, the times of the n Gaussians. The Gaussians' times
+ * are those of the data set divided by `ratio`. Methods initialise them over a range that is
+ * `spread` times as long as the clip. */
 spin_status spin_run_config_times(const struct run_config *s, const char *asked, const float *time,
                                   size_t n, double ratio, double spread, struct clip_times *out);

@@ -1,13 +1,14 @@
-/* Checks that the readers of data sets share. */
+/* The checks that all readers of data sets use. */
 #include "importers/lib/views_check.h"
 
 #include <unistd.h>
 
 #include "base/base.h"
 
-#define VIEWS_MAX_SIZE 65536 /* pixels along a side */
+#define VIEWS_MAX_SIZE 65536 /* largest width or height of an image, in pixels */
 
-/* Largest deviation of a rotation from orthonormal: matrices printed with six digits pass. */
+/* For a rotation R, no element of R R^T may differ from the identity by more than this. Matrices
+ * printed with six digits are accepted. */
 #define VIEWS_ROTATION_TOLERANCE 1e-3
 
 spin_status spin_views_check_pose(const double m[12], const char *what)
@@ -140,9 +141,10 @@ spin_status spin_views_intrinsics(const double k[9], const char *key, struct spi
     return spin_views_check_intrinsics(out);
 }
 
-/* Scales the camera to an image of another resolution but the same aspect ratio, to within one per
- * cent or the rounding of both sides. Focal lengths and principal point scale by the exact ratio,
- * without a half-pixel shift, as in the methods' readers. */
+/* Scales the camera to an image of another resolution. The image must have the camera's aspect
+ * ratio, to within one per cent or, if that is more, to within the rounding of width and height to
+ * whole pixels. Focal lengths and principal point are multiplied by the ratio of the sizes, without
+ * a half-pixel shift, as in the readers of the methods. */
 static spin_status views_fit(struct spin_camera *c, const char *path, int width, int height)
 {
     double sx = (double)width / c->width, sy = (double)height / c->height;

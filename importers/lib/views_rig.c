@@ -1,5 +1,5 @@
-/* Views of camera rigs: listing the frames of cameras, checking that they match, adding the views.
- */
+/* Views of camera rigs: lists the frames of each camera, checks that the frame numbers of all
+ * cameras match, and adds the views. */
 #include "importers/lib/views_rig.h"
 
 #include "io/video.h"
@@ -36,7 +36,8 @@ spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, c
     return spin_file_sequence_sort(&c->frames, &unused);
 }
 
-/* Lists the frames as paths "00.mp4#<frame>", images that are decoded on demand. */
+/* Lists the frames of a video as paths such as "00.mp4#7" for frame 7; readers of images decode the
+ * frame when they open such a path. */
 spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const char *file,
                           const char *instead)
 {
@@ -67,8 +68,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Number of frames that all cameras have. A camera that lacks a frame before its end is refused,
- * since its later images would get wrong times. */
+/* Sets *n_rows to the number of frames that all cameras have. Frames may be missing at the end
+ * only: a camera with a gap is refused, since its later images would get wrong times. */
 static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t *n_rows)
 {
     size_t fewest = 0, most = 0;
@@ -95,7 +96,8 @@ static spin_status count_rows(const struct spin_rig_camera *c, size_t n, size_t 
     return SPIN_OK;
 }
 
-/* The mask of an image, as PNG or with the image's own extension; NULL where there is none. */
+/* Sets *out to the mask of the image `picture`, or to NULL if there is none. The mask has the
+ * image's name, with the extension .png or with that of the image. */
 static spin_status find_mask(struct spin_model *m, const struct spin_rig_camera *c,
                              const char *picture, const char **out)
 {
