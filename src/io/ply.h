@@ -19,7 +19,8 @@ struct spin_ply_property {
     enum spin_ply_type type; /* type of the value, or of the items of a list */
     bool is_list;
     enum spin_ply_type count_type; /* lists only: type of their counts */
-    size_t offset; /* bytes from the start of a record; only if no list precedes the property */
+    /* Position in a record, in bytes; valid only if no list precedes the property. */
+    size_t offset;
 };
 
 struct spin_ply_element {
@@ -28,7 +29,7 @@ struct spin_ply_element {
     struct spin_ply_property *property;
     size_t n_properties;
     bool has_list;
-    size_t stride;        /* bytes of a record; only if it has no lists */
+    size_t stride;        /* size of a record in bytes; valid only if the element has no lists */
     uint64_t data_offset; /* position of the first record in the file (binary only) */
 };
 
@@ -38,7 +39,7 @@ struct spin_ply {
     bool ascii, big_endian;
     struct spin_ply_element *element;
     size_t n_elements;
-    char **comment; /* [n_comments] without the keyword "comment" */
+    char **comment; /* [n_comments] texts of the comment lines, without the keyword "comment" */
     size_t n_comments;
     uint64_t extra_bytes; /* number of bytes after the last record */
     double *ascii_values; /* private: [records of all elements][properties] */
@@ -56,9 +57,10 @@ void spin_ply_close(struct spin_ply *ply);
  * antialiasing. The function returns whether a file contains one of them. */
 #define SPIN_PLY_ANTIALIASED "comment antialiased 1\ncomment SplatRenderMode: mip\n"
 bool spin_ply_is_antialiased(const struct spin_ply *ply);
-/* The element of this name, or NULL. */
+/* Returns the element of this name, or NULL if there is none. */
 const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply, const char *name);
-/* The element 'vertex', with less than 2^32 rows. */
+/* *out receives the element 'vertex'. It is an error if the file has no such element, or one with
+ * 2^32 records or more. */
 spin_status spin_ply_vertices(const struct spin_ply *ply, const struct spin_ply_element **out);
 /* Index of the property of exactly this name, or -1; lists are never found. */
 int spin_ply_find(const struct spin_ply_element *e, const char *name);
@@ -67,8 +69,8 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name);
 void spin_ply_column(const struct spin_ply *ply, const struct spin_ply_element *e, int property,
                      float *out, size_t step);
 
-/* Read several columns in one pass over the records. This is faster if most properties are needed,
- * since each spin_ply_column() traverses the whole file. */
+/* Read several columns in one pass over the records. If most properties are needed, this is faster
+ * than one spin_ply_column() per property, each of which traverses the whole file. */
 struct spin_ply_target {
     int property;
     float *out;
