@@ -1,7 +1,7 @@
-/* Chooses a shim, checks that files are complete, and reports failures.
+/* Reads and writes images: chooses a shim, checks that files are complete, and reports failures.
  *
- * The check is needed because the decoders are lenient: libjpeg fills missing parts with grey and
- * reports success, and libpng prints to the terminal. */
+ * The check for completeness is needed because the decoders are lenient: libjpeg fills missing
+ * parts with grey and reports success, and libpng prints to the terminal. */
 #include "io/image.h"
 
 #include <math.h>
@@ -107,7 +107,8 @@ static bool jpeg_ends(const struct spin_map *map)
     while (at + 4 <= map->size || at + 2 == map->size) {
         const unsigned char *m = map->data + at;
 
-        if (m[0] != 0xff || m[1] == 0xff) { /* fill and stray bytes, which decoders skip as well */
+        /* Fill bytes and stray bytes, which decoders skip as well. */
+        if (m[0] != 0xff || m[1] == 0xff) {
             at++;
             continue;
         }
@@ -129,7 +130,7 @@ static bool jpeg_ends(const struct spin_map *map)
 /* ---- Frames of videos ----------------------------------------------------------------------- */
 
 /* Split a path such as "cam00.mp4#12" into the video's name, allocated, and the frame. *file is
- * NULL for other paths, and if a file with the full name exists. */
+ * NULL if the path does not have this form, or if a file with the whole path as its name exists. */
 static spin_status find_video(const char *path, char **file, int64_t *frame)
 {
     size_t n;
@@ -143,7 +144,7 @@ static spin_status find_video(const char *path, char **file, int64_t *frame)
 
 /* ---- Calls ---------------------------------------------------------------------------------- */
 
-/* Use the first line of OpenImageIO's message, without a full stop. */
+/* Report the failure of a shim, with the first line of the shim's message, without a full stop. */
 static spin_status fail_image(enum spin_image_result result, const char *path, char *why)
 {
     static const spin_status codes[] = {
@@ -168,8 +169,8 @@ static spin_status check_exists(const char *path)
     return SPIN_OK;
 }
 
-/* Map the file to detect its format and, with `whole`, check that it is complete. `imprint` may be
- * NULL. */
+/* Map the file to detect its format and, if `whole` is set, to check that it is complete. `imprint`
+ * may be NULL. */
 static spin_status inspect_file(const char *path, bool whole, const char **format,
                                 struct spin_imprint *imprint)
 {
@@ -190,7 +191,7 @@ static spin_status inspect_file(const char *path, bool whole, const char **forma
     return SPIN_OK;
 }
 
-/* A request to a shim: for the size, and for the pixels if rgb is not NULL. */
+/* A request to a shim: for the size of an image and, if `rgb` is not NULL, also for its pixels. */
 struct request {
     const char *path, *format;
     const float *background;
@@ -324,7 +325,8 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
 
 static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
 
-/* Colour of a pixel as stored in the file: straight alpha for PNG, premultiplied for EXR. */
+/* Compute the colour of pixel i as stored in the file. If there is alpha, colours are not
+ * multiplied by it in PNG (straight alpha), but multiplied by it in EXR (premultiplied). */
 static void colour_of(const struct spin_film *film, size_t i, float out[3])
 {
     size_t plane = (size_t)film->width * (size_t)film->height;

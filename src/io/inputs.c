@@ -102,7 +102,8 @@ void spin_inputs_own(const char *path)
     struct stat st;
 
     if (stat(path, &st) == 0)
-        (void)add_file(&st, OWN); /* if memory runs out, the next write of the file is refused */
+        /* If memory runs out, the file stays an input: its next overwrite is refused. */
+        (void)add_file(&st, OWN);
 }
 
 bool spin_inputs_have(const struct stat *st)

@@ -17,7 +17,7 @@ enum spin_value_kind {
     SPIN_VALUE_BOOL,
     SPIN_VALUE_INT,
     SPIN_VALUE_FLOAT,
-    SPIN_VALUE_TEXT, /* str */
+    SPIN_VALUE_TEXT, /* a str of Python */
     SPIN_VALUE_BYTES,
     SPIN_VALUE_LIST,
     SPIN_VALUE_TUPLE,
@@ -31,7 +31,7 @@ enum spin_value_kind {
 
 struct spin_value {
     enum spin_value_kind kind;
-    int64_t integer;  /* BOOL, INT */
+    int64_t integer;  /* set for BOOL and INT */
     double number;    /* set for FLOAT, BOOL and INT */
     const char *text; /* set for TEXT, BYTES and OBJECT; NUL-terminated */
     /* Number of bytes of TEXT and BYTES, of pairs of DICT, of items of other kinds. */
@@ -46,8 +46,8 @@ struct spin_value {
 struct spin_storage {
     const char *key;
     char kind;                 /* letter of the element type, see struct spin_array */
-    int item_size;             /* bytes */
-    uint64_t count;            /* elements */
+    int item_size;             /* bytes per element */
+    uint64_t count;            /* number of elements */
     const unsigned char *data; /* the elements; set by spin_pickle_parse_legacy() only */
 };
 

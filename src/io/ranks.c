@@ -8,7 +8,8 @@
 #include "base/shim.h"
 
 enum { TEXT = 1000 };
-static const double patience_s = 5; /* time for other ranks to notice a failure */
+/* Maximum time to wait until all other ranks have noticed a failure. */
+static const double patience_s = 5;
 
 struct notice {
     int status, heard; /* heard: the rank failed only because of another's notice */
@@ -17,10 +18,11 @@ struct notice {
 
 static const struct spin_ranks_shim *shim;
 static int own_rank, n_ranks = 1;
-static bool heard;               /* this rank fails because another did */
-static bool agreed;              /* all ranks know of the failure and end by themselves */
+static bool heard; /* this rank fails because another did */
+/* spin_ranks_agree() told all ranks of a failure, and each ends by itself. */
+static bool agreed;
 static bool speaker;             /* this rank prints the error */
-static struct notice last_words; /* static, since MPI may send it later */
+static struct notice last_words; /* static, since MPI may read it after notify() has returned */
 static uint64_t sent_bytes;
 static double waited_s;
 
@@ -39,7 +41,8 @@ void spin_ranks_spent(uint64_t *bytes, double *seconds)
 /* ---- Warnings ------------------------------------------------------------------------------- */
 
 /* Warnings of this rank, as consecutive NUL-terminated texts without duplicates. Rank 0 prints its
- * own warnings immediately, and those that only other ranks gave at the end. */
+ * own warnings immediately; at the end it prints those warnings of other ranks that it did not give
+ * itself. */
 static char *lines;
 static size_t n_lines_bytes;
 
@@ -51,7 +54,7 @@ static bool is_recorded(const char *line)
     return false;
 }
 
-/* The log's sink: returns whether to print the line now. */
+/* Receives each warning from the log. Returns whether the log is to print the line now. */
 static bool record_warning(const char *line)
 {
     enum { MOST = 1 << 16 };
@@ -69,7 +72,7 @@ static bool record_warning(const char *line)
     return own_rank == 0;
 }
 
-/* Rank 0 prints the warnings of the other ranks. */
+/* Let rank 0 print the warnings of the other ranks. */
 static spin_status print_other_warnings(void)
 {
     SPIN_FREED uint64_t *bytes = NULL;
@@ -99,7 +102,8 @@ static spin_status print_other_warnings(void)
 
 /* ---- Begin ---------------------------------------------------------------------------------- */
 
-/* An integer from the environment that Open MPI, MPICH or Slurm sets for the processes of a job. */
+/* Returns the integer in the first of three environment variables that is set, one each for Open
+ * MPI, MPICH and Slurm, which set them for the processes of a job; -1 if none is set. */
 static int read_environment(const char *const name[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -135,7 +139,8 @@ spin_status spin_ranks_begin(void)
     SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
         return spin_unsupported("cannot join the other processes: %s", why);
-    /* Continuing would let each process do all the work and overwrite the others' files. */
+    /* If processes that should cooperate went on as single ones, each would do all the work and
+     * overwrite the files of the others. */
     if (n_ranks == 1)
         return spin_unsupported("cannot join the other processes: MPI reports only one, so "
                                 "spin-mpi.so was built with another MPI than that of mpirun");

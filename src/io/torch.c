@@ -12,10 +12,11 @@
 #include "io/xz.h"
 #include "io/zip.h"
 
-/* Maximum size of a deflated data.pkl in bytes. It usually has kilobytes, or some megabytes if it
- * contains tables. */
+/* Maximum size of a deflated data.pkl in bytes. Its size is usually some kilobytes, or some
+ * megabytes if it contains tables. */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
-/* Verifying a CRC reads every byte, so it is skipped for larger members. */
+/* Members of this size in bytes or more are used without verifying their CRC, since that reads
+ * every byte. */
 #define CRC_LIMIT ((uint64_t)64 << 20)
 
 /* Where the bytes of a storage are. */
@@ -27,7 +28,7 @@ struct bound {
 
 struct spin_torch_file {
     char *path;
-    struct spin_map map; /* legacy streams */
+    struct spin_map map; /* the mapped file, for legacy streams only */
     struct spin_zip zip;
     bool is_zip;
     bool warned;     /* a CRC mismatch was reported */
@@ -76,7 +77,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
 
 /* ---- The zip form --------------------------------------------------------------------------- */
 
-/* Find the only member TOP/data.pkl. */
+/* Find the member TOP/data.pkl, of which there must be exactly one. */
 static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_member **out)
 {
     static const char name[] = "/data.pkl";
@@ -117,8 +118,8 @@ static const struct spin_zip_member *find_below(const struct spin_torch_file *f,
     return NULL;
 }
 
-/* Read a member's bytes. A CRC mismatch is only a warning, since torch can be told not to compute
- * CRCs. */
+/* Read a member's bytes. A CRC mismatch only causes a warning, since torch can be told not to
+ * compute CRCs. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {

@@ -1,4 +1,5 @@
-/* Indexes videos, keeps decoders open between calls, and seeks to frames. */
+/* Reads frames of videos: indexes the videos, keeps decoders open between calls, and seeks to
+ * frames. */
 #include "io/video.h"
 
 #include <ctype.h>
@@ -21,7 +22,7 @@ struct video {
     struct stat was;             /* the file's status when it was indexed */
     struct spin_imprint imprint; /* size 0: not computed yet */
     struct spin_video_index index;
-    struct spin_video_stream *stream; /* NULL: closed */
+    struct spin_video_stream *stream; /* decoder of the video; NULL: closed */
     int64_t at;                       /* frame that the stream decoded last; -1: none */
     unsigned long used;               /* value of clock_now at the last use */
 };
@@ -187,7 +188,8 @@ static size_t cost_of(const struct video *v)
     return (size_t)v->index.width * (size_t)v->index.height * DECODER_BYTES;
 }
 
-/* Close the least recently used decoders until `bytes` more do not exceed OPEN_BYTES. */
+/* Close the least recently used decoders until the memory of the open ones plus `bytes` does not
+ * exceed OPEN_BYTES. */
 static void limit_open_streams(size_t bytes)
 {
     for (;;) {
@@ -267,8 +269,9 @@ static spin_status convert_frame(struct video *v, uint8_t *rgb)
     return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-/* Decode up to the frame, from the current position or the preceding key frame. rgb receives the
- * frame; before that, it is the buffer for frames that the passer accepts. */
+/* Decode all frames up to the requested one, starting at the current position or at the last key
+ * frame before the requested frame. `rgb` receives the requested frame; until then it is the buffer
+ * for frames that are passed to `passer`. */
 static spin_status decode_up_to(struct video *v, int64_t frame,
                                 const struct spin_video_passer *passer, uint8_t *rgb)
 {

@@ -1,5 +1,6 @@
-/* The encoder of video_shim.h, with libavcodec, libavformat and libswscale. MP4 is H.264 if x264 is
- * available, else MPEG-4; WebM is VP9, else VP8. Colours are BT.709 and marked so in the file. */
+/* The encoder of video_shim.h, with libavcodec, libavformat and libswscale. MP4 files contain H.264
+ * if x264 is available, else MPEG-4; WebM files contain VP9 if an encoder for it is available, else
+ * VP8. Colours are converted to BT.709, and the file states this. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
@@ -41,7 +42,7 @@ static const AVCodec *choose_encoder(const char *format)
     return codec;
 }
 
-/* Map quality to each encoder's own scale. */
+/* Set the quality, converted from the scale 0..51 to that of the encoder. */
 static void set_quality(AVCodecContext *c, int quality)
 {
     char crf[16];
@@ -190,7 +191,8 @@ static int write_packets(struct spin_video_writer *w)
     }
 }
 
-/* If the width or height is odd, repeat the last column or row. */
+/* Returns the image with even width and height: if the width is odd, the last column is repeated;
+ * if the height is odd, the last row. */
 static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;

@@ -175,7 +175,8 @@ static void on_bus(int number, siginfo_t *info, void *context)
         remove_outs();
         _exit(1);
     }
-    /* Not one of our maps: the access is repeated, and the signal ends the process. */
+    /* The address lies in none of the watched maps: with the default action, the access is repeated
+     * after the return, and then the signal ends the process. */
     signal(number, SIG_DFL);
 }
 

@@ -10,7 +10,7 @@
 
 struct spin_zip_member {
     const char *name;           /* NUL-terminated */
-    uint64_t size, packed_size; /* bytes */
+    uint64_t size, packed_size; /* decompressed and compressed size in bytes */
     uint64_t header_offset;
     uint32_t crc;
     int method;
@@ -19,7 +19,7 @@ struct spin_zip_member {
 struct spin_zip {
     struct spin_map map;
     char *path;                     /* for messages */
-    struct spin_zip_member *member; /* [n], in order of the directory */
+    struct spin_zip_member *member; /* [n], in the order of the central directory */
     size_t n;
     const struct spin_zip_member **by_name; /* private: [n] the members, sorted by name */
     char *names;                            /* private */

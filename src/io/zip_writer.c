@@ -5,13 +5,16 @@
 #include "io/zip_format.h"
 
 enum {
-    EXTRA_ALIGN = 0xd935, /* the record that zipalign uses: u16 alignment, then padding */
+    /* Extra record that zipalign uses: the alignment as 16-bit integer, then padding. */
+    EXTRA_ALIGN = 0xd935,
     FLAG_UTF8 = 1 << 11,
     ALIGN = 64,
     DOS_DATE_1980 = 0x21,
     DEFLATE_LEVEL = 6,
     WINDOW = SPIN_DEFLATE_WINDOW,
-    PART = 8 << 20 /* size that threads compress in parallel */
+    /* Size in bytes of the parts of a member that are deflated at a time, each by several
+     * threads. */
+    PART = 8 << 20
 };
 /* Deflated members of at least this size get 64-bit fields in their headers, since compression may
  * make data slightly longer. */
@@ -33,7 +36,7 @@ struct spin_zip_written {
     bool zip64; /* the local header has 64-bit sizes */
 };
 
-/* Buffer for one header; its size is the maximum length of a header. */
+/* A buffer for one header, large enough for the longest one. */
 struct bytes {
     unsigned char data[128 + ALIGN];
     size_t n;
@@ -105,7 +108,7 @@ static size_t padding_size(uint64_t used)
     return pad == 0 || pad >= 6 ? pad : pad + ALIGN;
 }
 
-/* Write the local header. crc: 0 if not known yet. */
+/* Write the local header of a member. crc: the CRC-32 of the data; 0 if not known yet. */
 static spin_status begin_member(struct spin_zip_writer *w, const char *name, uint64_t size,
                                 uint32_t crc, int method)
 {
@@ -184,7 +187,7 @@ spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char
 
 void spin_zip_member_runs(struct spin_zip_writer *w) { w->deflate->runs = true; }
 
-/* Compress and write the pending bytes. */
+/* Compress the pending bytes and write the result. */
 static spin_status deflate_part(struct spin_zip_writer *w, bool last)
 {
     struct spin_zip_deflate *d = w->deflate;
@@ -275,7 +278,8 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
     if (!entry->zip64)
         return SPIN_OK;
     b.n = 0;
-    put_int(&b, entry->packed_size, 8); /* after the record's header and the uncompressed size */
+    /* Stored in the zip64 record, after the record's header and the uncompressed size. */
+    put_int(&b, entry->packed_size, 8);
     return patch_header(w, &b, entry->header_offset + LOCAL_BYTES + strlen(entry->name) + 4 + 8);
 }
 
@@ -291,7 +295,7 @@ static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_
         put_int(&extra, e->header_offset, 8);
 
     put_int(&b, SIG_CENTRAL, 4);
-    put_int(&b, extra.n > 0 ? 45 : 20, 2); /* version made by; no attributes */
+    put_int(&b, extra.n > 0 ? 45 : 20, 2); /* the field "version made by" */
     put_common(&b, e, extra.n > 0, low32(e->packed_size), low32(e->size));
     put_int(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
     put_int(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
@@ -321,7 +325,7 @@ static spin_status write_directory(struct spin_zip_writer *w)
         put_int(&b, END64_BYTES - 12, 8);
         put_int(&b, 45, 2);
         put_int(&b, 45, 2);
-        put_int(&b, 0, 8); /* disks */
+        put_int(&b, 0, 8); /* numbers of disks */
         put_int(&b, w->n, 8);
         put_int(&b, w->n, 8);
         put_int(&b, size, 8);
@@ -332,7 +336,7 @@ static spin_status write_directory(struct spin_zip_writer *w)
         put_int(&b, 1, 4);
     }
     put_int(&b, SIG_END, 4);
-    put_int(&b, 0, 4); /* disks */
+    put_int(&b, 0, 4); /* numbers of disks */
     put_int(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
     put_int(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
     put_int(&b, low32(size), 4);
@@ -375,7 +379,8 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        status = spin_out_commit(&w->out); /* leaves nothing to abandon below */
+        /* Also after a failure, so that nothing is left to abandon below. */
+        status = spin_out_commit(&w->out);
     spin_zip_writer_abandon(w);
     return status;
 }
