@@ -8,9 +8,10 @@
 
 /* Whether spin_cancel() was called. */
 bool spin_cancelled(void);
-/* SPIN_E_CANCELLED with the text "interrupted". */
+/* Set the error message "interrupted"; returns SPIN_E_CANCELLED. */
 spin_status spin_fail_cancelled(void);
 
-/* Prefix a failure to read `path` with "cannot read 'path'", unless the message contains the path
- * already. Does nothing for SPIN_OK and SPIN_E_USAGE. Returns status. */
+/* Put "cannot read 'PATH'" before the error message of a failure to read `path`, unless the message
+ * already contains the path. If `status` is SPIN_OK or SPIN_E_USAGE, the message stays unchanged.
+ * Returns `status`. */
 spin_status spin_fail_reading(spin_status status, const char *path);
