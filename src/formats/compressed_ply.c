@@ -8,7 +8,7 @@
 #define SCALE_LIMIT 20.0f /* limit of |log scale|, as in splat-transform */
 #define SQRT2 1.41421356237309505f
 
-/* Old files have only the first twelve ranges, without those of colour. */
+/* Files must have at least the first twelve ranges; old files lack the ranges of colour. */
 enum { N_RANGES_NEEDED = 12 };
 
 static const char *const range_names[SPIN_COMPRESSED_RANGES] = {

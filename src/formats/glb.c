@@ -186,8 +186,8 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* Refuses values of an extension's key other than `known`, the default of the key, and `also`
- * (NULL: none). */
+/* Refuses an extension in which `key` has another value than `known`, which is the default of the
+ * key, or `also`, unless `also` is NULL. */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {
@@ -199,8 +199,8 @@ static spin_status check_value(const spin_json *extension, const char *key, cons
     return SPIN_OK;
 }
 
-/* Finds the SPZ data that replace all attributes of the primitive. Without such data, sets
- * nothing. */
+/* Finds the SPZ data that replace all attributes of the primitive. If there are none, *out stays
+ * unchanged. */
 static spin_status find_packed(const struct spin_glb_file *glb, const spin_json *extension,
                                struct spin_gs_glb_points *out)
 {
@@ -294,7 +294,7 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
         float *to = out->log_scales + 3 * i;
 
         spin_glb_row(&scale, i, to);
-        for (int c = 0; c < 3; c++) { /* NaN stays NaN; the caller reports it */
+        for (int c = 0; c < 3; c++) { /* NaN stays NaN, which the caller reports */
             if (to[c] < 0)
                 return spin_malformed("'SCALE' is %g in row %zu, expected 0 or more", (double)to[c],
                                       i);

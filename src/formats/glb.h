@@ -63,9 +63,9 @@ struct spin_glb_numbers {
     bool normalised;
 };
 
-/* Resolves an accessor to its data in the binary chunk. width: numbers per row, 1, 3 or 4; allowed:
- * set of component types. SPIN_E_MALFORMED if the accessor does not match or the data extend beyond
- * the chunk. */
+/* Resolves an accessor to its data in the binary chunk. width: required numbers per row, 1, 3 or 4;
+ * allowed: set of the component types that are allowed. SPIN_E_MALFORMED if the accessor has
+ * another width or type, or if the data extend beyond the chunk. */
 spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
                           unsigned allowed, struct spin_glb_numbers *out);
 /* Reads row i. Normalised integers are mapped to 0..1 if unsigned, to -1..1 if signed. */
@@ -79,8 +79,9 @@ struct spin_gs_glb_points {
     const spin_json *attributes;
     size_t n;
     int sh_degree;
-    bool linear; /* colours are linear, not sRGB */
-    /* SPZ data that replace the attributes, with the axes of SPZ; NULL: none. */
+    bool linear; /* the colours are linear; otherwise they are sRGB */
+    /* SPZ data, with the axes of SPZ, that replace the attributes; NULL: the attributes are
+     * used. */
     const unsigned char *packed;
     size_t n_packed;
     struct spin_spz_header spz;

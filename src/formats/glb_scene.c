@@ -6,15 +6,16 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit of frames times pieces and of key times times animated nodes, against files that expand to
- * gigabytes. A clip with one node per frame may have 4096 frames. */
+/* Limit of two products, against files that expand to gigabytes: frames by pieces, and times of key
+ * frames by animated nodes. A clip with one node per frame may have 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
-#define PACKED_SLACK (1u << 20) /* SPZ: splats of a frame beyond one per byte of the file */
-#define SAME_SCALE 1e-4         /* relative tolerance between the scales of the three axes */
-#define NO_SCALE 1e-6           /* a node with a smaller scale is invisible */
-#define MAX_SIZE 1e15           /* limit of positions and scales */
-#define MAX_DEPTH 64            /* limit of the depth of nested nodes */
+/* A frame with SPZ data may have this many splats more than the file has bytes. */
+#define PACKED_SLACK (1u << 20)
+#define SAME_SCALE 1e-4 /* relative tolerance between the scales of the three axes */
+#define NO_SCALE 1e-6   /* a node with a smaller scale is invisible */
+#define MAX_SIZE 1e15   /* limit of positions and scales */
+#define MAX_DEPTH 64    /* limit of the depth of nested nodes */
 #define VISIBILITY "KHR_node_visibility"
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
@@ -25,8 +26,9 @@ struct node {
     double q[4], scale, shift[3];
     int64_t parent; /* -1: none */
     int64_t key;    /* index of the animation that shows and hides the node; -1: none */
-    bool hidden;    /* KHR_node_visibility; ignored if an animation shows and hides the node */
-    bool in_scene;  /* the node is a root of the scene */
+    /* KHR_node_visibility hides the node; ignored if an animation shows and hides the node. */
+    bool hidden;
+    bool in_scene; /* the node is a root of the scene */
 };
 
 struct nodes {
@@ -216,7 +218,7 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
     return SPIN_OK;
 }
 
-/* The animation that shows and hides one node: n key frames. */
+/* The animation that shows and hides one node, with n key frames. */
 struct key {
     size_t node, n;
     struct spin_glb_numbers time, value;
@@ -230,7 +232,7 @@ struct build {
     size_t n_keys;
     float *time; /* [n_times] times of all key frames, strictly increasing */
     size_t n_times;
-    unsigned char *on; /* [n_times][n_keys] 1: the animation shows its node at this time */
+    unsigned char *on; /* [n_times][n_keys] 1: the animated node is shown at this time */
 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
@@ -289,7 +291,8 @@ static spin_status find_pieces(struct build *b)
 
 /* ---- Switches -------------------------------------------------------------------------------- */
 
-/* Parses "/nodes/3/extensions/KHR_node_visibility/visible". */
+/* Parses a pointer such as "/nodes/3/extensions/KHR_node_visibility/visible"; returns the index of
+ * the node, or -1 if the pointer has another form. */
 static int64_t pointed_node(const char *pointer)
 {
     long long node = -1;
@@ -300,7 +303,8 @@ static int64_t pointed_node(const char *pointer)
     return end > 0 && pointer[end] == '\0' ? node : -1;
 }
 
-/* Adds b->key[] for a channel that shows and hides a node. Other channels only set `moves`. */
+/* Appends to b->key[] a channel that shows and hides a node. For other channels, only sets
+ * scene->moves. */
 static spin_status add_channel(struct build *b, const spin_json *animation,
                                const spin_json *channel)
 {
@@ -419,7 +423,7 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     return SPIN_OK;
 }
 
-/* Fills column k of b->on: at each time, the state of the latest key frame. */
+/* Fills column k of b->on: at each time, the node is shown if its latest key frame shows it. */
 static spin_status run_key(struct build *b, size_t k)
 {
     struct key *key = &b->key[k];
@@ -455,7 +459,8 @@ static spin_status run_keys(struct build *b)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* True if no animation hides the node or one of its parents. on [n_keys]: states at one time. */
+/* True if no animation hides the node or one of its parents. on [n_keys]: for each animated node,
+ * whether it is shown at the time in question. */
 static bool is_on(const struct build *b, size_t node, const unsigned char *on)
 {
     for (int64_t at = (int64_t)node; at >= 0; at = b->nodes.node[at].parent) {
@@ -465,8 +470,9 @@ static bool is_on(const struct build *b, size_t node, const unsigned char *on)
     return true;
 }
 
-/* The node whose extras describe a frame: the only animated node that is visible, or, without
- * animation, the only node of the file. Returns b->nodes.n if there is not exactly one. */
+/* Returns the node whose extras describe a frame: the only animated node that is visible in this
+ * frame or, in a file without animation, the only node. Returns b->nodes.n if there are several
+ * such nodes or none. */
 static size_t node_of_frame(const struct build *b, const unsigned char *on)
 {
     size_t node = b->nodes.n, n_on = 0;

@@ -5,7 +5,7 @@
 
 #include "formats/glb.h"
 
-/* A mesh primitive of a node of the scene. */
+/* A mesh primitive with splats, and the placement of its node in the scene. */
 struct spin_gs_glb_piece {
     struct spin_gs_glb_points points;
     struct spin_placement placement;
@@ -27,11 +27,12 @@ struct spin_gs_glb_scene {
     struct spin_gs_glb_frame *frame; /* [n_frames], at least one */
     size_t *shown;                   /* indices of the visible pieces, frame by frame */
     size_t n_pieces, n_frames;
-    int sh_degree;  /* maximum over the pieces */
+    int sh_degree;  /* maximum of the SH degrees of all pieces */
     bool linear;    /* some pieces have linear colours instead of sRGB */
     bool antialias; /* splats must be drawn antialiased; from the extras or from SPZ data */
-    bool moves;     /* the file has animation other than showing and hiding nodes; ignored */
-    bool others;    /* the scene has meshes that are not splats; skipped */
+    /* The file contains animations that do more than show and hide nodes; they are ignored. */
+    bool moves;
+    bool others;            /* the scene has meshes that are not splats; they are skipped */
     struct spin_splats raw; /* private */
 };
 

@@ -109,8 +109,8 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 }
 
 /* Writes the animation's key frames. Key frame i is at i / fps seconds. Frame f is visible from key
- * frame f to the next. An additional key frame at the end repeats the last frame, which players
- * would skip otherwise. */
+ * frame f to key frame f + 1. An additional key frame at the end repeats the last frame; without
+ * it, players would skip the last frame. */
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;

@@ -10,8 +10,10 @@ enum { MAX_REST = 45, MAX_COLUMNS = 3 + 3 + 3 + MAX_REST + 1 + 3 + 4 };
 
 struct column {
     char name[16];
-    unsigned part; /* enum spin_column; 0: not read, as normals */
-    int place;     /* index within a row of this column of struct spin_splats */
+    /* The column of struct spin_splats that receives the property, a value of enum spin_column; 0:
+     * the property is not read (normals). */
+    unsigned part;
+    int place; /* index of the property within a row of this column */
 };
 
 static struct column *add_columns(struct column *c, const char *const *names, const char *prefix,

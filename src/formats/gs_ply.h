@@ -18,7 +18,7 @@
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-/* Bytes per row. */
+/* Returns the size of a row in bytes. */
 size_t spin_gs_ply_row(int sh_degree);
 /* Writes the header of a file with n rows. comments: lines that begin with "comment " and end with
  * a line feed, less than 512 bytes in all. Returns the length of the header, which is then below
@@ -29,7 +29,7 @@ size_t spin_gs_ply_header(int sh_degree, size_t n, const char *comments,
 /* The values of a row. */
 struct spin_gs_ply_row {
     float place[3], rotation[4]; /* position; quaternion w x y z of unit length */
-    float logit;                 /* of the opacity; finite */
+    float logit;                 /* logit of the opacity; must be finite */
     const float *log_scale;      /* [3] */
     const float *sh;             /* [n_sh][3] */
     int n_sh;
@@ -44,9 +44,10 @@ void spin_gs_ply_code(const struct spin_gs_ply_row *row, int sh_degree, unsigned
 struct spin_gs_ply {
     const struct spin_ply *ply; /* borrowed */
     const struct spin_ply_element *vertex;
-    int n_rest;    /* number of properties f_rest_* */
-    int sh_degree; /* 0 to 3; of files with degree 4, the coefficients of degree 4 are not read */
-    bool colours;  /* the file has red, green and blue instead of f_dc_* */
+    int n_rest; /* number of properties f_rest_* */
+    /* 0 to 3; if a file has degree 4, this is 3, and its coefficients of degree 4 are not read. */
+    int sh_degree;
+    bool colours; /* the file has red, green and blue instead of f_dc_* */
 };
 
 /* True if the vertices have any property that is specific to Gaussians. */

@@ -17,7 +17,8 @@
  * (decompression bombs). */
 #define MOST_SPLATS (1u << 20)
 
-/* For each image: name of the member, object of meta.json that lists it, index in the list. */
+/* For each image: name of the zip member, object of meta.json that lists the image, index in that
+ * list. */
 static const struct {
     const char *name, *object;
     size_t place;
@@ -44,7 +45,7 @@ void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, in
         *height = lines > 0 ? (int)lines : 1;
         return;
     }
-    /* nearly square; the sides are multiples of 4 */
+    /* images are nearly square; their sides are multiples of 4 */
     *width = sog->n > 0 ? (int)ceil(sqrt((double)sog->n) / 4) * 4 : 4;
     *height = sog->n > 0 ? (int)ceil((double)sog->n / *width / 4) * 4 : 4;
 }
@@ -117,7 +118,7 @@ void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4])
             out[to++] = spin_byte_of((sign * q[k] * SQRT2 * 0.5f + 0.5f) * 255);
     out[3] = (uint8_t)(TAG + largest);
     spin_sog_rotation(out, shown);
-    for (int k = 0; k < 4 && q[largest] < 0; k++) /* give shown the sign of q */
+    for (int k = 0; k < 4 && q[largest] < 0; k++) /* give the decoded quaternion the sign of q */
         shown[k] = -shown[k];
 }
 
@@ -182,7 +183,8 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
 
 struct reading {
     struct spin_zip zip;
-    const char *folder; /* with the files of an unpacked SOG; NULL: the files are in the zip */
+    /* Folder with the files of an unpacked SOG; NULL: the files are in the zip. */
+    const char *folder;
     spin_json *meta;
     struct spin_sog sog;
     /* The values of bytes 0..255 of the images, from codebooks (version 2) or ranges (version 1).
@@ -296,8 +298,8 @@ static spin_status read_ranges(const spin_json *meta, const char *key, size_t n,
     return SPIN_OK;
 }
 
-/* Reads 'shN' of version 1. It does not contain the size of the palette, which open_picture()
- * derives from the size of its image. */
+/* Reads 'shN' of version 1. The size of the palette is not stored there; open_picture() derives it
+ * from the size of the palette's image. */
 static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
 {
     const spin_json *shape = spin_json_get(sh_n, "shape");

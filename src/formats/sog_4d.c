@@ -174,8 +174,9 @@ struct set {
     struct spin_sog_4d *r;
     const char *folder; /* in the zip; NULL: the root */
     size_t first, n;
-    int width, height;   /* of the images; 0: no image was opened yet */
-    uint8_t *low, *high; /* scratch: pixels of the current image, and of the image of high bytes */
+    int width, height; /* size of the images; 0: no image was opened yet */
+    /* Scratch memory: pixels of the current image, and of the image with the high bytes. */
+    uint8_t *low, *high;
     struct spin_splats_4d *out;
 };
 
@@ -224,8 +225,9 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
     return spin_fail_context(status, "%s: image '%s'", r->what, name);
 }
 
-/* Dequantises channels of image p, with 16 bits if image p + 1 exists and contains the high bytes.
- * Channel c of row i is written to to[c][step * i]. NULL ends the list `to`. */
+/* Dequantises channels of image p. If image p + 1 exists, it contains the high bytes, and the codes
+ * have 16 bits; otherwise they have 8 bits. Channel c of row i is written to to[c][step * i]. NULL
+ * ends the list `to`. */
 static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
                                 const struct spin_sog_range *range, bool linear, float *to[4],
                                 size_t step)
