@@ -133,7 +133,7 @@ static bool is_native(const struct spin_array *a, char kind, size_t item_size)
 /* An iterator over the elements in row-major order. */
 struct walk {
     const struct spin_array *a;
-    uint64_t at; /* index of the element in the storage */
+    uint64_t at; /* index of the current element in the storage */
     uint64_t index[SPIN_NPY_MAX_DIMS];
     bool contiguous;
 };

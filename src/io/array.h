@@ -18,7 +18,7 @@ struct spin_array {
     /* Distance between neighbours along each dimension, in elements. */
     int64_t stride[SPIN_NPY_MAX_DIMS];
     uint64_t offset; /* index of the first element in the storage */
-    uint64_t count;  /* product of shape */
+    uint64_t count;  /* number of elements, the product of `shape` */
     /* Start of the storage; NULL for a tensor that is not bound to its storage yet. */
     const unsigned char *data;
     /* Size of the values in bytes; set only for arrays of .npy files. */

@@ -33,7 +33,7 @@ uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
 /* Digest that identifies a file by its contents, not by its name or time. */
 struct spin_imprint {
     uint64_t size;
-    uint32_t crc; /* CRC-32 of all bytes */
+    uint32_t crc; /* CRC-32 of all bytes of the file */
 };
 struct spin_imprint spin_map_imprint(const struct spin_map *map);
 

@@ -13,11 +13,11 @@
 
 #define BLOCK ((size_t)256 << 10)
 #define WINDOW ((size_t)SPIN_DEFLATE_WINDOW)
-#define LEAST_NOISE 4096 /* bytes; shorter blocks are always compressed */
+#define LEAST_NOISE 4096 /* in bytes; blocks shorter than this are always compressed */
 
 struct deflated {
     const struct spin_deflate *job;
-    unsigned char *slots; /* [blocks][slot], the compressed blocks */
+    unsigned char *slots; /* [blocks][slot] memory for the compressed blocks */
     size_t slot;
     size_t *n_packed; /* [blocks] sizes of the compressed blocks; 0: memory ran out */
 };

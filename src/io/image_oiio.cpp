@@ -253,7 +253,7 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
             if (std::strcmp(image->names[c], "A") == 0)
                 spec.alpha_channel = c;
         spec.attribute("oiio:ColorSpace", image->linear ? "Linear" : "sRGB");
-        if (exr) /* a fixed time, so that equal images give equal bytes */
+        if (exr) /* write a fixed time, so that equal images give equal bytes */
             spec.attribute("DateTime", "1980:01:01 00:00:00");
         else
             spec.attribute("oiio:UnassociatedAlpha", 1);

@@ -23,7 +23,7 @@ struct picture {
     FILE *file;
     int width, height, channels;
     uint8_t *rgb;
-    bool no_memory; /* an allocation by libpng failed */
+    bool no_memory; /* an allocation in libpng has failed */
     enum spin_image_result result;
     char *why;
     size_t n_why;

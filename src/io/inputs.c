@@ -14,7 +14,8 @@ static struct {
     struct known {
         uint64_t device, inode;
         enum kind kind;
-    } * slot; /* [capacity], a hash table whose capacity is a power of 2, at most half full */
+        /* [capacity], a hash table, at most half full; the capacity is a power of 2. */
+    } * slot;
     size_t n, capacity;
 } all = {.lock = PTHREAD_MUTEX_INITIALIZER};
 

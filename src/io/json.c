@@ -16,7 +16,8 @@
  * fail. */
 static json_malloc_t allocate;
 static _Thread_local jmp_buf *parser; /* not NULL while this thread parses a text */
-static _Thread_local bool ran_out;    /* this thread lacked memory since it last formatted a text */
+/* An allocation of this thread has failed since it last formatted a text. */
+static _Thread_local bool ran_out;
 
 static void *allocate_or_record(size_t n)
 {
@@ -170,7 +171,7 @@ static void write_real(FILE *out, double v)
     for (char *p = text; *p; p++)
         if (*p == ',') /* some locales use a comma as decimal point */
             *p = '.';
-    fputs(v == 0 && signbit(v) ? "-0.0" : text, out); /* -0 would be read as an integer */
+    fputs(v == 0 && signbit(v) ? "-0.0" : text, out); /* a text "-0" would be read as an integer */
 }
 
 static bool is_container(const json_t *j) { return json_array_size(j) + json_object_size(j) > 0; }

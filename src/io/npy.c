@@ -89,7 +89,7 @@ static bool consume_number(struct text *t, uint64_t *out)
             return false;
     if (t->p == first)
         return false;
-    if (t->p < t->end && *t->p == 'L') /* written by Python 2 */
+    if (t->p < t->end && *t->p == 'L') /* Python 2 wrote large numbers with an L at the end */
         t->p++;
     *out = value;
     return true;
@@ -145,7 +145,7 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
         out->n_dims++;
         comma = consume_char(t, ',');
     }
-    if (out->n_dims == 1 && !comma) /* "(5)" is not a tuple */
+    if (out->n_dims == 1 && !comma) /* for Python, "(5)" is a number, not a tuple */
         return fail_header(t);
     return SPIN_OK;
 }

@@ -85,7 +85,7 @@ void spin_output_folder_abandon(struct spin_output_folder *folder);
 /* A file name with a number in it, split into its parts. */
 struct spin_pattern {
     const char *text;
-    int n_before; /* bytes before the number */
+    int n_before; /* number of bytes before the number */
     bool zeros;   /* pad the number with zeros to `width` digits */
     int width;
     const char *after; /* text after the number */

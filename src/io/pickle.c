@@ -1364,7 +1364,8 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
         return spin_malformed("cannot read '%s': storage '%s' has %llu elements, expected %llu",
                               m->what, s->key, (unsigned long long)count,
                               (unsigned long long)s->count);
-    bytes = count * (uint64_t)s->item_size; /* cannot overflow, see op_persistent_id() */
+    /* This product cannot overflow, see op_persistent_id(). */
+    bytes = count * (uint64_t)s->item_size;
     if (bytes > (uint64_t)(m->end - m->p))
         return fail_malformed(m, "the storages are cut short");
     s->data = m->p;
@@ -1451,7 +1452,9 @@ static spin_status parse_input(const char *what, const unsigned char *bytes, siz
 
     memset(out, 0, sizeof *out);
     if (legacy) {
-        m.budget = BUDGET; /* most of the input is storages, which are not copied */
+        /* The size of the input is not added, since most of it is storages, which are not
+         * copied. */
+        m.budget = BUDGET;
         SPIN_TRY_OUT(run_legacy(&m, out));
     } else {
         m.budget = n < SIZE_MAX - BUDGET ? BUDGET + n : BUDGET;

@@ -57,7 +57,7 @@ struct spin_pickle {
     size_t used;                  /* number of input bytes up to and including the opcode STOP */
     struct spin_storage *storage; /* [n_storages] sorted by key (strcmp), without duplicates */
     size_t n_storages;
-    bool big_endian; /* byte order of the storages; set for legacy streams only */
+    bool big_endian; /* the storages are big-endian; set for legacy streams only */
 };
 
 /* Parse a pickle, which messages call `what`. Tensors of torch are not bound to their storages yet
@@ -82,4 +82,4 @@ const struct spin_value *spin_value_at(const struct spin_value *list_or_tuple, s
  * false for all other values and for NULL. */
 bool spin_value_number(const struct spin_value *v, double *out);
 const char *spin_value_text(const struct spin_value *v);
-bool spin_value_is_sequence(const struct spin_value *v); /* list or tuple */
+bool spin_value_is_sequence(const struct spin_value *v); /* true for a list or a tuple */

@@ -312,7 +312,7 @@ static bool property_bytes(const struct spin_ply *ply, const struct spin_ply_pro
         count = load_value(at, p->count_type, ply->big_endian);
         if (count < 0)
             return false;
-        size = n_count + (uint64_t)count * size; /* at most 4 + (2^32 - 1) * 8 */
+        size = n_count + (uint64_t)count * size; /* cannot overflow: at most 4 + (2^32 - 1) * 8 */
     }
     *out = size;
     return size <= left;
@@ -596,7 +596,7 @@ static void read_walking(const struct spin_ply *ply, const struct spin_ply_eleme
             if ((int)p == t->property)
                 t->out[i * t->step] = (float)load_value(here, e->property[p].type, ply->big_endian);
             if (!property_bytes(ply, &e->property[p], here, ply->map.size - at, &size))
-                return; /* the file was changed since it was opened */
+                return; /* the file has changed since it was opened */
         }
     }
 }

@@ -18,7 +18,7 @@ struct spin_ply_property {
     char name[64];
     enum spin_ply_type type; /* type of the value, or of the items of a list */
     bool is_list;
-    enum spin_ply_type count_type; /* lists only: type of their counts */
+    enum spin_ply_type count_type; /* for lists only: type of the counts */
     /* Position in a record, in bytes; valid only if no list precedes the property. */
     size_t offset;
 };
@@ -29,8 +29,9 @@ struct spin_ply_element {
     struct spin_ply_property *property;
     size_t n_properties;
     bool has_list;
-    size_t stride;        /* size of a record in bytes; valid only if the element has no lists */
-    uint64_t data_offset; /* position of the first record in the file (binary only) */
+    size_t stride; /* size of a record in bytes; valid only if the element has no lists */
+    /* Position of the first record in the file; valid for binary files only. */
+    uint64_t data_offset;
 };
 
 struct spin_ply {
@@ -43,7 +44,7 @@ struct spin_ply {
     size_t n_comments;
     uint64_t extra_bytes; /* number of bytes after the last record */
     double *ascii_values; /* private: [records of all elements][properties] */
-    bool borrowed;        /* private: map is owned by the caller */
+    bool borrowed;        /* private: the caller owns `map` */
 };
 
 /* Read the header, and check that the body has the length that the header requires. */

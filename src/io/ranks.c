@@ -18,10 +18,10 @@ struct notice {
 
 static const struct spin_ranks_shim *shim;
 static int own_rank, n_ranks = 1;
-static bool heard; /* this rank fails because another did */
+static bool heard; /* this rank fails only because another rank failed */
 /* spin_ranks_agree() told all ranks of a failure, and each ends by itself. */
 static bool agreed;
-static bool speaker;             /* this rank prints the error */
+static bool speaker;             /* this rank prints the error message */
 static struct notice last_words; /* static, since MPI may read it after notify() has returned */
 static uint64_t sent_bytes;
 static double waited_s;
@@ -335,6 +335,6 @@ void spin_ranks_exit(int code)
         return;
     if (speaker)
         shim->abort(code);
-    nanosleep(&nap, NULL); /* time for the speaker to end all processes */
+    nanosleep(&nap, NULL); /* give the speaker time to end all processes */
     _exit(code);
 }

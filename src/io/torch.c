@@ -22,8 +22,8 @@
 /* Where the bytes of a storage are. */
 struct bound {
     const struct spin_zip_member *member;
-    const unsigned char *data; /* NULL until a tensor needs it */
-    void *owned;               /* the decompressed block, or NULL */
+    const unsigned char *data; /* the bytes of the storage; NULL until a tensor needs them */
+    void *owned; /* the block that contains the bytes if they were decompressed, or NULL */
 };
 
 struct spin_torch_file {
@@ -31,10 +31,11 @@ struct spin_torch_file {
     struct spin_map map; /* the mapped file, for legacy streams only */
     struct spin_zip zip;
     bool is_zip;
-    bool warned;     /* a CRC mismatch was reported */
+    bool warned;     /* a CRC mismatch was already reported */
     const char *top; /* name of the top folder in the zip, including its slash */
     size_t n_top;
-    struct bound *bound; /* [n_storages], in the order of pickle.storage */
+    /* [n_storages] the positions of the storages, in the order of pickle.storage. */
+    struct bound *bound;
 };
 
 /* ---- Other kinds of files ------------------------------------------------------------------- */
@@ -192,7 +193,8 @@ static int by_key(const void *a, const void *b)
 static spin_status check_storage(const struct spin_torch_file *f, const struct spin_storage *s,
                                  const struct spin_zip_member *member)
 {
-    uint64_t bytes = s->count * (uint64_t)s->item_size; /* cannot overflow, see pickle.c */
+    /* This product cannot overflow, see op_persistent_id() in pickle.c. */
+    uint64_t bytes = s->count * (uint64_t)s->item_size;
 
     if (!member)
         return s->count == 0 ? SPIN_OK

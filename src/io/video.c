@@ -14,20 +14,20 @@
 /* A decoder keeps about six frames of 1.5 bytes per pixel: 50 MB for a video of the data set Neural
  * 3D Video. Videos are often read alternately, so OPEN_BYTES lets all 21 videos of that data set
  * stay open. */
-#define DECODER_BYTES 9 /* per pixel */
+#define DECODER_BYTES 9 /* bytes of memory per pixel of a frame */
 #define OPEN_BYTES ((size_t)1200 << 20)
 
 struct video {
     char *file;
     struct stat was;             /* the file's status when it was indexed */
-    struct spin_imprint imprint; /* size 0: not computed yet */
+    struct spin_imprint imprint; /* digest of the file; its size is 0 if it was not computed yet */
     struct spin_video_index index;
     struct spin_video_stream *stream; /* decoder of the video; NULL: closed */
     int64_t at;                       /* frame that the stream decoded last; -1: none */
     unsigned long used;               /* value of clock_now at the last use */
 };
 
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects everything below */
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects all variables below */
 static const struct spin_video_shim *shim;
 /* [n_videos]; each is allocated separately, since its stream points to its index. */
 static struct video **video;
@@ -131,7 +131,7 @@ static spin_status add_video(const char *file, struct video **out)
 
     if (!closes)
         closes = atexit(close_all) == 0;
-    SPIN_TRY(spin_map_open(file, &map)); /* records the file as an input */
+    SPIN_TRY(spin_map_open(file, &map)); /* this records the file as an input */
     spin_map_close(&map);
     SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, (void **)&video));
     SPIN_TRY_OUT(spin_alloc(1, sizeof *new, (void **)&new));
@@ -278,7 +278,7 @@ static spin_status decode_up_to(struct video *v, int64_t frame,
     int64_t key = key_before(v, frame);
     enum spin_video_result result = SPIN_VIDEO_OK;
 
-    if (v->at == frame) /* the decoder still has it */
+    if (v->at == frame) /* the decoder still has the frame */
         return convert_frame(v, rgb);
     if (v->at < key || v->at > frame) {
         v->at = -1;

@@ -7,7 +7,7 @@
 #include "io/video_shim.h"
 
 struct spin_video_out {
-    struct spin_out out; /* FFmpeg writes to its temporary name */
+    struct spin_out out; /* FFmpeg writes to the temporary name of this output */
     struct spin_video_writer *writer;
     int width, height;
     uint8_t *rgb;

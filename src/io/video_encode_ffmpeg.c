@@ -126,7 +126,7 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale) /* out of memory, since both pixel formats are supported */
+    if (!w->scale) /* memory ran out, since both pixel formats are supported */
         return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);

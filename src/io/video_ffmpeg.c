@@ -19,7 +19,7 @@ struct spin_video_stream {
     AVFrame *frame;
     struct SwsContext *scale;
     const struct spin_video_index *index;
-    int stream_index; /* index of the stream in the file */
+    int stream_index; /* index of the video stream in the file */
     int draining;
 };
 
@@ -85,7 +85,7 @@ static int by_pts(const void *a, const void *b)
 static enum spin_video_result add_entry(struct spin_video_index *index, int64_t *room,
                                         const AVPacket *packet)
 {
-    if (packet->flags & AV_PKT_FLAG_DISCARD) /* excluded by the file's edit list */
+    if (packet->flags & AV_PKT_FLAG_DISCARD) /* skip frames that the file's edit list excludes */
         return SPIN_VIDEO_OK;
     if (packet->pts == AV_NOPTS_VALUE)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no timestamps");

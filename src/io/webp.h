@@ -6,7 +6,7 @@
 
 #include "spin.h"
 
-#define SPIN_WEBP_MAX_SIDE 16383 /* pixels, a limit of the format */
+#define SPIN_WEBP_MAX_SIDE 16383 /* maximum width and height in pixels, a limit of the format */
 
 /* SPIN_E_UNSUPPORTED if the library is missing. */
 spin_status spin_webp_need(void);

@@ -315,7 +315,8 @@ static int compare_parts(const char *name, const char *const *part)
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part)
 {
-    size_t low = 0, high = zip->n; /* search for the first member after those with this name */
+    /* Binary search for the first member after those with this name. */
+    size_t low = 0, high = zip->n;
 
     while (low < high) {
         size_t middle = low + (high - low) / 2;
@@ -423,7 +424,8 @@ static spin_status inflate_head(const struct spin_zip *zip, const struct spin_zi
     z.avail_in = (uInt)(n_packed < piece ? n_packed : piece);
     z.next_out = out;
     z.avail_out = (uInt)(n < piece ? n : piece);
-    result = inflate(&z, Z_SYNC_FLUSH); /* damage is detected when the whole member is read */
+    /* Other errors are ignored here: they are reported when the whole member is read. */
+    result = inflate(&z, Z_SYNC_FLUSH);
     *n_out = (size_t)z.total_out;
     inflateEnd(&z);
     return result == Z_MEM_ERROR ? fail_memory(zip, m) : SPIN_OK;

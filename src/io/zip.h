@@ -9,7 +9,7 @@
 #include "io/file.h"
 
 struct spin_zip_member {
-    const char *name;           /* NUL-terminated */
+    const char *name;           /* name of the member, NUL-terminated */
     uint64_t size, packed_size; /* decompressed and compressed size in bytes */
     uint64_t header_offset;
     uint32_t crc;
@@ -18,12 +18,12 @@ struct spin_zip_member {
 
 struct spin_zip {
     struct spin_map map;
-    char *path;                     /* for messages */
+    char *path;                     /* path of the archive, for messages */
     struct spin_zip_member *member; /* [n], in the order of the central directory */
     size_t n;
     const struct spin_zip_member **by_name; /* private: [n] the members, sorted by name */
-    char *names;                            /* private */
-    bool borrowed;                          /* map is owned by the caller */
+    char *names;                            /* private: the memory of all names of members */
+    bool borrowed;                          /* the caller owns `map` */
     bool zip64;                             /* the directory was found through a zip64 record */
 };
 
@@ -70,7 +70,8 @@ struct spin_zip_writer {
     /* Write headers without extra fields, so that data are not aligned. Set this after
      * spin_zip_writer_begin(). */
     bool plain;
-    struct spin_zip_deflate *deflate; /* state of the deflated member being written, or NULL */
+    /* State of the deflated member being written; NULL: there is none. */
+    struct spin_zip_deflate *deflate;
     /* Number of threads that deflate a long member; 0: one per core. Set this after
      * spin_zip_writer_open() or spin_zip_writer_begin(). */
     int n_threads;

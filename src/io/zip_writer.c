@@ -21,7 +21,7 @@ enum {
 static const uint64_t deflate_zip64 = 0xf0000000u;
 
 struct spin_zip_deflate {
-    bool runs;         /* see spin_zip_member_runs() */
+    bool runs;         /* the effect of spin_zip_member_runs() is in force */
     unsigned char *in; /* [n_room]: n_before bytes already written, then n pending ones */
     size_t n_room, n_before, n;
     uint64_t packed_size;
@@ -33,7 +33,7 @@ struct spin_zip_written {
     uint64_t size, packed_size, header_offset;
     uint32_t crc;
     int method;
-    bool zip64; /* the local header has 64-bit sizes */
+    bool zip64; /* the local header contains 64-bit sizes */
 };
 
 /* A buffer for one header, large enough for the longest one. */
@@ -298,7 +298,7 @@ static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_
     put_int(&b, extra.n > 0 ? 45 : 20, 2); /* the field "version made by" */
     put_common(&b, e, extra.n > 0, low32(e->packed_size), low32(e->size));
     put_int(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
-    put_int(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
+    put_int(&b, 0, 2 + 2 + 2 + 4); /* no comment, disk 0, no attributes */
     put_int(&b, low32(e->header_offset), 4);
     SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
     SPIN_TRY(spin_out_write(&w->out, e->name, strlen(e->name)));
