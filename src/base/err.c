@@ -14,7 +14,7 @@
 enum { TRAIL = 4096 };
 
 static _Thread_local char trail[TRAIL];
-static atomic_int cancelled; /* lock-free, since signal handlers set it */
+static atomic_int cancelled; /* of a lock-free type, since signal handlers set it */
 
 spin_status spin_fail(spin_status code, const char *fmt, ...)
 {

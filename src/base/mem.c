@@ -154,7 +154,7 @@ void spin_pages_release(void *block)
  * starts with the block in use. */
 struct spin_arena_block {
     struct spin_arena_block *next;
-    size_t used, bytes; /* both include this header */
+    size_t used, bytes; /* bytes in use and size of the block, both including this header */
 };
 
 static spin_status arena_block(struct spin_arena *arena, size_t piece)

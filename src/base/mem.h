@@ -8,8 +8,8 @@ bool spin_mul_size(size_t a, size_t b, size_t *out);
 
 /* Variants of malloc, realloc and strdup that set the error message. They check count * size for
  * overflow. On failure, spin_alloc() sets *out to NULL, and spin_grow() leaves *inout unchanged. */
-spin_status spin_alloc(size_t count, size_t size, void **out);  /* zeroed */
-spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
+spin_status spin_alloc(size_t count, size_t size, void **out);  /* the memory is zeroed */
+spin_status spin_grow(size_t count, size_t size, void **inout); /* added memory is not zeroed */
 /* Ensure that an array of n items has capacity for one more; if it has not, *capacity is doubled.
  * size: size of an item in bytes. */
 spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);

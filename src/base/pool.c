@@ -46,14 +46,14 @@ struct spin_pool {
 
     /* Number of the job << 32 | number of its tasks not taken yet. */
     _Alignas(64) atomic_uint_least64_t word;
-    _Alignas(64) atomic_int pending;  /* unfinished tasks */
+    _Alignas(64) atomic_int pending;  /* number of unfinished tasks of the job */
     _Alignas(64) atomic_int sleepers; /* number of workers that wait on `work` */
-    atomic_int caller_sleeps;         /* the caller waits on `done` */
+    atomic_int caller_sleeps;         /* 1: the caller of spin_pool_run() waits on `done` */
     atomic_int stop;
 
     pthread_mutex_t lock;
     pthread_cond_t work, done;
-    struct worker *worker; /* [n_threads - 1] */
+    struct worker *worker; /* [n_threads - 1] the threads other than the caller */
 };
 
 static void relax_cpu(void)
@@ -67,7 +67,7 @@ static void relax_cpu(void)
 
 static uint32_t tasks_left(struct spin_pool *pool) { return (uint32_t)atomic_load(&pool->word); }
 
-static _Thread_local int worker_number; /* index of the worker that runs in this thread */
+static _Thread_local int worker_number; /* the result of spin_pool_worker() in this thread */
 
 int spin_pool_worker(void) { return worker_number; }
 

@@ -32,7 +32,7 @@
 struct search {
     struct spin_shim *shim;
     const void *table;
-    uid_t owner; /* owner of the program's file; 0 if unknown */
+    uid_t owner; /* owner of the program's file; 0 (root) if unknown */
 };
 
 /* Whether loading the library would end the process. With a limit of the address space (`ulimit
@@ -110,7 +110,7 @@ static bool is_writable_by_others(struct search *s, const char *path)
     struct stat st;
 
     if (stat(path, &st) != 0)
-        return false; /* load_object() handles a missing file */
+        return false; /* a missing file is left to load_object() */
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;

@@ -274,7 +274,7 @@ int posix_flock(int fd, int how)
 static struct memory {
     struct memory *next;
     FILE *file;
-    char **text, *fixed; /* exactly one of these two is set */
+    char **text, *fixed; /* the destination of the text: one of these two is set */
     size_t *n, room;
 } * memories;
 static pthread_mutex_t memory_mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -451,7 +451,7 @@ int posix_link(const char *from, const char *to)
 struct posix_dir {
     HANDLE find;
     WIN32_FIND_DATAW next;
-    bool ends; /* there is no next entry */
+    bool ends; /* there is no further entry */
     struct dirent entry;
 };
 

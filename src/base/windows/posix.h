@@ -49,7 +49,7 @@ struct posix_stat {
 int posix_stat(const char *path, struct posix_stat *out);
 int posix_lstat(const char *path, struct posix_stat *out);
 int posix_fstat(int fd, struct posix_stat *out);
-int posix_open(const char *path, int flags, ...); /* opened files can still be removed */
+int posix_open(const char *path, int flags, ...); /* files can be removed while they are open */
 int posix_access(const char *path, int mode);
 int posix_unlink(const char *path);
 int posix_rmdir(const char *path);
@@ -57,7 +57,8 @@ int posix_mkdir(const char *path, int mode);
 int posix_rename(const char *from, const char *to);
 int posix_link(const char *from, const char *to);
 char *posix_realpath(const char *path, char *none);
-ssize_t posix_readlink(const char *path, char *out, size_t n); /* works for "/proc/self/exe" only */
+/* Only "/proc/self/exe" is supported. */
+ssize_t posix_readlink(const char *path, char *out, size_t n);
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at);
 int posix_flock(int fd, int how);
 FILE *posix_fopen(const char *path, const char *mode);
@@ -147,7 +148,7 @@ int posix_kill(pid_t pid, int zero);
 intptr_t posix_execv(const char *path, char *const *argv);
 #define kill posix_kill
 #define execv posix_execv
-#define execvp posix_execv /* all callers pass an existing path */
+#define execvp posix_execv /* without a search: all callers pass an existing path */
 
 /* SIGINT is raised by Ctrl-C, SIGTERM by Ctrl-Break, and SIGBUS by an in-page error of a mapped
  * file. */
@@ -174,7 +175,8 @@ void (*posix_signal(int number, void (*how)(int)))(int);
 int pause(void);
 
 enum { RTLD_NOW = 2, RTLD_LOCAL = 0 };
-void *dlopen(const char *path, int flags); /* "libzstd.so.1" loads libzstd.dll beside the program */
+/* For "libzstd.so.1", loads libzstd.dll beside the program. */
+void *dlopen(const char *path, int flags);
 void *dlsym(void *object, const char *name);
 int dlclose(void *object);
 const char *dlerror(void);
