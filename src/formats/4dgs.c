@@ -14,7 +14,7 @@
 #define MAGIC_BYTES 8
 #define MODEL "gaussian-birth"
 #define SCHEME "uniform-v1"
-#define NEVER_FADES 1 /* flag of a splat without a Gaussian window */
+#define NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 /* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
  * splats share one. Therefore, files that unpack to far more than 32 times their size are refused
  * as decompression bombs. */
@@ -77,7 +77,7 @@ struct reader {
     size_t size;
     struct spin_4dgs *info;
     struct spin_splats_4d *splats;
-    unsigned seen; /* bit k: record k was read; only for records that must not occur twice */
+    unsigned seen; /* bit k: record k was read; set only for records that must not occur twice */
     uint64_t n_said;
     double origin[3], step[N_STEPS];
     double *window; /* [n_windows][2] start and end of each window */

@@ -2,7 +2,7 @@
 
 #include "base/base.h"
 
-#define BINS 4096     /* bins of the histogram from which the initial numbers are chosen */
+#define BINS 4096 /* number of bins of the histogram from which the initial numbers are chosen */
 #define MOST_STEPS 60 /* maximum number of iterations of Lloyd's algorithm */
 #define CUT_STEPS 6   /* number of iterations of 2-means */
 
@@ -143,17 +143,17 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 /* A cluster of rows that share a palette vector: order[first .. first + n). If it was divided, the
  * first n_front rows form one half and the other rows the second half. */
 struct cluster {
-    size_t first, n, n_front; /* n_front 0: cannot be divided */
-    double error;             /* sum of squared distances to the mean */
-    double side_error[2];     /* sum of squared distances to the mean of each half */
-    bool divided;             /* division was tried; n_front and side_error are set */
+    size_t first, n, n_front; /* if n_front is 0, the cluster cannot be divided */
+    double error;             /* sum of squared distances of the rows to their mean */
+    double side_error[2];     /* sums of squared distances of the rows of each half to their mean */
+    bool divided;             /* a division was tried; n_front and side_error are set */
 };
 
 struct clustering {
     const float *rows;
     size_t width;
     uint32_t *order;
-    struct cluster *cluster; /* max-heap by error */
+    struct cluster *cluster; /* [n_clusters] a heap with the largest error at the top */
     size_t n_clusters;
     struct cluster *batch; /* [BATCH] clusters that were taken from the heap to be divided */
     double *sums;          /* [workers][SUMS][width] */

@@ -6,11 +6,11 @@
 #include "spin.h"
 
 struct spin_gaussian {
-    float place[3]; /* position of the centre, world units */
+    float place[3]; /* position of the centre in world units */
     /* Natural logarithm of the standard deviation along each axis, in world units. */
     float log_scale[3];
     float rotation[4]; /* quaternion w x y z of unit length */
-    float opacity;     /* 0..1 */
+    float opacity;     /* opacity in 0..1 */
     /* Colour 0.5 + C0 dc, where dc is the SH coefficient of degree 0; displays can show values from
      * 0 to 1. */
     float colour[3];

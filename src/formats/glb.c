@@ -4,7 +4,7 @@
 
 enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 #define LINEAR "lin_rec709_display"
-#define OPACITY_SLACK 1e-3f /* tolerance for opacities that were rounded */
+#define OPACITY_SLACK 1e-3f /* opacities may exceed 0..1 by this much, due to rounding */
 
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 {
@@ -160,7 +160,7 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
                  : f->component == SPIN_GLB_U8  ? (float)at[0]
                  : f->component == SPIN_GLB_I16 ? (float)(int16_t)(at[0] | at[1] << 8)
                                                 : (float)(at[0] | at[1] << 8);
-        if (f->normalised) /* -128 and -32768 also decode to -1 */
+        if (f->normalised) /* -128 and -32768 decode to -1, as -127 and -32767 do */
             out[k] = out[k] < -largest ? -1 : out[k] / largest;
     }
 }

@@ -33,7 +33,7 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME]);
 
 struct spin_glb_file {
     spin_json *json;
-    const unsigned char *bytes; /* content of the binary chunk; borrowed */
+    const unsigned char *bytes; /* the content of the binary chunk; borrowed */
     uint64_t n_bytes;
 };
 

@@ -13,12 +13,12 @@ struct spin_gs_glb_piece {
 };
 
 struct spin_gs_glb_frame {
-    size_t n;              /* number of splats */
+    size_t n;              /* number of splats in the frame */
     size_t first, n_shown; /* range in scene->shown: the pieces that are visible in this frame */
-    int number;            /* frame number in the extras of the frame's node; -1: none */
+    int number;            /* frame number in the extras of the frame's node; -1: there is none */
     double time;           /* start of the frame in seconds: the time in the extras if all frames
                               have one, otherwise the time of the animation */
-    double extras_time;    /* private: time in the extras; NaN: none */
+    double extras_time;    /* private: time in the extras; NaN: there is none */
 };
 
 struct spin_gs_glb_scene {
@@ -29,7 +29,7 @@ struct spin_gs_glb_scene {
     size_t n_pieces, n_frames;
     int sh_degree;  /* maximum of the SH degrees of all pieces */
     bool linear;    /* some pieces have linear colours instead of sRGB */
-    bool antialias; /* splats must be drawn antialiased; from the extras or from SPZ data */
+    bool antialias; /* splats must be drawn antialiased, according to the extras or the SPZ data */
     /* The file contains animations that do more than show and hide nodes; they are ignored. */
     bool moves;
     bool others;            /* the scene has meshes that are not splats; they are skipped */

@@ -20,15 +20,15 @@ enum { SPIN_GLB_MAX_ATTRIBUTES = 21, SPIN_GLB_NAME = 64 };
 /* The data of one attribute in the binary chunk. */
 struct spin_glb_column {
     int attribute;
-    uint64_t n, offset;    /* number of rows; bytes from the start of the binary chunk */
+    uint64_t n, offset;    /* number of rows; position in the binary chunk, in bytes */
     uint64_t hash[2];      /* hash of the data, by which equal columns are found */
-    float low[3], high[3]; /* bounding box; POSITION only */
+    float low[3], high[3]; /* bounding box, for POSITION only */
 };
 
 /* A node with a mesh of n points. If n is 0, the node has no mesh. */
 struct spin_glb_frame {
     size_t n;
-    int number;                             /* the source's frame number */
+    int number;                             /* number of the frame in the source */
     double time;                            /* time of the frame, in the source's unit */
     size_t column[SPIN_GLB_MAX_ATTRIBUTES]; /* index of each attribute's column; frames may share
                                                columns */
@@ -36,12 +36,12 @@ struct spin_glb_frame {
 
 struct spin_glb_clip {
     /* The caller sets these before spin_glb_begin(). */
-    struct spin_out *out; /* opened and committed by the caller */
+    struct spin_out *out; /* the output file, which the caller opens and commits */
     int sh_degree;
     /* Texts written to the extras; if the source is unknown, `source` is NULL. */
     const char *axes, *source;
     double fps;     /* frames per second; 0: unknown */
-    bool antialias; /* written to the extras: splats must be drawn antialiased */
+    bool antialias; /* splats must be drawn antialiased; this is written to the extras */
     int n_frames;
     bool animated; /* write an animation that shows one frame after the other, by STEP key frames
                       of the scale of the nodes */
@@ -50,10 +50,10 @@ struct spin_glb_clip {
      * is COLOR_0, with 16-bit integers; all others are floats. */
     int n_attributes;
     char name[SPIN_GLB_MAX_ATTRIBUTES][SPIN_GLB_NAME];
-    int components[SPIN_GLB_MAX_ATTRIBUTES]; /* numbers per row */
+    int components[SPIN_GLB_MAX_ATTRIBUTES]; /* numbers per row of each attribute */
     /* Width: bytes per row of each attribute; row: bytes per row of all attributes together. */
     size_t width[SPIN_GLB_MAX_ATTRIBUTES], row;
-    size_t room; /* bytes reserved for the JSON */
+    size_t room; /* number of bytes reserved for the JSON */
 
     /* The caller sets these before spin_glb_end(). */
     const struct spin_glb_frame *frame; /* [n_frames] */
@@ -63,7 +63,7 @@ struct spin_glb_clip {
     const struct spin_glb_frame *still;
     const struct spin_glb_column *column; /* [n_columns] */
     size_t n_columns;
-    uint64_t n_bytes; /* size of the binary chunk so far */
+    uint64_t n_bytes; /* number of bytes in the binary chunk so far */
 };
 
 struct spin_glb_shim {

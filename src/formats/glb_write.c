@@ -7,7 +7,7 @@
 
 enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* differs from every errno */ };
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");
-#define MAX_BYTES UINT32_MAX /* lengths are 32-bit words in the file */
+#define MAX_BYTES UINT32_MAX /* maximum size of a file, since lengths in it are 32-bit words */
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
@@ -182,7 +182,7 @@ spin_status spin_glb_can_write(void)
 spin_status spin_glb_end(struct spin_glb_clip *clip)
 {
     uint64_t keys = clip->n_bytes;
-    char why[256] = ""; /* stays empty if memory runs out */
+    char why[256] = ""; /* `why` stays empty if memory runs out */
     SPIN_FREED char *text = NULL;
 
     SPIN_TRY(spin_glb_can_write());

@@ -84,7 +84,7 @@ void spin_gs_ply_code(const struct spin_gs_ply_row *row, int sh_degree, unsigned
     float *out = (float *)(void *)to;
 
     memcpy(out, row->place, sizeof row->place);
-    memset(out + 3, 0, 3 * sizeof *out); /* normals */
+    memset(out + 3, 0, 3 * sizeof *out); /* normals are 0 */
     memcpy(out + 6, row->sh, 3 * sizeof *out);
     out += 9;
     for (int c = 0; c < 3; c++) {

@@ -30,8 +30,8 @@ size_t spin_gs_ply_header(int sh_degree, size_t n, const char *comments,
 struct spin_gs_ply_row {
     float place[3], rotation[4]; /* position; quaternion w x y z of unit length */
     float logit;                 /* logit of the opacity; must be finite */
-    const float *log_scale;      /* [3] */
-    const float *sh;             /* [n_sh][3] */
+    const float *log_scale;      /* [3] logarithms of the standard deviations */
+    const float *sh;             /* [n_sh][3] SH coefficients */
     int n_sh;
 };
 /* Writes a row of spin_gs_ply_row() bytes. Coefficients that row->sh lacks are written as 0;
@@ -42,9 +42,9 @@ void spin_gs_ply_code(const struct spin_gs_ply_row *row, int sh_degree, unsigned
 
 /* The layout of a parsed file. */
 struct spin_gs_ply {
-    const struct spin_ply *ply; /* borrowed */
+    const struct spin_ply *ply; /* the parsed file; borrowed */
     const struct spin_ply_element *vertex;
-    int n_rest; /* number of properties f_rest_* */
+    int n_rest; /* number of properties f_rest_* in the file */
     /* 0 to 3; if a file has degree 4, this is 3, and its coefficients of degree 4 are not read. */
     int sh_degree;
     bool colours; /* the file has red, green and blue instead of f_dc_* */

@@ -22,9 +22,9 @@ struct file {
 struct section {
     size_t n, n_full, n_buckets, bucket; /* bucket: number of splats in a full bucket */
     const unsigned char *lengths, *centres, *rows;
-    size_t row;     /* bytes per splat */
-    float step;     /* quantisation step of positions, world units */
-    uint32_t steps; /* steps for half the width of a bucket */
+    size_t row;     /* size of a row (one splat) in bytes */
+    float step;     /* quantisation step of positions, in world units */
+    uint32_t steps; /* number of quantisation steps for half the width of a bucket */
     int sh_degree;
 };
 

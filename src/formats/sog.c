@@ -7,7 +7,7 @@
 #include "math/quat.h"
 
 #define VERSION 2
-#define STEPS 65535.0 /* largest 16-bit code of a position */
+#define STEPS 65535.0 /* largest 16-bit code of a coordinate */
 #define TAG 252       /* mode byte of a rotation: 252 + index of the largest of w x y z */
 #define SQRT2 1.41421356237309505f
 #define MAX_META (1u << 20)
@@ -193,8 +193,8 @@ struct reading {
     struct {
         const unsigned char *data;
         size_t size;
-        void *owned;         /* data of a compressed member of the zip */
-        struct spin_map map; /* data of a file in `folder` */
+        void *owned;         /* the block with the data if a zip member was decompressed */
+        struct spin_map map; /* the map with the data if they are in a file in `folder` */
         int width, height;
     } file[SPIN_SOG_PICTURES];
 };

@@ -32,8 +32,8 @@ enum spin_sog_picture {
     SPIN_SOG_QUATS,
     SPIN_SOG_SCALES,
     SPIN_SOG_SH0,
-    SPIN_SOG_LABELS,    /* only with SH above degree 0 */
-    SPIN_SOG_CENTROIDS, /* only with SH above degree 0 */
+    SPIN_SOG_LABELS,    /* exists only with SH above degree 0 */
+    SPIN_SOG_CENTROIDS, /* exists only with SH above degree 0 */
     SPIN_SOG_PICTURES
 };
 

@@ -172,7 +172,7 @@ void spin_sog_4d_close(struct spin_sog_4d *r)
 /* A set of images of one size, and the range of rows of *out that they contain. */
 struct set {
     struct spin_sog_4d *r;
-    const char *folder; /* in the zip; NULL: the root */
+    const char *folder; /* folder of the images in the zip; NULL: the root */
     size_t first, n;
     int width, height; /* size of the images; 0: no image was opened yet */
     /* Scratch memory: pixels of the current image, and of the image with the high bytes. */

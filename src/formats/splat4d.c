@@ -10,7 +10,7 @@
 
 #define HEADER 12
 #define STREAM_HEAD 11
-#define SMOOTHED 1 /* flag in the header */
+#define SMOOTHED 1 /* flag in the header: colours were smoothed in time */
 /* Bytes of a row before compression: 3 for pos, 4 for rot, 3 for rgb, 1 for alpha, 3 for scale. */
 #define ROW_BYTES 14
 #define MAX_FRAMES 1000000

@@ -7,18 +7,18 @@
 #include "math/quat.h"
 #include "math/sh.h"
 
-#define MAGIC 0x5053474eu /* "NGSP" */
+#define MAGIC 0x5053474eu /* the characters "NGSP" */
 #define OLDEST 2
 #define IN_STREAMS 4  /* first version whose streams are compressed separately */
-#define ANTIALIASED 1 /* flag in the header */
-#define EXTENDED 2    /* flag in the header */
+#define ANTIALIASED 1 /* flag in the header: trained antialiased */
+#define EXTENDED 2    /* flag in the header: the file has extensions */
 #define MAX_SH_DEGREE 4
-#define AXES_RECORD 0xadbe0003u /* type of the extension record for axes */
+#define AXES_RECORD 0xadbe0003u /* type of the extension record that states the axes */
 #define MAX_AXES 16
 #define LEFT_DOWN_BACK 1
 #define COLOUR_SCALE (0.15f * 255)
 #define SQRT2 1.41421356237309505f
-#define MAX_PLACE 8388606 /* largest coordinate, in quantisation steps */
+#define MAX_PLACE 8388606 /* largest absolute coordinate, in quantisation steps */
 /* Scenes unpack to two or three times the size of the file, or to ten times if SH are padded with
  * zeros. Refuse files that unpack to more than RATIO times their size plus RATIO_SLACK bytes, as
  * decompression bombs: deflate can expand one byte to 1032 bytes, zstd to far more. */

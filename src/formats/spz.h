@@ -45,10 +45,11 @@ enum {
 
 struct spin_spz_header {
     size_t n;
-    int sh_degree, fraction; /* sh_degree: 0 to 4; fraction: fractional bits of positions */
+    /* sh_degree: 0 to 4; fraction: number of fractional bits of positions. */
+    int sh_degree, fraction;
     bool antialias;
-    int version; /* 2 to 4; 3 or 4 for writing */
-    int axes;    /* numbered as in SPZ_ADOBE_coordinate_system, 1 to 16; 0: not given in the file */
+    int version; /* 2 to 4 for reading; 3 or 4 for writing */
+    int axes;    /* numbered 1 to 16 as in SPZ_ADOBE_coordinate_system; 0: not stated in the file */
 };
 
 /* Values of spin_spz_header.axes. The first is the default of Niantic's library, the second the
