@@ -194,7 +194,7 @@ bool spin_path_is_folder(const char *path)
     return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
 }
 
-/* Concatenate three texts, allocated. */
+/* *out receives the concatenation of three texts, allocated. */
 static spin_status concat_texts(const char *a, const char *b, const char *c, char **out)
 {
     size_t na = strlen(a), nb = strlen(b), nc = strlen(c);
@@ -420,7 +420,7 @@ void spin_folder_list_free(char **names)
     free(names);
 }
 
-/* ---- Write, then rename --------------------------------------------------------------------- */
+/* ---- Output files: written under a temporary name, then renamed ----------------------------- */
 
 static spin_status fail_exists(const char *path)
 {
@@ -514,7 +514,7 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     n = strlen(path) + SPIN_OUT_SUFFIX;
 
     /* One block contains the temporary name and the buffer of stdio, since both are needed as long
-     * as the stream. */
+     * as the stream is open. */
     SPIN_TRY(spin_alloc(n + OUT_BUFFER, 1, &name));
     out->temporary = name;
     SPIN_TRY_OUT(spin_strdup(path, &out->path));

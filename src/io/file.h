@@ -91,7 +91,7 @@ void spin_out_sweep_folder(const char *folder, const char *ending);
 int spin_out_put(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
-/* Length of the file so far, including buffered bytes. */
+/* *bytes receives the length of the file so far, including buffered bytes. */
 spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
 /* Write these bytes as a whole file, replacing an existing one. sync: see struct spin_out. */
 spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync);

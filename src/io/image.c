@@ -65,7 +65,7 @@ static const char *format_of(const struct spin_map *map)
     return "";
 }
 
-/* Whether the chunks (length, name, data, CRC) end with IEND. */
+/* Whether a PNG is complete: its chunks (length, name, data, CRC) must end with the chunk IEND. */
 static bool png_ends(const struct spin_map *map)
 {
     size_t at = sizeof png_magic;
@@ -99,7 +99,8 @@ static size_t skip_scan(const struct spin_map *map, size_t at)
     return map->size;
 }
 
-/* Whether the segments (FF, marker, length, data) and scans end with the end-of-image marker. */
+/* Whether a JPEG is complete: its segments (FF, marker, length, data) and scans must end with the
+ * end-of-image marker. */
 static bool jpeg_ends(const struct spin_map *map)
 {
     size_t at = 2;
@@ -142,7 +143,7 @@ static spin_status find_video(const char *path, char **file, int64_t *frame)
     return *file ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", n + 1);
 }
 
-/* ---- Calls ---------------------------------------------------------------------------------- */
+/* ---- Reading and writing -------------------------------------------------------------------- */
 
 /* Report the failure of a shim, with the first line of the shim's message, without a full stop. */
 static spin_status fail_image(enum spin_image_result result, const char *path, char *why)
@@ -381,7 +382,7 @@ out:
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot write image '%s'", path);
 }
 
-/* ---- Names ---------------------------------------------------------------------------------- */
+/* ---- Names of images ------------------------------------------------------------------------ */
 
 void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
                        char name[SPIN_PICTURE_NAME])

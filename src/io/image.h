@@ -37,9 +37,9 @@ spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigne
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb,
                              bool sync);
 
-/* A rendered image for compositing in film production, written as by spin_image_write(). `image`
- * [3][h][w] contains the blended sRGB values, composited over black if there is an alpha
- * channel. */
+/* A rendered image for compositing in film production. The file gets its final name when it is
+ * complete. `image` [3][h][w] contains the blended sRGB values, composited over black if there is
+ * an alpha channel. */
 struct spin_film {
     int width, height;
     const float *image;

@@ -31,7 +31,7 @@ struct failure {
 void configure_library()
 {
     static const bool done = [] {
-        OIIO::attribute("threads", 1); /* the caller reads several images in parallel */
+        OIIO::attribute("threads", 1); /* one, since callers read several images in parallel */
         OIIO::attribute("exr_threads", 1);
         OIIO::attribute("plugin_searchpath", std::string());
         return true;

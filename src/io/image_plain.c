@@ -60,7 +60,7 @@ static bool prepare_pixels(struct picture *p)
 /* ---- JPEG ------------------------------------------------------------------------------------ */
 
 struct jpeg_end {
-    struct jpeg_error_mgr base; /* must be the first member */
+    struct jpeg_error_mgr base; /* must be the first member, for jpeg_fails() */
     jmp_buf jump;
     struct picture *picture;
 };
@@ -87,7 +87,8 @@ static void jpeg_warns(j_common_ptr info, int level)
 
 static void read_jpeg(struct picture *p)
 {
-    /* Zeroed, since jpeg_create_decompress() may fail before it initialises the struct. */
+    /* The struct is zeroed, since jpeg_create_decompress() may fail before it initialises the
+     * struct. */
     struct jpeg_decompress_struct jpeg = {0};
     struct jpeg_end end = {.picture = p};
 
@@ -105,7 +106,8 @@ static void read_jpeg(struct picture *p)
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
             fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four channels needs OpenImageIO");
-        /* Also if only the size is read, since jpeg_start_decompress() checks the tables. */
+        /* Start decompression even if only the size is requested, since jpeg_start_decompress()
+         * also checks the tables. */
         else if (prepare_pixels(p) || p->sizes) {
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);

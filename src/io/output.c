@@ -26,7 +26,8 @@ spin_status spin_output_check_folder(const char *path)
     return spin_fail(SPIN_E_IO, "cannot write to folder '%s': %s", path, strerror(errno));
 }
 
-/* Check that an existing name is a folder and, without force, that it is empty. */
+/* Check that an existing path is a folder and, unless force is set, that the folder is empty. *n
+ * receives the number of entries. */
 static spin_status count_entries(const char *path, bool force, size_t *n)
 {
     char **names = NULL;
@@ -207,7 +208,7 @@ void spin_output_lock_drop(struct spin_output_lock *lock)
     *lock = (struct spin_output_lock){.fd = -1};
 }
 
-/* ---- The export that was in the folder before ------------------------------------------------ */
+/* ---- Files of the former export -------------------------------------------------------------- */
 
 /* Compare names without regard to upper and lower case, which some file systems do not
  * distinguish. */
@@ -278,7 +279,8 @@ static spin_status read_former(struct spin_output_folder *x)
     SPIN_TRY(spin_path_join(x->path, SPIN_SEQUENCE, &path));
     if (!is_regular(path) || spin_json_load(path, &root) != SPIN_OK)
         return SPIN_OK;
-    spin_inputs_own(path); /* allow this export to replace sequence.json although it was read */
+    /* Allow this export to replace sequence.json although the file was read. */
+    spin_inputs_own(path);
     generator = spin_json_string(spin_json_get(root, "generator"));
     if (!generator || strncmp(generator, "spin4d ", 7) != 0)
         return SPIN_OK;
@@ -372,7 +374,7 @@ spin_status spin_output_folder_begin(const char *path, bool force, const char *e
         spin_watch_out(out->path);
     if (out->n_before > 0)
         SPIN_TRY(read_former(out));
-    /* sequence.json is one more entry. */
+    /* If there are files of a former export, the entry sequence.json is expected as well. */
     if (out->n_before > (out->n_former ? out->n_former + 1 : 0))
         spin_warn("folder '%s' was not empty: files that are not overwritten stay in it", path);
     return SPIN_OK;

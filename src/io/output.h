@@ -16,8 +16,8 @@ spin_status spin_output_check_empty_folder(const char *path, bool force);
  * the same file, returns SPIN_E_USAGE, with a message that contains the path. */
 spin_status spin_output_check_distinct(const char *const *path, int n);
 
-/* Disk space reserved for later output. It is allocated to an unnamed file, which the system frees
- * when the process ends, even if it is killed. */
+/* Disk space reserved for later output. The space is allocated to an unnamed file, which the system
+ * frees when the process ends, even if the process is killed. */
 struct spin_reserve {
     int fd; /* descriptor of the unnamed file; valid if bytes > 0 */
     uint64_t bytes;
@@ -27,9 +27,9 @@ struct spin_reserve {
  * reserve space, this function only compares `bytes` with the free space. */
 bool spin_reserve_set(struct spin_reserve *reserve, const char *path, uint64_t bytes);
 
-/* Lock that allows one process at a time to write an output. It is a lock on the file OUTPUT.lock,
- * which the system releases when the process ends: a lock file left behind by a killed process is
- * not locked. */
+/* A lock that allows only one process at a time to write an output. It is a lock on the file
+ * OUTPUT.lock, which the system releases when the process ends: a lock file left behind by a killed
+ * process is not locked. */
 struct spin_output_lock {
     char *path; /* path of the lock file; NULL: the lock is not held */
     int fd;

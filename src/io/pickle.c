@@ -2,10 +2,10 @@
  * that build values.
  *
  * A global is pushed as its index in a table; REDUCE, NEWOBJ and BUILD switch on that index and
- * create the value that the global would return or set. No code is called. The cost of reading a
- * file is bounded: lengths by the remaining input, memo slots by the number of opcodes executed,
- * nesting by a constant, and the total of all values by a budget. Nothing recurses, except for one
- * level of a stream inside a pickle (torch.storage._load_from_bytes). */
+ * create or change values as the global would. No code is called. The cost of reading a file is
+ * bounded: lengths by the remaining input, memo slots by the number of opcodes executed, nesting by
+ * a constant, and the total of all values by a budget. Nothing recurses, except for one level of a
+ * stream inside a pickle (torch.storage._load_from_bytes). */
 #include "io/pickle.h"
 
 #include "base/base.h"
@@ -84,8 +84,8 @@ static spin_status fail_malformed(const struct machine *m, const char *why)
     return fail_at(m, SPIN_E_MALFORMED, why);
 }
 
-/* Prepare text from the file for messages: cut it off after 99 characters, and replace those that
- * are not printable ASCII. */
+/* Prepare text from the file for messages: cut it off after 99 characters, and replace characters
+ * that are not printable ASCII by '?'. */
 static const char *printable(const char *text, size_t n, char out[100])
 {
     size_t i = 0;
@@ -138,7 +138,7 @@ static spin_status new_node(struct machine *m, enum spin_value_kind kind, enum r
     return SPIN_OK;
 }
 
-/* Ensure capacity for one more item in a growing array. */
+/* Ensure that a growing array of n items has capacity for one more. */
 static spin_status room_for(struct machine *m, void **array, size_t n, size_t *capacity,
                             size_t size)
 {
@@ -259,7 +259,7 @@ static spin_status push_constant(struct machine *m, struct spin_value **kept,
 }
 
 /* Push a little-endian two's complement integer of any length. Values beyond 64 bits are clamped,
- * with their magnitude in `number`; callers report an error if they need them. */
+ * with their magnitude in `number`; callers that cannot use such a value report an error. */
 static spin_status push_long(struct machine *m, const unsigned char *p, size_t n)
 {
     bool negative = n > 0 && p[n - 1] & 0x80;
@@ -773,7 +773,7 @@ static spin_status build_dtype(struct machine *m, struct spin_value *dtype,
     return SPIN_OK;
 }
 
-/* Use the bytes as the array's elements; their number must match the shape. */
+/* Use the bytes `raw` as the elements of an array; their number must match the shape. */
 static spin_status fill_array(struct machine *m, struct spin_array *t, struct spin_value *dtype,
                               const struct spin_value *shape, bool fortran,
                               const struct spin_value *raw)
@@ -1506,7 +1506,8 @@ bool spin_value_is_sequence(const struct spin_value *v)
     return v->kind == SPIN_VALUE_TUPLE || v->kind == SPIN_VALUE_LIST;
 }
 
-/* If a key occurs several times, the last value is returned, as in Python. */
+/* Returns the value of a key. If the key occurs several times, the last value is returned, as in
+ * Python. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key)
 {
     if (!dict || dict->kind != SPIN_VALUE_DICT)

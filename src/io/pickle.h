@@ -2,8 +2,8 @@
  *
  * Protocols 2 to 5. Globals are looked up by name in a list of those that represent plain data
  * (OrderedDict, torch's tensor rebuilders, numpy's array rebuilders, argparse.Namespace, ...). Any
- * other global is an error, even if it is never called. Depth, memo, lengths and the total size of
- * the values are bounded by the size of the input.
+ * other global is an error, even if it is never called. Limits on depth, memo, lengths and the
+ * total size of the values bound the cost of reading a file.
  *
  * The result is a graph: a list may contain itself, and sixty nested pairs can form a tree of 2^60
  * nodes. Look up values; never traverse all of them. */

@@ -1,4 +1,5 @@
-/* PLY: a text header, then the records of each element, as text or packed in either byte order.
+/* PLY files: a text header, then the records of each element, as text or as packed binary values in
+ * either byte order.
  *
  * The header is parsed line by line, since comments may contain anything. Binary records stay in
  * the map and are addressed by offset; text is converted to numbers once, on opening. Before memory
@@ -23,7 +24,7 @@ struct word {
     size_t n;
 };
 
-/* The state of the parser. */
+/* The state of the parser of the header. */
 struct header {
     const char *what;
     const char *at, *end;
@@ -53,8 +54,8 @@ static struct word next_word(const char **at, const char *end)
     return w;
 }
 
-/* Prepare a word for messages: cut it off after 36 characters, and replace those that are not
- * printable ASCII. */
+/* Prepare a word for messages: cut it off after 36 characters, and replace characters that are not
+ * printable ASCII by '?'. */
 static const char *word_text(struct word w, char text[40])
 {
     size_t n = w.n < 36 ? w.n : 36;

@@ -70,8 +70,10 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name);
 void spin_ply_column(const struct spin_ply *ply, const struct spin_ply_element *e, int property,
                      float *out, size_t step);
 
-/* Read several columns in one pass over the records. If most properties are needed, this is faster
- * than one spin_ply_column() per property, each of which traverses the whole file. */
+/* Read several columns in one pass over the records. The values of each target's property are
+ * written to out[0], out[step], ... of this target, as by spin_ply_column(). If most properties are
+ * needed, this is faster than one spin_ply_column() per property, each of which traverses the whole
+ * file. */
 struct spin_ply_target {
     int property;
     float *out;

@@ -1,4 +1,5 @@
-/* Communication between ranks through the MPI shim, which is loaded only if there are several. */
+/* Communication between ranks through the MPI shim, which is loaded only if there are several
+ * ranks. */
 #include "io/ranks.h"
 
 #include <time.h>
@@ -100,10 +101,10 @@ static spin_status print_other_warnings(void)
     return SPIN_OK;
 }
 
-/* ---- Begin ---------------------------------------------------------------------------------- */
+/* ---- Joining the other ranks ---------------------------------------------------------------- */
 
-/* Returns the integer in the first of three environment variables that is set, one each for Open
- * MPI, MPICH and Slurm, which set them for the processes of a job; -1 if none is set. */
+/* Returns the value of the first of three environment variables that is set; -1 if none is. The
+ * three are those that Open MPI, MPICH and Slurm, respectively, set for the processes of a job. */
 static int read_environment(const char *const name[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -281,7 +282,7 @@ spin_status spin_ranks_agree(spin_status status)
     return end;
 }
 
-/* ---- End ------------------------------------------------------------------------------------ */
+/* ---- Ending after success or failure -------------------------------------------------------- */
 
 /* Notify all other ranks of a failure, and wait up to patience_s seconds until each of them has
  * sent a notice too. The lowest rank that did not fail because of another's notice becomes the

@@ -1,10 +1,10 @@
 /* Ranks: several processes that share one piece of work, on one or more hosts. They are started by
- * MPI's mpirun or srun, and all make the same calls below in the same order. A process that was
- * started without these is rank 0 of 1: MPI is not loaded, and every call returns immediately.
+ * MPI's mpirun or Slurm's srun, and all call the functions below in the same order. A process that
+ * was started in another way is rank 0 of 1: MPI is not loaded, and every call returns immediately.
  *
  * A rank that fails sends the others a notice when its work ends (spin_ranks_end, spin_run.h).
- * Ranks that wait for the failed one in these calls then fail as well, instead of waiting forever.
- * Only the thread that called spin_ranks_begin() may make these calls. */
+ * Ranks that wait for the failed rank in one of the functions below then fail as well, instead of
+ * waiting forever. Only the thread that called spin_ranks_begin() may call these functions. */
 #pragma once
 
 #include "spin.h"

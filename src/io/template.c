@@ -170,7 +170,7 @@ static void short_text(const json_t *j, char text[64])
         snprintf(text, 64, "%s", json_is_string(j) ? json_string_value(j) : "");
 }
 
-/* Whether the value equals `word`, or if that is "@NAME", the value of NAME. */
+/* Whether a value equals `word` or, if `word` is "@NAME", the value of NAME. */
 static bool is_same(const json_t *j, const char *word, const struct scope *scope)
 {
     char text[64], other[64];
@@ -214,7 +214,7 @@ static const char *write_section(const struct writer *w, const char *at, const s
 }
 
 /* Expand the text from `at` to the end of the current section, or to the end of the text; returns
- * the position after that. Without `shown`, print nothing. */
+ * the position after that. If `shown` is false, nothing is printed. */
 static const char *write_part(const struct writer *w, const char *at, const struct scope *scope,
                               bool shown)
 {

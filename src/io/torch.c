@@ -19,7 +19,7 @@
  * every byte. */
 #define CRC_LIMIT ((uint64_t)64 << 20)
 
-/* Where the bytes of a storage are. */
+/* The position of a storage in the zip, and its bytes. */
 struct bound {
     const struct spin_zip_member *member;
     const unsigned char *data; /* the bytes of the storage; NULL until a tensor needs them */
@@ -102,7 +102,7 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* The part of a member's name after TOP/, or NULL if the name does not begin with TOP/. */
+/* Returns the part of a member's name after TOP/, or NULL if the name does not begin with TOP/. */
 static const char *below_top(const struct spin_torch_file *f, const char *name)
 {
     return strncmp(name, f->top, f->n_top) == 0 ? name + f->n_top : NULL;
@@ -136,7 +136,8 @@ static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* Read the first line of a small text member; "" if the member does not exist. */
+/* Read the first line of a small text member into `out`, which becomes "" if the member does not
+ * exist. */
 static spin_status read_word(struct spin_torch_file *f, const char *name, char out[32])
 {
     const struct spin_zip_member *member = find_below(f, name);
@@ -271,7 +272,7 @@ spin_status spin_torch_open(const char *path, struct spin_torch *out)
     SPIN_TRY_OUT(spin_map_open(path, &f->map));
     f->is_zip = spin_zip_looks_like(f->map.data, f->map.size);
     if (f->is_zip) {
-        spin_map_close(&f->map); /* the archive maps it again */
+        spin_map_close(&f->map); /* spin_zip_open() will map the file again */
         SPIN_TRY_OUT(open_zip(f, &out->pickle));
     } else if (spin_pickle_is_legacy(f->map.data, f->map.size)) {
         SPIN_TRY_OUT(spin_pickle_parse_legacy(path, f->map.data, f->map.size, &out->pickle));

@@ -29,7 +29,8 @@ struct video {
 
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects all variables below */
 static const struct spin_video_shim *shim;
-/* [n_videos]; each is allocated separately, since its stream points to its index. */
+/* [n_videos]; each struct is allocated separately, since the stream of a video points to the index
+ * of the video. */
 static struct video **video;
 static size_t n_videos;
 static unsigned long clock_now;

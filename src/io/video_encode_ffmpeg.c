@@ -52,7 +52,7 @@ static void set_quality(AVCodecContext *c, int quality)
         c->global_quality = FF_QP2LAMBDA * (1 + quality * 30 / 51);
         return;
     }
-    /* Names of VP8 and VP9 encoders begin with "libv". */
+    /* Of all encoders used here, only those of VP8 and VP9 have names that begin with "libv". */
     snprintf(crf, sizeof crf, "%d", c->codec->name[3] == 'v' ? 4 + quality : quality);
     av_opt_set(c->priv_data, "crf", crf, 0);
     if (c->codec->name[3] == 'v')
@@ -159,7 +159,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (error >= 0)
         error = avio_open(&w->file->pb, path, AVIO_FLAG_WRITE);
     if (error >= 0) {
-        w->file->flags |= AVFMT_FLAG_BITEXACT; /* write neither date nor version */
+        w->file->flags |= AVFMT_FLAG_BITEXACT; /* write neither date nor version into the file */
         error = avformat_write_header(w->file, &options);
     }
     av_dict_free(&options);

@@ -1,6 +1,6 @@
 /* Reading a mapped page that was truncated from its file raises SIGBUS. No thread can continue
- * after that: the handler reports the file, removes partial output and ends the process. It takes
- * no locks, because the thread that raised the signal may hold them. */
+ * after that: the handler reports the file, removes partial output and ends the process. The
+ * handler takes no locks, because the thread that raised the signal may hold them. */
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -12,7 +12,8 @@
 /* Entries beyond these limits are not watched. */
 enum { MAPS = 256, OUTS = 64 };
 
-/* The handler may read a path while another thread releases its entry: paths are never freed. */
+/* The handler may read a path while another thread releases the entry. Therefore paths are stored
+ * in the entries, and never freed. */
 static struct {
     /* Start of the map, set after the other members; NULL: the entry is free. */
     _Atomic(const unsigned char *) data;

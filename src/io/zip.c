@@ -1,4 +1,4 @@
-/* Reading zip and zip64 archives through the central directory.
+/* Reads zip and zip64 archives through the central directory.
  *
  * The file is not trusted. Every offset and size is compared with the bytes of the file before it
  * is used; members must not overlap each other or the directory (by overlaps, small files can

@@ -37,8 +37,8 @@ void spin_zip_close(struct spin_zip *zip);
  * one, as Python does. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
 
-/* spin_zip_find() for a name that is the concatenation of several parts; the array ends with
- * NULL. */
+/* spin_zip_find() for a name that is the concatenation of several parts; `part` is a list of these
+ * parts that ends with NULL. */
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part);
 

@@ -1,4 +1,4 @@
-/* Writing zip archives. Headers of stored members are padded to align their data. */
+/* Writes zip archives. Headers of stored members are padded to align their data. */
 #include "base/base.h"
 #include "io/zip.h"
 #include "io/gzip.h"
@@ -84,8 +84,8 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
     return SPIN_OK;
 }
 
-/* Fields common to local header and directory entry, from "version needed" to the length of the
- * name. */
+/* Append the fields that local header and directory entry have in common, from "version needed" to
+ * the length of the name. */
 static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64,
                        uint32_t packed_size, uint32_t size)
 {
@@ -100,7 +100,8 @@ static void put_common(struct bytes *b, const struct spin_zip_written *e, bool z
     put_int(b, strlen(e->name), 2);
 }
 
-/* Size of the padding record, at least 6 bytes, that aligns the data after `used` header bytes. */
+/* Returns the size of the padding record that aligns the data after `used` header bytes: 0 for no
+ * record, or at least 6 bytes. */
 static size_t padding_size(uint64_t used)
 {
     size_t pad = (size_t)(-used & (ALIGN - 1));
@@ -278,7 +279,8 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
     if (!entry->zip64)
         return SPIN_OK;
     b.n = 0;
-    /* Stored in the zip64 record, after the record's header and the uncompressed size. */
+    /* The compressed size in the zip64 record follows the record's header and the uncompressed
+     * size. */
     put_int(&b, entry->packed_size, 8);
     return patch_header(w, &b, entry->header_offset + LOCAL_BYTES + strlen(entry->name) + 4 + 8);
 }
@@ -379,7 +381,8 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        /* Also after a failure, so that nothing is left to abandon below. */
+        /* This closes the output also after a failure, so that spin_zip_writer_abandon() only frees
+         * memory. */
         status = spin_out_commit(&w->out);
     spin_zip_writer_abandon(w);
     return status;
