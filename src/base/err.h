@@ -1,7 +1,7 @@
 /* Status codes with an error message. The function that detects an error calls spin_fail(); its
  * callers put their context before the message with spin_fail_context(). Each thread has its own
- * message, which spin_last_error() returns. spin.h declares these functions, since plug-ins use
- * them too; this header declares the others. */
+ * message, which spin_last_error() returns. These three functions are declared in spin.h, since
+ * plug-ins use them too; this header declares other functions for errors. */
 #pragma once
 
 #include "spin.h"

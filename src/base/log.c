@@ -12,7 +12,7 @@
 #include "base/text.h"
 
 static atomic_int log_level;
-/* Whether a progress line is visible, which must be erased before other output. */
+/* Whether a progress line is visible; it must then be erased before other output. */
 static atomic_int line_shown;
 
 static const double terminal_period_s = 1.0 / 6.0, plain_period_s = 60, window_s = 10;

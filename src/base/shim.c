@@ -1,5 +1,5 @@
-/* Finds shared objects, and checks that other users cannot write to them and that their version
- * matches. */
+/* Finds and loads shared objects. Objects that other users can write to, or that have another
+ * version, are refused. */
 #include "base/shim.h"
 
 #include <dlfcn.h>
@@ -21,8 +21,8 @@
 #define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
-/* How to install the packages for a missing shared object and build it. On Windows this is not
- * possible, so that the text refers to WSL. */
+/* The end of the error message for a missing shared object: how to install the packages that it
+ * needs and build it. Since this is not possible on Windows, the advice there is to use WSL. */
 #ifdef _WIN32
 #define HINT "spin4d for Windows does not include it; in WSL: install %s, then build spin4d"
 #else

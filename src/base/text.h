@@ -1,5 +1,5 @@
 /* Text for people and for other programs: base64, escapes, sizes, durations. Functions that write
- * to a stream leave errors to ferror(). */
+ * to a stream do not report errors: callers check the stream with ferror(). */
 #pragma once
 
 #include "spin.h"

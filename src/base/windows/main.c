@@ -6,7 +6,7 @@
 
 #undef main
 
-/* Enable escape sequences in a console: they erase progress lines. */
+/* Enable escape sequences in a console, since progress lines are erased with them. */
 static void set_console(DWORD which)
 {
     HANDLE console = GetStdHandle(which);

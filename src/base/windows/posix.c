@@ -206,7 +206,7 @@ int statvfs(const char *folder, struct statvfs *out)
 
 /* ---- Open, read, write ---------------------------------------------------------------------- */
 
-/* Open a file, or a folder, so that fstat() can tell that it is one. */
+/* Open a file. Folders can be opened too, so that fstat() can identify them as folders. */
 int posix_open(const char *path, int flags, ...)
 {
     struct wide wide;
@@ -274,7 +274,7 @@ int posix_flock(int fd, int how)
 static struct memory {
     struct memory *next;
     FILE *file;
-    char **text, *fixed; /* the destination of the text: one of these two is set */
+    char **text, *fixed; /* where fclose() stores the text: exactly one of these two is set */
     size_t *n, room;
 } * memories;
 static pthread_mutex_t memory_mutex = PTHREAD_MUTEX_INITIALIZER;
