@@ -16,8 +16,8 @@
 #define SCHEME "uniform-v1"
 #define NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 /* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
- * splats share one. Therefore, files that unpack to far more than 32 times their size are refused
- * as decompression bombs. */
+ * splats share a position. Therefore, files that unpack to far more than 32 times their size are
+ * refused as decompression bombs. */
 #define ROW_BYTES 34
 #define RATIO 32
 #define SLACK (1u << 20)
@@ -267,7 +267,7 @@ static struct stream read_stream_head(struct cursor *c)
     return s;
 }
 
-/* Decodes symbols to integers, out [n][channels]. */
+/* Decodes the symbols of a stream to integers. `out` has the shape [n][channels]. */
 static spin_status decode_symbols(const struct stream *s, const unsigned char *planes,
                                   size_t n_symbols, int32_t *out)
 {
@@ -285,7 +285,7 @@ static spin_status decode_symbols(const struct stream *s, const unsigned char *p
     return SPIN_OK;
 }
 
-/* Allocates *out, [n][channels], and reads the integers of n splats into it. */
+/* Allocates *out with the shape [n][channels], and reads the integers of n splats into it. */
 static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
 {
     size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;

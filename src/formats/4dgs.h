@@ -29,7 +29,7 @@
 struct spin_4dgs {
     double duration; /* length of the clip in seconds; the clip starts at time 0 */
     double cutoff;   /* splats are not drawn while their Gaussian window is below this value */
-    /* Sound: the file contains sound; camera: the file contains a camera path. */
+    /* `sound`: the file contains sound; `camera`: the file contains a camera path. */
     bool sound, camera;
 };
 

@@ -156,7 +156,7 @@ struct clustering {
     struct cluster *cluster; /* [n_clusters] a heap with the largest error at the top */
     size_t n_clusters;
     struct cluster *batch; /* [BATCH] clusters that were taken from the heap to be divided */
-    double *sums;          /* [workers][SUMS][width] */
+    double *sums;          /* [workers][SUMS][width] scratch memory of the workers */
     uint32_t *label;
     float *palette;
 };
@@ -166,7 +166,8 @@ enum { BATCH = 256 }; /* maximum number of clusters that are divided in parallel
 enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 };
 
 /* Computes the mean of rows order[first .. first + n) into sum[0..width) and returns the sum of
- * squared distances to the mean. *widest: the coordinate that contributes most to this sum. */
+ * squared distances to the mean. *widest receives the index of the coordinate that contributes most
+ * to this sum. */
 static double measure_cluster(const struct clustering *c, size_t first, size_t n, double *sum,
                               size_t *widest)
 {

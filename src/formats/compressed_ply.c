@@ -249,8 +249,8 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the ranges into *out, [chunks][SPIN_COMPRESSED_RANGES]. In files without ranges of colour,
- * colours are 0..1. */
+/* Reads the ranges into *out, [chunks][SPIN_COMPRESSED_RANGES]. If the file has no ranges of
+ * colour, these ranges are set to 0..1. */
 static spin_status read_ranges(const struct spin_compressed_ply *f, float **out)
 {
     size_t n = (size_t)f->chunk->count;

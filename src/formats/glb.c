@@ -23,8 +23,8 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* Finds the JSON chunk and the binary chunk of a GLB and checks their lengths. *chunk: the binary
- * chunk. */
+/* Finds the JSON chunk and the binary chunk of a GLB and checks their lengths. *chunk receives the
+ * binary chunk. */
 static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
                                const unsigned char **chunk, uint64_t *n_chunk)
 {
@@ -186,8 +186,8 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* Refuses an extension in which `key` has another value than `known`, which is the default of the
- * key, or `also`, unless `also` is NULL. */
+/* Checks the value of `key` in an extension. It must be `known`, which is also the default if the
+ * key is missing, or `also`, if `also` is not NULL. */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {

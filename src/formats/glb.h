@@ -43,8 +43,8 @@ struct spin_glb_file {
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 
-/* Item `index` of a top-level list of the document ("nodes", "accessors", ...). NULL if the item
- * does not exist, or if index is not an integer. */
+/* Returns item `index` of a top-level list of the document ("nodes", "accessors", ...); NULL if the
+ * item does not exist, or if `index` is not an integer. */
 const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
                                const spin_json *index);
 int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback);
@@ -55,7 +55,7 @@ int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallb
 #define SPIN_GLB_IS(component) (1u << ((component)-SPIN_GLB_I8))
 #define SPIN_GLB_NORMALISED(bits) ((bits) << 8)
 
-/* n rows of `width` numbers, `stride` bytes apart. */
+/* A table of n rows with `width` numbers each. Rows begin `stride` bytes apart. */
 struct spin_glb_numbers {
     const unsigned char *at;
     size_t n, width, stride;

@@ -6,8 +6,9 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit of two products, against files that expand to gigabytes: frames by pieces, and times of key
- * frames by animated nodes. A clip with one node per frame may have 4096 frames. */
+/* Limit of the number of frames times the number of pieces, and of the number of key frame times
+ * multiplied by the number of animated nodes. It protects against files that expand to gigabytes. A
+ * clip with one node per frame may have 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
 /* A frame with SPZ data may have this many splats more than the file has bytes. */
@@ -24,8 +25,9 @@
  * three axes must have the same scale, since a skewed splat would not be a splat. */
 struct node {
     double q[4], scale, shift[3];
-    int64_t parent; /* -1: none */
-    int64_t key;    /* index of the animation that shows and hides the node; -1: none */
+    int64_t parent; /* index of the parent node; -1: there is none */
+    /* Index in build.key[] of the animation that shows and hides the node; -1: there is none. */
+    int64_t key;
     /* KHR_node_visibility hides the node; ignored if an animation shows and hides the node. */
     bool hidden;
     bool in_scene; /* the node is a root of the scene */
@@ -134,7 +136,8 @@ static spin_status join_children(struct nodes *nodes, size_t i, const spin_json 
     return SPIN_OK;
 }
 
-/* Marks the roots of the default scene; without scenes, all roots. */
+/* Marks the nodes that are roots of the default scene; if the file has no scenes, marks all nodes
+ * without a parent. */
 static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
 {
     const spin_json *scenes = spin_json_get(json, "scenes"), *list;
@@ -187,8 +190,8 @@ static void turn_point(const double q[4], const double p[3], double out[3])
     out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
-/* Appends to `inout` the transforms of node i and of all its parents. *shown: node i is in the
- * scene, and neither the node nor a parent is permanently hidden. */
+/* Appends to `inout` the transforms of node i and of all its parents. *shown becomes true if node i
+ * is in the scene and neither the node nor a parent is permanently hidden. */
 static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
                               bool *shown)
 {
@@ -228,7 +231,7 @@ struct key {
 struct build {
     struct spin_gs_glb_scene *scene;
     struct nodes nodes;
-    struct key *key; /* [n_keys] */
+    struct key *key; /* [n_keys] the animations of all nodes that are shown and hidden */
     size_t n_keys;
     float *time; /* [n_times] times of all key frames, strictly increasing */
     size_t n_times;
@@ -289,7 +292,7 @@ static spin_status find_pieces(struct build *b)
     return SPIN_OK;
 }
 
-/* ---- Switches -------------------------------------------------------------------------------- */
+/* ---- Animations that show and hide nodes ----------------------------------------------------- */
 
 /* Parses a pointer such as "/nodes/3/extensions/KHR_node_visibility/visible"; returns the index of
  * the node, or -1 if the pointer has another form. */
@@ -368,7 +371,7 @@ static int by_time(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* True if key k uses the same accessor of times as key k - 1, as exporters usually write it. */
+/* True if key k uses the same accessor of times as key k - 1, as is usual in exported files. */
 static bool has_times_before(const struct build *b, size_t k)
 {
     return k > 0 && b->key[k].time.at == b->key[k - 1].time.at && b->key[k].n == b->key[k - 1].n;
@@ -565,7 +568,7 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
         "KHR_mesh_quantization",
         VISIBILITY,
         POINTER,
-        "KHR_materials_unlit"}; /* how other viewers draw the points; does not affect splats */
+        "KHR_materials_unlit"}; /* it affects how viewers draw points, but not splats */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
 
     for (size_t i = 0; i < spin_json_length(list); i++) {
@@ -582,7 +585,7 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
 }
 
 /* KHR_gaussian_splatting has no flag for antialiasing, so our exporter stores one in the asset's
- * extras. SPZ has its own flag. */
+ * extras. SPZ data have a flag of their own. */
 static void find_antialias(struct spin_gs_glb_scene *s)
 {
     const spin_json *asset = spin_json_get(s->file.json, "asset");

@@ -23,9 +23,9 @@ struct spin_gs_glb_frame {
 
 struct spin_gs_glb_scene {
     struct spin_glb_file file;
-    struct spin_gs_glb_piece *piece; /* [n_pieces] */
-    struct spin_gs_glb_frame *frame; /* [n_frames], at least one */
-    size_t *shown;                   /* indices of the visible pieces, frame by frame */
+    struct spin_gs_glb_piece *piece; /* [n_pieces] all mesh primitives with splats */
+    struct spin_gs_glb_frame *frame; /* [n_frames] all frames, at least one */
+    size_t *shown; /* indices of the visible pieces of frame 0, then of frame 1, and so on */
     size_t n_pieces, n_frames;
     int sh_degree;  /* maximum of the SH degrees of all pieces */
     bool linear;    /* some pieces have linear colours instead of sRGB */

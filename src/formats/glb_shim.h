@@ -51,17 +51,18 @@ struct spin_glb_clip {
     int n_attributes;
     char name[SPIN_GLB_MAX_ATTRIBUTES][SPIN_GLB_NAME];
     int components[SPIN_GLB_MAX_ATTRIBUTES]; /* numbers per row of each attribute */
-    /* Width: bytes per row of each attribute; row: bytes per row of all attributes together. */
+    /* `width`: bytes per row of each attribute; `row`: bytes per row of all attributes together. */
     size_t width[SPIN_GLB_MAX_ATTRIBUTES], row;
     size_t room; /* number of bytes reserved for the JSON */
 
     /* The caller sets these before spin_glb_end(). */
-    const struct spin_glb_frame *frame; /* [n_frames] */
+    const struct spin_glb_frame *frame; /* [n_frames] the nodes of all frames */
     /* The static splats of all frames, in a node of their own. The node is the last in the list of
-     * nodes, but the first in the scene, since some viewers draw meshes in this order. Its fields
-     * number and time are ignored. NULL, or n 0: no static splats. */
+     * nodes, but the first in the scene, since some viewers draw meshes in this order. Its members
+     * `number` and `time` are ignored. If there are no static splats, `still` is NULL or its n is
+     * 0. */
     const struct spin_glb_frame *still;
-    const struct spin_glb_column *column; /* [n_columns] */
+    const struct spin_glb_column *column; /* [n_columns] the data of all attributes */
     size_t n_columns;
     uint64_t n_bytes; /* number of bytes in the binary chunk so far */
 };

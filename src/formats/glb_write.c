@@ -5,7 +5,11 @@
 #include "base/base.h"
 #include "base/shim.h"
 
-enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* differs from every errno */ };
+enum {
+    HEADER = 12,
+    CHUNK_HEADER = 8,
+    TOO_FAR = -1 /* an error code that differs from every errno */
+};
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");
 #define MAX_BYTES UINT32_MAX /* maximum size of a file, since lengths in it are 32-bit words */
 
@@ -138,7 +142,8 @@ static void put_u32(unsigned char *at, uint64_t value)
         at[i] = (unsigned char)(value >> (8 * i));
 }
 
-/* Writes header, JSON, and the header of the binary chunk, which precede the binary data. */
+/* Writes the part of the file that precedes the binary data: its header, the JSON chunk, and the
+ * header of the binary chunk. */
 static spin_status write_front(const struct spin_glb_clip *clip, const char *text)
 {
     const char *path = clip->out->path;

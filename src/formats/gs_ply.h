@@ -26,7 +26,7 @@ size_t spin_gs_ply_row(int sh_degree);
 size_t spin_gs_ply_header(int sh_degree, size_t n, const char *comments,
                           char text[SPIN_GS_PLY_MAX_HEADER]);
 
-/* The values of a row. */
+/* The values that spin_gs_ply_code() writes as a row. */
 struct spin_gs_ply_row {
     float place[3], rotation[4]; /* position; quaternion w x y z of unit length */
     float logit;                 /* logit of the opacity; must be finite */
@@ -80,8 +80,8 @@ void spin_ply_colours(const struct spin_ply *ply, const struct spin_ply_element 
  * properties. */
 spin_status spin_ply_check(const struct spin_ply *ply, unsigned columns, size_t first, size_t n,
                            const struct spin_splats *s);
-/* Counts the properties f_rest_* of an element (NULL: none) and derives the SH degree, at most 3,
- * from their number. */
+/* Counts the properties f_rest_* of an element, and derives the SH degree, at most 3, from their
+ * number. If `e` is NULL, both results are 0. */
 spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply_element *e,
                                int *sh_degree, int *n_rest);
 /* Reads the properties f_rest_* of row i into sh[step i + 3 ..], coefficient-major, without scaling

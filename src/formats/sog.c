@@ -13,8 +13,8 @@
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
 #define SLACK 4096 /* an image may have 2 n + SLACK pixels for n Gaussians */
-/* A Gaussian takes about 12 bytes. Refuse files with more Gaussians than bytes plus this number
- * (decompression bombs). */
+/* A Gaussian takes about 12 bytes. Refuse files as decompression bombs if the number of Gaussians
+ * exceeds the size in bytes by more than this. */
 #define MOST_SPLATS (1u << 20)
 
 /* For each image: name of the zip member, object of meta.json that lists the image, index in that
@@ -179,7 +179,7 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
     return SPIN_OK;
 }
 
-/* ---- An open file ---------------------------------------------------------------------------- */
+/* ---- A file that is being read --------------------------------------------------------------- */
 
 struct reading {
     struct spin_zip zip;
@@ -187,8 +187,8 @@ struct reading {
     const char *folder;
     spin_json *meta;
     struct spin_sog sog;
-    /* The values of bytes 0..255 of the images, from codebooks (version 2) or ranges (version 1).
-     */
+    /* The values that bytes 0..255 of the images stand for, from codebooks (version 2) or ranges
+     * (version 1). */
     float scale[3][SPIN_CODEBOOK], dc[3][SPIN_CODEBOOK], logit[SPIN_CODEBOOK];
     struct {
         const unsigned char *data;
@@ -510,7 +510,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors per image row */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors fill an image row exactly */
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG: splat %zu has SH vector %zu, but the palette has %zu", i,

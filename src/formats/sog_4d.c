@@ -289,7 +289,8 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
     SPIN_TRY(open_picture(r, SPIN_4D_LABELS, set, &set->low));
     for (size_t i = 0; i < set->n; i++) {
         size_t label = set->low[4 * i] | (size_t)set->low[4 * i + 1] << 8;
-        const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* 64 vectors per image row */
+        /* 64 vectors fill an image row exactly. */
+        const uint8_t *pixel = r->centroids + 4 * n_vec * label;
 
         if (label >= r->n_palette)
             return spin_malformed("%s: splat %zu has SH vector %zu, but the palette has %zu",

@@ -16,7 +16,7 @@
 #include "io/zip.h"
 
 enum spin_sog_4d_picture {
-    SPIN_4D_MEANS, /* low bytes; SPIN_4D_..._HIGH: high bytes */
+    SPIN_4D_MEANS, /* image of the low bytes; SPIN_4D_..._HIGH: image of the high bytes */
     SPIN_4D_MEANS_HIGH,
     SPIN_4D_SCALES,
     SPIN_4D_QUATS,
@@ -49,7 +49,8 @@ struct spin_sog_4d {
     struct spin_sog_range means, motion, accel, time; /* time: [0] centre in time, [1] sigma */
     struct spin_sog_book scales, sh0, sh_n, centre, sigma;
     size_t n_palette;
-    const char *name[SPIN_4D_PICTURES]; /* NULL: the image does not exist */
+    /* Names of the images in the zip; NULL: the image does not exist. */
+    const char *name[SPIN_4D_PICTURES];
 
     /* Set only while reading. */
     struct spin_zip zip;
@@ -66,8 +67,8 @@ spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
                              struct spin_sog_4d *out);
 void spin_sog_4d_close(struct spin_sog_4d *r);
 
-/* Read a value of meta.json: an integer in [least, most]; a number that does not overflow a float.
- * name: name of the value in messages. */
+/* Read a value of meta.json. The first function requires an integer in [least, most], the second a
+ * number that does not overflow a float. name: name of the value in messages. */
 spin_status spin_sog_4d_integer(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                                 int64_t least, int64_t most, int64_t *out);
 spin_status spin_sog_4d_number(const struct spin_sog_4d *r, const spin_json *j, const char *name,
@@ -79,8 +80,8 @@ spin_status spin_sog_4d_range(const struct spin_sog_4d *r, const spin_json *mins
 /* Reads a codebook of `least` to 256 numbers. */
 spin_status spin_sog_4d_book(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                              size_t least, struct spin_sog_book *out);
-/* Reads the names of images `first` and following from object.files, which must list `least` to
- * `most` different names. */
+/* Reads the names of consecutive images, from image `first` on, from the list object.files, which
+ * must contain `least` to `most` different names. */
 spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, const char *name,
                               size_t least, size_t most, enum spin_sog_4d_picture first);
 /* True if a member with this name can be unpacked safely within a folder: no component of the path

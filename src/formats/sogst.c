@@ -133,8 +133,8 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 
-/* Reads all rows, and checks the ranges of the segments. With 'streams', each segment has images of
- * its own. */
+/* Reads all rows, and checks the ranges of the segments. If meta.json contains 'streams', each
+ * segment has images of its own. */
 static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {

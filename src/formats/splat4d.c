@@ -162,7 +162,7 @@ static struct stream parse_stream_head(const unsigned char *head)
 }
 
 /* Allocates *out and decompresses the byte planes of a stream, which must have n symbols. room:
- * bytes from `packed` to the end of the section. */
+ * number of bytes from `packed` to the end of the section. */
 static spin_status decompress_stream(const struct stream *s, const unsigned char *packed,
                                      size_t room, uint64_t n, unsigned char **out)
 {

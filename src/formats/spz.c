@@ -10,7 +10,7 @@
 #define MAGIC 0x5053474eu /* the characters "NGSP" */
 #define OLDEST 2
 #define IN_STREAMS 4  /* first version whose streams are compressed separately */
-#define ANTIALIASED 1 /* flag in the header: trained antialiased */
+#define ANTIALIASED 1 /* flag in the header: the splats were trained with antialiasing */
 #define EXTENDED 2    /* flag in the header: the file has extensions */
 #define MAX_SH_DEGREE 4
 #define AXES_RECORD 0xadbe0003u /* type of the extension record that states the axes */
