@@ -4,8 +4,8 @@
 #include "base/err.h"
 
 /* Set how much spin_log() prints. -1: nothing, so that only warnings appear; 0: normal output; 1:
- * also some lines for each command; 2: also lines for each frame; 3: also lines for each iteration;
- * 4: also lines for each operation. */
+ * also details of the command's work; 2: also lines for each frame; 3: also lines for each
+ * iteration; 4: also lines for each operation. */
 void spin_log_set_level(int level);
 int spin_log_level(void);
 
