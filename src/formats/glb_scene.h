@@ -23,17 +23,19 @@ struct spin_gs_glb_frame {
 
 struct spin_gs_glb_scene {
     struct spin_glb_file file;
-    struct spin_gs_glb_piece *piece; /* [n_pieces] all mesh primitives with splats */
+    /* [n_pieces] mesh primitives that are not permanently hidden. */
+    struct spin_gs_glb_piece *piece;
     struct spin_gs_glb_frame *frame; /* [n_frames] all frames, at least one */
     size_t *shown; /* indices of the visible pieces of frame 0, then of frame 1, and so on */
     size_t n_pieces, n_frames;
     int sh_degree;  /* maximum of the SH degrees of all pieces */
     bool linear;    /* some pieces have linear colours instead of sRGB */
     bool antialias; /* splats must be drawn antialiased, according to the extras or the SPZ data */
-    /* The file contains animations that do more than show and hide nodes; they are ignored. */
+    /* The file also contains animations, or channels of the first animation, that do not show and
+     * hide nodes; these are ignored. */
     bool moves;
     bool others;            /* the scene has meshes that are not splats; they are skipped */
-    struct spin_splats raw; /* private */
+    struct spin_splats raw; /* private: splats of one piece before their transform */
 };
 
 /* Opens a file that is in memory, which must stay valid until spin_gs_glb_scene_close(). Zero *out
