@@ -110,7 +110,7 @@ int statvfs(const char *folder, struct statvfs *out);
 
 enum { PROT_READ = 1, PROT_WRITE = 2, MAP_PRIVATE = 2, MAP_ANONYMOUS = 32, MADV_DONTNEED = 4 };
 #define MAP_FAILED ((void *)-1)
-/* Maps anonymous memory, or a file, which is read-only. */
+/* Maps anonymous memory for reading and writing, or a file for reading only. */
 void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero);
 int munmap(void *at, size_t n); /* a file can only be unmapped as a whole */
 int madvise(void *at, size_t n, int advice);
