@@ -1,4 +1,4 @@
-/* The error message: each thread has one line, before which callers put their context.
+/* The error message: each thread has a message of one line, to which callers prepend their context.
  *
  * Messages are formatted into a second buffer first, so that the result of spin_last_error() may be
  * an argument. Since messages contain names from untrusted files, control and invisible characters
@@ -14,7 +14,7 @@
 enum { TRAIL = 4096 };
 
 static _Thread_local char trail[TRAIL];
-static atomic_int cancelled; /* lock-free, since signal handlers set it */
+static atomic_int cancelled; /* of a lock-free type, since signal handlers set it */
 
 spin_status spin_fail(spin_status code, const char *fmt, ...)
 {
@@ -43,7 +43,8 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
     n = strlen(text);
     if (trail[0])
         snprintf(text + n, sizeof text - n, ": %s", trail);
-    text[TRAIL - 1] = '\0'; /* if too long, the innermost part is cut off */
+    /* If the text is too long, its end, the innermost part of the message, is cut off. */
+    text[TRAIL - 1] = '\0';
     spin_text_tidy(text, false);
     memcpy(trail, text, strlen(text) + 1);
     return code;

@@ -12,7 +12,7 @@
 #include "base/text.h"
 
 static atomic_int log_level;
-/* Whether a progress line is visible, which must be erased before other output. */
+/* Whether a progress line is visible; it must then be erased before other output. */
 static atomic_int line_shown;
 
 static const double terminal_period_s = 1.0 / 6.0, plain_period_s = 60, window_s = 10;
@@ -66,7 +66,7 @@ void spin_log_set_sink(bool (*sink)(const char *line))
     pthread_mutex_unlock(&sink_mutex);
 }
 
-/* Whether to print the warning; the sink decides. */
+/* Asks the sink, if there is one, whether to print a warning. */
 static bool passes_sink(const char *fmt, va_list args)
 {
     char line[1024];
@@ -98,7 +98,7 @@ void spin_warn(const char *fmt, ...)
     va_end(args);
 }
 
-/* Seconds between progress lines if stderr is not a terminal: the environment variable
+/* Returns the seconds between progress lines if stderr is not a terminal: the environment variable
  * SPIN_PROGRESS, or the default. */
 static double plain_period(void)
 {
@@ -134,8 +134,8 @@ void spin_progress_begin(struct spin_progress *p, const char *what, const char *
         p->period_s = p->terminal ? terminal_period_s : plain_period();
 }
 
-/* Units per second in the last 10 to 20 seconds, so that the estimated time left follows changes of
- * load; 0: unknown. */
+/* Returns the number of units per second in the last 10 to 20 seconds, so that the estimated time
+ * left follows changes of load; 0 if the rate is unknown. */
 static double recent_rate(struct spin_progress *p, double now, long long done)
 {
     double since = p->past[0].s > 0 ? p->past[0].s : p->start_s;

@@ -37,7 +37,7 @@ static spin_status fail_size(size_t count, size_t size)
     return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu times %zu bytes", count, size);
 }
 
-/* Round bytes up to a multiple of unit (a power of two); false on overflow. */
+/* Round `bytes` up to a multiple of `unit`, a power of two; returns false on overflow. */
 static bool round_up(size_t bytes, size_t unit, size_t *out)
 {
     if (bytes > SIZE_MAX - (unit - 1))
@@ -90,8 +90,9 @@ spin_status spin_strdup(const char *text, char **out)
     return *out ? SPIN_OK : fail_memory(strlen(text) + 1);
 }
 
-/* The 64-byte header before each block contains its size, or 0 for blocks of aligned_alloc().
- * Mapped blocks start at a huge page, so their headers occupy an extra 4 KiB page. */
+/* The 64-byte header before each block contains the size of the block if it was mapped, and 0 if it
+ * comes from aligned_alloc(). Since mapped blocks begin at the start of a huge page, their headers
+ * occupy an extra page of 4 KiB before it. */
 enum { HEAD_PAGE = 4096 };
 
 static size_t *head_of(void *block) { return (size_t *)(void *)((char *)block - LINE); }
@@ -149,11 +150,11 @@ void spin_pages_release(void *block)
         munmap((char *)block - HEAD_PAGE, HEAD_PAGE + *head_of(block));
 }
 
-/* Blocks of an arena form a list that starts with the current one; allocations follow the
- * header. */
+/* The header of a block of an arena, followed by the allocations in it. The blocks form a list that
+ * starts with the block in use. */
 struct spin_arena_block {
     struct spin_arena_block *next;
-    size_t used, bytes; /* both include this header */
+    size_t used, bytes; /* bytes in use and size of the block, both including this header */
 };
 
 static spin_status arena_block(struct spin_arena *arena, size_t piece)
@@ -215,8 +216,8 @@ void spin_arena_free(struct spin_arena *arena)
 
 spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes)
 {
-    /* Allocate an eighth more than requested, so that slowly rising sizes do not remap every
-     * time. */
+    /* Allocate an eighth more than requested, so that slowly rising sizes do not cause a new
+     * allocation in every call. */
     size_t wanted = bytes <= SIZE_MAX - bytes / 8 ? bytes + bytes / 8 : bytes;
 
     if (scratch->block && scratch->bytes >= bytes)
@@ -234,9 +235,9 @@ void spin_scratch_free(struct spin_scratch *scratch)
     scratch->bytes = 0;
 }
 
-/* Read the number after `key` in a small system file, and multiply it by unit; false if there is
- * none. key "": the file consists of one number, or of the word "max", for which the result is
- * false. */
+/* Read the number after `key` in a small system file, and multiply it by `unit`. Returns false if
+ * there is no such number. If `key` is "", the file consists of one number, or of the word "max",
+ * in which case this returns false. */
 static bool system_number(const char *path, const char *key, uint64_t unit, uint64_t *out)
 {
     char line[256];
@@ -260,10 +261,10 @@ static bool system_number(const char *path, const char *key, uint64_t unit, uint
 
 enum { GROUP_PATH = 4096 };
 
-/* The least number of bytes that a group still allows, among the one in `folder` and its parents up
- * to the mount point, which is the first n_top bytes of `folder`. A group allows its limit minus
- * its usage, where inactive page cache counts as free. Skips groups whose files cannot be read, as
- * in a container. */
+/* Returns the minimum, for the control group in `folder` and its parents, of the bytes that a group
+ * still allows: its limit minus its usage, where inactive page cache counts as free. The parents
+ * end at the mount point, whose path is the first n_top bytes of `folder`. Groups whose files
+ * cannot be read, as in a container, are skipped. */
 static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
 {
     uint64_t least = UINT64_MAX;
@@ -287,8 +288,9 @@ static uint64_t groups_available(char *folder, size_t n_top, const char *const n
     }
 }
 
-/* The path in a line of /proc/self/cgroup, "number:controllers:path", if the line lists the
- * controller, else NULL. Controller "" selects version 2, whose line lists none. */
+/* Returns the path in a line "number:controllers:path" of /proc/self/cgroup if the line lists the
+ * controller; otherwise returns NULL. Controller "" stands for version 2, whose line lists no
+ * controllers. */
 static const char *group_of_line(char *line, const char *controller)
 {
     char *list = strchr(line, ':'), *path = list ? strchr(list + 1, ':') : NULL, *word, *rest;
@@ -339,7 +341,8 @@ uint64_t spin_memory_group_available(const char *root)
     return least;
 }
 
-/* Remaining address space, if `ulimit -v` limits it. */
+/* *out receives the remaining address space in bytes. Returns false if it is not limited by `ulimit
+ * -v`, or is unknown. */
 static bool limit_available(uint64_t *out)
 {
     struct rlimit limit;
@@ -372,5 +375,5 @@ size_t spin_memory_peak(void)
 
     if (getrusage(RUSAGE_SELF, &usage) != 0)
         return 0;
-    return (size_t)usage.ru_maxrss * 1024; /* Linux reports KiB */
+    return (size_t)usage.ru_maxrss * 1024; /* Linux reports the size in KiB */
 }

@@ -3,19 +3,21 @@
 
 #include "spin.h"
 
-/* *out = a * b; false on overflow. */
+/* Set *out to a * b; returns false on overflow. */
 bool spin_mul_size(size_t a, size_t b, size_t *out);
 
-/* malloc, realloc and strdup that set the error message. count * size is checked for overflow. On
- * failure, spin_alloc sets *out to NULL, and spin_grow leaves *inout unchanged. */
-spin_status spin_alloc(size_t count, size_t size, void **out);  /* zeroed */
-spin_status spin_grow(size_t count, size_t size, void **inout); /* not zeroed */
-/* Ensure capacity for one more than n items in an array; *capacity doubles when it is exhausted. */
+/* Variants of malloc, realloc and strdup that set the error message. They check count * size for
+ * overflow. On failure, spin_alloc() sets *out to NULL, and spin_grow() leaves *inout unchanged. */
+spin_status spin_alloc(size_t count, size_t size, void **out);  /* the memory is zeroed */
+spin_status spin_grow(size_t count, size_t size, void **inout); /* added memory is not zeroed */
+/* Ensure that an array of n items has capacity for one more; if it has not, *capacity is doubled.
+ * size: size of an item in bytes. */
 spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
 
-/* Attributes of a local variable: call fn(&variable), or free(variable), when its scope is left in
- * any way. Initialise the variable in its declaration. */
+/* Attributes of a local variable. When the scope of the variable is left in any way,
+ * SPIN_LEAVES(fn) calls fn(&variable), and SPIN_FREED calls free(variable). Initialise the variable
+ * in its declaration. */
 #define SPIN_LEAVES(fn) __attribute__((cleanup(fn)))
 #define SPIN_FREED SPIN_LEAVES(spin_freed)
 void spin_freed(void *pointer);
@@ -32,30 +34,32 @@ void spin_freed(void *pointer);
 spin_status spin_pages_reserve(size_t bytes, void **out);
 void spin_pages_release(void *block);
 
-/* A bump allocator whose memory is released all at once. Initialise with zeros. Allocations are
- * zeroed and aligned to 64 bytes. */
+/* A bump allocator, whose allocations are released all at once by spin_arena_free(). Initialise the
+ * struct with zeros. Allocations are zeroed and aligned to 64 bytes. */
 struct spin_arena {
     struct spin_arena_block *first;
 };
 spin_status spin_arena_take(struct spin_arena *arena, size_t count, size_t size, void **out);
 void spin_arena_free(struct spin_arena *arena);
 
-/* A growing block of scratch memory, reused by every iteration. Initialise with zeros. */
+/* A growing block of scratch memory, which callers reuse in every iteration. Initialise the struct
+ * with zeros. */
 struct spin_scratch {
     void *block;
     size_t bytes;
 };
-/* Ensure a capacity of at least `bytes`; contents are lost when the block grows. The block is
- * allocated with spin_pages_reserve(). */
+/* Ensure that the block has at least `bytes` bytes. If the block grows, its contents are lost. The
+ * block is allocated with spin_pages_reserve(). */
 spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes);
 void spin_scratch_free(struct spin_scratch *scratch);
 
-/* Bytes that this process can still allocate: the least of the limits set by the machine, its
- * control groups and `ulimit -v`. */
+/* Returns how many bytes this process can still allocate: the minimum of the machine's available
+ * memory and of what the process's control groups and `ulimit -v` still allow. */
 size_t spin_memory_available(void);
-/* The bytes that control groups (versions 1 and 2) allow: the least over the process's own group
- * and all its ancestors. UINT64_MAX: no limit. root: "" for the system's files; tests pass a folder
- * with their own files. */
+/* Returns how many more bytes the control groups (versions 1 and 2) of this process allow: the
+ * minimum for its own group and all ancestors of that group; UINT64_MAX if there is no limit. root:
+ * a prefix of the paths of system files, normally ""; tests pass a folder with files of their
+ * own. */
 uint64_t spin_memory_group_available(const char *root);
-/* Peak resident set size of this process, in bytes. */
+/* Returns the peak resident set size of this process, in bytes. */
 size_t spin_memory_peak(void);

@@ -3,25 +3,27 @@
 
 #include "spin.h"
 
-/* Ascending order, for qsort(). */
+/* Comparison functions with which qsort() sorts in ascending order. */
 int spin_by_float(const void *a, const void *b);
 int spin_by_double(const void *a, const void *b);
 int spin_by_int(const void *a, const void *b);
 
-/* Number of NaN and infinite values. Runs at memory speed: every value of every frame is
- * checked. */
+/* Returns how many values are NaN or infinite. This runs at the speed of memory, since it is called
+ * for every value of every frame. */
 size_t spin_finite_missing(const float *values, size_t n);
 
-/* Continue a 64-bit FNV-1a hash with more bytes. */
+/* Update a 64-bit FNV-1a hash with n more bytes. A new hash begins with the value
+ * SPIN_HASH_BEGIN. */
 #define SPIN_HASH_BEGIN 0xcbf29ce484222325u
 void spin_hash(uint64_t *hash, const void *data, size_t n);
 
-/* sRGB (IEC 61966-2-1) to linear; defined above 1 as well. */
+/* Convert a value from sRGB (IEC 61966-2-1) to linear light. Values above 1 are allowed. */
 float spin_light_of(float v);
 
-/* Project a point to out = x, y (pixels) and depth; false if the point is behind the camera. */
+/* Project a point; out[] receives x and y in pixels, then the depth. Returns false if the point is
+ * behind the camera. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
 /* spin_camera_project() that also returns false if the point is outside the image. */
 bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);
-/* Depth of the near plane, world units. */
+/* Returns the depth of the camera's near plane, in world units. */
 double spin_camera_near(const struct spin_camera *camera);

@@ -11,7 +11,7 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 
     if (!v || !v->pairs)
         return fallback;
-    /* If an option is repeated, the last value wins, as usual on a command line. */
+    /* If an option is repeated, its last value is used, as usual on a command line. */
     for (const char *const *pair = v->pairs; pair[0]; pair += 2) {
         if (strcmp(pair[0], key) == 0)
             found = pair[1] ? pair[1] : "";

@@ -2,14 +2,15 @@
  *
  * A job is one call of spin_pool_run(). One 64-bit word contains the number of the job (high half)
  * and the number of its tasks that no thread has taken yet (low half). A thread takes a task by
- * decrementing the word with compare-and-swap. A job cannot end before a taken task is finished, so
- * the thread can then read the job's fields without synchronisation; and since the word includes
- * the job's number, a thread that was delayed cannot take a task of a later job. A job ends when
- * `pending`, the number of unfinished tasks, is zero: sleeping threads do not delay its end.
+ * decrementing the word with compare-and-swap. Since a job does not end before all tasks taken are
+ * finished, a thread that has taken a task can read the job's fields without synchronisation. Since
+ * the word includes the job's number, a thread that was delayed before its compare-and-swap cannot
+ * take a task of a later job by mistake. A job ends when `pending`, the number of unfinished tasks,
+ * is zero: sleeping threads do not delay its end.
  *
  * Between jobs, workers poll the word for some microseconds before they sleep, because the
  * operations of a training iteration follow each other closely. If there are more threads than
- * cores, they sleep immediately. */
+ * cores, workers sleep immediately. */
 #include "base/pool.h"
 
 #include <pthread.h>
@@ -33,23 +34,26 @@ struct worker {
 };
 
 struct spin_pool {
-    int n_threads, n_started; /* threads including the caller; workers started */
-    bool patient;             /* threads poll before they sleep */
+    /* Number of threads including the caller; number of workers started. */
+    int n_threads, n_started;
+    bool patient; /* workers poll for a while before they sleep */
 
-    /* The job. Written by the caller while no task is taken. */
+    /* The current job. The caller of spin_pool_run() writes these members while no task is
+     * taken. */
     spin_task_fn fn;
     void *context;
     int n_tasks;
 
-    _Alignas(64) atomic_uint_least64_t word; /* job << 32 | tasks not taken yet */
-    _Alignas(64) atomic_int pending;         /* unfinished tasks */
-    _Alignas(64) atomic_int sleepers;        /* workers waiting on `work` */
-    atomic_int caller_sleeps;                /* the caller waits on `done` */
+    /* Number of the job << 32 | number of its tasks not taken yet. */
+    _Alignas(64) atomic_uint_least64_t word;
+    _Alignas(64) atomic_int pending;  /* number of unfinished tasks of the job */
+    _Alignas(64) atomic_int sleepers; /* number of workers that wait on `work` */
+    atomic_int caller_sleeps;         /* 1: the caller of spin_pool_run() waits on `done` */
     atomic_int stop;
 
     pthread_mutex_t lock;
     pthread_cond_t work, done;
-    struct worker *worker; /* [n_threads - 1] */
+    struct worker *worker; /* [n_threads - 1] the threads other than the caller */
 };
 
 static void relax_cpu(void)
@@ -63,12 +67,12 @@ static void relax_cpu(void)
 
 static uint32_t tasks_left(struct spin_pool *pool) { return (uint32_t)atomic_load(&pool->word); }
 
-static _Thread_local int worker_number; /* index of the worker that runs in this thread */
+static _Thread_local int worker_number; /* the result of spin_pool_worker() in this thread */
 
 int spin_pool_worker(void) { return worker_number; }
 
-/* Take and run tasks until none is left. Restores worker_number, since this may be called from a
- * task of another pool. */
+/* Take and run tasks until none is left. worker_number is restored afterwards, since a task of
+ * another pool may call this. */
 static void run_tasks(struct spin_pool *pool, int number)
 {
     int before = worker_number;
@@ -90,7 +94,7 @@ static void run_tasks(struct spin_pool *pool, int number)
     worker_number = before;
 }
 
-/* Wait until there may be work; false if the pool is being freed. */
+/* Wait until there may be work; returns false if the pool is being freed. */
 static bool wait_for_work(struct spin_pool *pool)
 {
     if (pool->patient) {
@@ -144,14 +148,16 @@ static int count_cores(void)
 }
 #endif
 
-/* Workers block signals, so that the thread that runs the command handles interrupts. */
+/* Start the workers. They block signals, so that the thread that runs the command handles
+ * interrupts. */
 static spin_status start_workers(struct spin_pool *pool)
 {
     sigset_t all, old;
     int error = 0;
 
     sigfillset(&all);
-    /* Any thread may read a mapped file that was truncated; see io/watch.c. */
+    /* Do not block SIGBUS, since any thread may read a mapped file that was truncated; see
+     * io/watch.c. */
     sigdelset(&all, SIGBUS);
     pthread_sigmask(SIG_BLOCK, &all, &old);
     for (int i = 0; i < pool->n_threads - 1 && error == 0; i++) {
@@ -245,7 +251,8 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
 {
     uint64_t job;
     int before = worker_number;
-    bool busy = pool && atomic_load(&pool->pending) > 0; /* called from one of its tasks */
+    /* True if a task of this pool calls this function. */
+    bool busy = pool && atomic_load(&pool->pending) > 0;
 
     if (!pool || pool->n_threads == 1 || n_tasks <= 1 || busy) {
         worker_number = busy ? before : 0;

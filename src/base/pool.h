@@ -1,15 +1,17 @@
 /* A thread pool with parallel-for over numbered tasks.
  *
  * Results do not depend on the number of threads: callers split the work into a number of tasks
- * that depends on the problem only, every task writes to its own output, and the caller adds up
- * sums of tasks in task order. Tasks are started in order. */
+ * that depends on the problem only, every task writes to its own output, and to sum over tasks, the
+ * caller adds the results of the tasks in task order. Tasks are started in the order of their
+ * numbers. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_pool;
 
-/* n_threads 0: one per core that this process may use. The calling thread is one of them. */
+/* Create a pool of n_threads threads, including the calling thread; if n_threads is 0, one thread
+ * per core that this process may use. */
 spin_status spin_pool_create(int n_threads, struct spin_pool **out);
 void spin_pool_free(struct spin_pool *pool);
 int spin_pool_n_threads(const struct spin_pool *pool);
@@ -23,5 +25,6 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
  * end) processes rows first..end-1. */
 typedef void (*spin_rows_fn)(void *context, size_t first, size_t end);
 void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context);
-/* Within fn: the index of the thread that runs it, 0..n_threads-1. */
+/* Returns the index of the calling thread in the pool, 0..n_threads-1; only to be called within
+ * fn. */
 int spin_pool_worker(void);

@@ -1,5 +1,5 @@
-/* Matrix multiplication in tiles of 1 to 8 rows and 16 columns, whose sums stay in registers. It is
- * compiled for three instruction sets: SSE, AVX2 and AVX-512. */
+/* Matrix multiplication in tiles of 1 to 8 rows and 16 columns, whose sums stay in registers. The
+ * code is compiled for three instruction sets: SSE, AVX2 and AVX-512. */
 #include "base/product.h"
 
 #include <stdint.h>

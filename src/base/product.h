@@ -4,9 +4,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* sums [rows][columns] = start [rows] + left [rows][n] x right [n][columns], where rows of left are
- * `apart` floats apart. If start is NULL, the product is added to sums. relu: negative results
- * become 0. columns: a multiple of 16. Each sum adds its n products in order, so that its bits do
- * not depend on the number of rows and columns. */
+/* Compute sums [rows][columns] as the matrix product of left [rows][n] and right [n][columns], plus
+ * start[r] in each row r. If `start` is NULL, the product is added to the previous values of
+ * `sums`. Rows of `left` begin `apart` floats apart. relu: replace negative results by 0. columns:
+ * a multiple of 16. The n products of each sum are added in order, so that the bits of a sum do not
+ * depend on the number of rows and columns. */
 void spin_multiply_add(int rows, int columns, int n, const float *left, size_t apart,
                        const float *right, const float *start, bool relu, float *sums);

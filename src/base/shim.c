@@ -1,5 +1,5 @@
-/* Finds shared objects, and checks that other users cannot write to them and that their version
- * matches. */
+/* Finds and loads shared objects. Objects that other users can write to, or that have another
+ * version, are refused. */
 #include "base/shim.h"
 
 #include <dlfcn.h>
@@ -21,8 +21,8 @@
 #define SPIN_LIBDIR "/usr/local/lib"
 #endif
 
-/* Where to install the packages for a missing shared object and build it. Windows users received a
- * binary that cannot have it. */
+/* The end of the error message for a missing shared object: how to install the packages that it
+ * needs and build it. Since this is not possible on Windows, the advice there is to use WSL. */
 #ifdef _WIN32
 #define HINT "spin4d for Windows does not include it; in WSL: install %s, then build spin4d"
 #else
@@ -32,11 +32,12 @@
 struct search {
     struct spin_shim *shim;
     const void *table;
-    uid_t owner; /* owner of the program's file; 0 if unknown */
+    uid_t owner; /* owner of the program's file; 0 (root) if unknown */
 };
 
-/* Whether loading the library would end the process, as can happen with an address space limit
- * (`ulimit -v`), for instance if the library starts threads. Tries it in a child process. */
+/* Whether loading the library would end the process. With a limit of the address space (`ulimit
+ * -v`), this can happen, for instance if the library starts threads. The function tries it in a
+ * child process; without such a limit it returns false. */
 static bool ends_process(const char *path)
 {
     struct rlimit limit;
@@ -59,7 +60,8 @@ static bool ends_process(const char *path)
     return WIFSIGNALED(how);
 }
 
-/* dlopen(); on failure, sets why. The loader's own text does not always say that memory ran out. */
+/* Load an object with dlopen(). On failure, write the reason to `why`: a lack of memory is detected
+ * by errno, since the loader's own text does not always mention it. */
 static void *open_object(const char *path, char *why, size_t n_why)
 {
     void *object;
@@ -73,8 +75,8 @@ static void *open_object(const char *path, char *why, size_t n_why)
     return object;
 }
 
-/* Load the shared object at path. False if the file does not exist, or if it cannot be used, with
- * the reason in shim->why. */
+/* Load the shared object at path. Returns false if the file does not exist, or if it cannot be
+ * used; in the latter case, shim->why receives the reason. */
 static bool load_object(struct search *s, const char *path)
 {
     const void *table;
@@ -108,7 +110,7 @@ static bool is_writable_by_others(struct search *s, const char *path)
     struct stat st;
 
     if (stat(path, &st) != 0)
-        return false; /* load_object() handles a missing file */
+        return false; /* a missing file is left to load_object() */
     if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
         (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
         return false;
@@ -133,7 +135,7 @@ static bool load_from(struct search *s, const char *parent, const char *below)
     return load_object(s, path);
 }
 
-/* Path of this program's file; false if it is unknown or too long. */
+/* Find the path of this program's file; returns false if the path is unknown or too long. */
 static bool program_path(char path[4096])
 {
     ssize_t n = readlink("/proc/self/exe", path, 4095);
@@ -150,8 +152,8 @@ static bool program_path(char path[4096])
     return n > 0 && n < 4096;
 }
 
-/* Load from lib/ or lib/spin4d/ of the folder whose bin/ or tests/ROOM/ contains the program: the
- * build folder, or the prefix of an installation. */
+/* Load the object from lib/ or lib/spin4d/ in the folder whose subfolder bin/ or tests/ROOM/
+ * contains the program: the build folder, or the prefix of an installation. */
 static bool load_beside_program(struct search *s)
 {
     char folder[4096];
@@ -192,7 +194,8 @@ static const void *find_table(struct spin_shim *shim)
     return s.table;
 }
 
-/* Whether the text of a failure says that memory ran out. "static TLS" is another limit. */
+/* Whether the text of a failure says that memory ran out. Texts with "static TLS" mention memory,
+ * but refer to another limit. */
 static bool says_no_memory(const char *why)
 {
     return strstr(why, "memory") && !strstr(why, "static TLS");

@@ -18,7 +18,7 @@ static ssize_t add_bytes(void *cookie, const char *bytes, size_t n)
 {
     struct memory *m = cookie;
 
-    if (m->capacity - m->used <= n) { /* one more byte for the NUL */
+    if (m->capacity - m->used <= n) { /* keep one more byte for the NUL */
         size_t larger = 2 * m->capacity + n + 1;
         char *grown = m->failed ? NULL : realloc(m->bytes, larger);
 
@@ -33,7 +33,7 @@ static ssize_t add_bytes(void *cookie, const char *bytes, size_t n)
     return (ssize_t)n;
 }
 
-/* Pass the text to the caller, even if it is incomplete. */
+/* Pass the text to the caller, even if memory ran out and the text is incomplete. */
 static int close_memory(void *cookie)
 {
     struct memory *m = cookie;
@@ -113,8 +113,8 @@ void spin_text_html(FILE *to, const char *text)
     }
 }
 
-/* Decode the UTF-8 character at `text`: returns its length in bytes, or 0 if it is invalid. Never
- * reads past the terminating NUL. */
+/* Decode the UTF-8 character at `text`: returns the character's length in bytes, or 0 if the bytes
+ * are not valid UTF-8. Never reads past the terminating NUL. */
 static int read_utf8(const char *text, uint32_t *code)
 {
     static const uint32_t least[] = {0, 0, 0x80, 0x800, 0x10000};
@@ -130,8 +130,8 @@ static int read_utf8(const char *text, uint32_t *code)
     return *code >= least[n] && *code < 0x110000 && *code >> 11 != 0xd800 >> 11 ? n : 0;
 }
 
-/* Whether the character controls a terminal (C0, DEL, C1), or makes text display differently from
- * its bytes: bidirectional controls, zero-width characters and tags. */
+/* Whether the character controls a terminal (C0, DEL, C1), or can make a text look different from
+ * what its bytes say (bidirectional controls, zero-width characters and tags). */
 static bool is_control(uint32_t code)
 {
     static const struct {

@@ -14,10 +14,10 @@
 #define MAGIC_BYTES 8
 #define MODEL "gaussian-birth"
 #define SCHEME "uniform-v1"
-#define NEVER_FADES 1 /* flag of a splat without a Gaussian window */
+#define NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 /* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
- * splats share one. Refuse files that unpack to far more than 32 times their size (decompression
- * bombs). */
+ * splats share a position. Therefore, files that unpack to far more than 32 times their size are
+ * refused as decompression bombs. */
 #define ROW_BYTES 34
 #define RATIO 32
 #define SLACK (1u << 20)
@@ -77,14 +77,14 @@ struct reader {
     size_t size;
     struct spin_4dgs *info;
     struct spin_splats_4d *splats;
-    unsigned seen; /* bit k: record k was read; only for records that must not occur twice */
+    unsigned seen; /* bit k: record k was read; set only for records that must not occur twice */
     uint64_t n_said;
     double origin[3], step[N_STEPS];
-    double *window; /* [n_windows][2] */
+    double *window; /* [n_windows][2] start and end of each window */
     size_t n_windows;
     uint64_t n; /* number of splats in the chunks read so far */
     size_t n_chunks;
-    size_t first, n_in_chunk; /* rows of the current chunk */
+    size_t first, n_in_chunk; /* first row and number of rows of the current chunk */
     unsigned bands;           /* bit k: SH band k + 1 of the current chunk was read */
     int32_t *steps[N_ATTRIBUTES];
 };
@@ -144,7 +144,7 @@ static bool text_equals(const struct cursor *text, const char *word)
     return text->left == strlen(word) && memcmp(text->at, word, text->left) == 0;
 }
 
-/* Length of a text to print with "%.*s", at most 80 characters. */
+/* Returns the number of characters of a text to print with "%.*s": at most 80. */
 static int length_of(const struct cursor *text) { return text->left < 80 ? (int)text->left : 80; }
 
 /* ---- Records that occur once ----------------------------------------------------------------- */
@@ -267,7 +267,7 @@ static struct stream read_stream_head(struct cursor *c)
     return s;
 }
 
-/* Decodes symbols to integers, out [n][channels]. */
+/* Decodes the symbols of a stream to integers. `out` has the shape [n][channels]. */
 static spin_status decode_symbols(const struct stream *s, const unsigned char *planes,
                                   size_t n_symbols, int32_t *out)
 {
@@ -285,7 +285,7 @@ static spin_status decode_symbols(const struct stream *s, const unsigned char *p
     return SPIN_OK;
 }
 
-/* Allocates *out, [n][channels], and reads the integers of n splats into it. */
+/* Allocates *out with the shape [n][channels], and reads the integers of n splats into it. */
 static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
 {
     size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
@@ -322,14 +322,15 @@ static float round_down(double x)
     return (double)f > x ? nextafterf(f, -INFINITY) : f;
 }
 
-/* The quantisation step of a splat's velocity: finer for splats that live longer. */
+/* Returns the quantisation step of a splat's velocity, which is finer for splats that live
+ * longer. */
 static double motion_step(const struct reader *r, double life)
 {
     return ldexp(r->step[STEP_MOTION], -(int)clamp(ceil(log2(clamp(life, 0.02, 2) / 0.5)), -4, 2));
 }
 
-/* The quantisation step of a splat's centre in time: the file's step, halved until it is at most a
- * twentieth of the splat's sigma, but at most ten times. */
+/* Returns the quantisation step of a splat's centre in time: the file's step, halved until it is at
+ * most a twentieth of the splat's sigma, but no more than ten times. */
 static double time_step(const struct reader *r, double sigma)
 {
     double step = r->step[STEP_TIME];
@@ -433,7 +434,8 @@ static spin_status read_streams(struct reader *r, struct cursor *c, const double
     return read_rows(r, interval);
 }
 
-/* Reads the streams of a chunk. With a codec, the whole chunk was compressed once more. */
+/* Reads the streams of a chunk. If the chunk has a codec, all of its streams together were
+ * compressed once more, and are decompressed first. */
 static spin_status read_chunk_block(struct reader *r, struct cursor *block,
                                     const struct cursor *codec, uint64_t bytes,
                                     const double interval[2])
@@ -496,7 +498,8 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
     return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
-/* Reads an SH band: all coefficients of red, then green, then blue. Codes 0..255 are -4..4. */
+/* Reads an SH band: all coefficients of red, then green, then blue. The codes 0..255 stand for
+ * -4..4. */
 static spin_status read_band(struct reader *r, struct cursor *c)
 {
     const struct spin_splats_4d *s = r->splats;

@@ -21,15 +21,16 @@
  * A splat is visible while three conditions hold: the time is within the splat's entry of the
  * window table, the time is within the interval of the splat's chunk, and the splat's Gaussian
  * window is at or above the cutoff. The quantisation steps of a splat's velocity and centre in time
- * depend on its sigma. */
+ * depend on the splat's sigma. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_4dgs {
-    double duration;    /* of the clip in seconds; times start at 0 */
-    double cutoff;      /* splats are not drawn while their Gaussian window is below this value */
-    bool sound, camera; /* the file contains sound, or a camera path */
+    double duration; /* length of the clip in seconds; the clip starts at time 0 */
+    double cutoff;   /* splats are not drawn while their Gaussian window is below this value */
+    /* `sound`: the file contains sound; `camera`: the file contains a camera path. */
+    bool sound, camera;
 };
 
 /* Reads a whole file that is in memory. The caller must call spin_splats_4d_settle() on the splats.

@@ -2,9 +2,9 @@
 
 #include "base/base.h"
 
-#define BINS 4096     /* bins of the histogram from which the initial numbers are chosen */
+#define BINS 4096 /* number of bins of the histogram from which the initial numbers are chosen */
 #define MOST_STEPS 60 /* maximum number of iterations of Lloyd's algorithm */
-#define CUT_STEPS 6   /* iterations of 2-means */
+#define CUT_STEPS 6   /* number of iterations of 2-means */
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
@@ -143,20 +143,20 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 /* A cluster of rows that share a palette vector: order[first .. first + n). If it was divided, the
  * first n_front rows form one half and the other rows the second half. */
 struct cluster {
-    size_t first, n, n_front; /* n_front 0: cannot be divided */
-    double error;             /* sum of squared distances to the mean */
-    double side_error[2];     /* the same for each half */
-    bool divided;             /* division was tried; n_front and side_error are set */
+    size_t first, n, n_front; /* if n_front is 0, the cluster cannot be divided */
+    double error;             /* sum of squared distances of the rows to their mean */
+    double side_error[2];     /* sums of squared distances of the rows of each half to their mean */
+    bool divided;             /* a division was tried; n_front and side_error are set */
 };
 
 struct clustering {
     const float *rows;
     size_t width;
     uint32_t *order;
-    struct cluster *cluster; /* max-heap by error */
+    struct cluster *cluster; /* [n_clusters] a heap with the largest error at the top */
     size_t n_clusters;
-    struct cluster *batch; /* [BATCH] taken from the heap to be divided */
-    double *sums;          /* [workers][SUMS][width] */
+    struct cluster *batch; /* [BATCH] clusters that were taken from the heap to be divided */
+    double *sums;          /* [workers][SUMS][width] scratch memory of the workers */
     uint32_t *label;
     float *palette;
 };
@@ -166,7 +166,8 @@ enum { BATCH = 256 }; /* maximum number of clusters that are divided in parallel
 enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 };
 
 /* Computes the mean of rows order[first .. first + n) into sum[0..width) and returns the sum of
- * squared distances to the mean. *widest: the coordinate that contributes most to this sum. */
+ * squared distances to the mean. *widest receives the index of the coordinate that contributes most
+ * to this sum. */
 static double measure_cluster(const struct clustering *c, size_t first, size_t n, double *sum,
                               size_t *widest)
 {
@@ -191,7 +192,8 @@ static double measure_cluster(const struct clustering *c, size_t first, size_t n
     return error;
 }
 
-/* Dot product. Four independent partial sums let the processor overlap the additions. */
+/* Returns the dot product of two vectors. Four independent partial sums let the processor overlap
+ * the additions. */
 static double dot(const float *row, const double *w, size_t n)
 {
     double sum[4] = {0};
@@ -205,9 +207,10 @@ static double dot(const float *row, const double *w, size_t n)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Moves the rows that are nearer to the first of two centres, [2][width], to the front and returns
- * their number. If both centres have rows, replaces each centre by the mean of its rows. across:
- * scratch memory, [width]. */
+/* Moves the rows of a cluster that are nearer to the first of two centres to the front, and returns
+ * the number of these rows. centre [2][width]: the two centres. If each centre has rows that are
+ * nearer to it, replaces both centres by the means of these rows. across: scratch memory,
+ * [width]. */
 static size_t divide_by_centres(const struct clustering *c, const struct cluster *p,
                                 const double *mean, double *across, double *centre)
 {
@@ -319,8 +322,8 @@ static struct cluster pop_cluster(struct clustering *c)
     return top;
 }
 
-/* Divides the clusters with the largest errors in parallel. The batch size does not depend on the
- * number of threads, so neither does the result. */
+/* Divides the clusters with the largest errors in parallel. Neither the batch size nor the result
+ * depends on the number of threads. */
 static void divide_largest(struct clustering *c, size_t n_left, struct spin_pool *pool)
 {
     int n = 0;
@@ -343,7 +346,9 @@ static void divide_all(struct clustering *c, size_t n_colours, struct spin_pool 
         }
         p = pop_cluster(c);
         if (p.n_front == 0) {
-            p.error = 0; /* sinks in the heap, so it is not tried again */
+            /* With this error, the cluster is taken last from the heap, so that it is not tried
+             * again. */
+            p.error = 0;
             push_cluster(c, p);
             continue;
         }

@@ -17,7 +17,7 @@
 
 enum {
     SPIN_COMPRESSED_CHUNK = 256,
-    SPIN_COMPRESSED_RANGES = 18, /* floats per chunk */
+    SPIN_COMPRESSED_RANGES = 18, /* floats per chunk: minimum and maximum of 9 values */
     SPIN_COMPRESSED_VERTEX = 16  /* bytes per vertex */
 };
 
@@ -28,13 +28,14 @@ static inline size_t spin_compressed_chunks(size_t n)
     return n / SPIN_COMPRESSED_CHUNK + (n % SPIN_COMPRESSED_CHUNK != 0);
 }
 
-/* Size of the data after the header, in bytes. */
+/* Returns the size of the data after the header, in bytes. */
 uint64_t spin_compressed_body(int sh_degree, size_t n);
-/* Like spin_gs_ply_header(). */
+/* Writes the header of a file with n rows. Arguments and result are those of
+ * spin_gs_ply_header(). */
 size_t spin_compressed_header(int sh_degree, size_t n, const char *comments,
                               char text[SPIN_GS_PLY_MAX_HEADER]);
-/* Packs one chunk of n rows, at most 256, in native byte order. Clamps row[].log_scale to
- * -20..20. */
+/* Packs one chunk of n rows, at most 256, in native byte order: `range` receives the ranges of the
+ * chunk, `word` the four words of each row. Clamps row[].log_scale to -20..20. */
 void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_COMPRESSED_RANGES],
                           uint32_t (*word)[4]);
 /* Decodes a row in the same way as readers of the format. */
@@ -49,15 +50,17 @@ void spin_compressed_pack_sh(const float *sh, int n_sh, int sh_degree, unsigned 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
 struct spin_compressed_ply {
-    const struct spin_ply *ply;                         /* borrowed */
-    const struct spin_ply_element *vertex, *chunk, *sh; /* sh NULL: the file has SH degree 0 */
-    int packed[4];                                      /* indices of vertex properties */
-    int n_rest, sh_degree;                              /* see struct spin_gs_ply */
+    const struct spin_ply *ply; /* borrowed */
+    /* If the file has SH degree 0, `sh` is NULL. */
+    const struct spin_ply_element *vertex, *chunk, *sh;
+    /* Indices of the vertex properties packed_*. */
+    int packed[4];
+    int n_rest, sh_degree; /* as in struct spin_gs_ply */
 };
 
 /* True if the vertices have properties named packed_*. */
 bool spin_compressed_any(const struct spin_ply_element *vertex);
-/* Finds all elements and properties. Errors name the file and the property. */
+/* Finds all elements and properties. Error messages contain the path and the property. */
 spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compressed_ply *out);
 /* Reads all rows. The columns of *out must be reserved with at least the file's SH degree;
  * coefficients above the file's degree become 0. Values that are not finite are an error. Rotations

@@ -4,7 +4,7 @@
 
 enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 #define LINEAR "lin_rec709_display"
-#define OPACITY_SLACK 1e-3f /* tolerance for opacities that were rounded */
+#define OPACITY_SLACK 1e-3f /* opacities may exceed 0..1 by this much, due to rounding */
 
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 {
@@ -23,8 +23,8 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* Finds the JSON chunk and the binary chunk of a GLB and checks their lengths. *chunk: the binary
- * chunk. */
+/* Finds the JSON chunk and the binary chunk of a GLB and checks their lengths. *chunk receives the
+ * binary chunk. */
 static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
                                const unsigned char **chunk, uint64_t *n_chunk)
 {
@@ -160,7 +160,7 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
                  : f->component == SPIN_GLB_U8  ? (float)at[0]
                  : f->component == SPIN_GLB_I16 ? (float)(int16_t)(at[0] | at[1] << 8)
                                                 : (float)(at[0] | at[1] << 8);
-        if (f->normalised) /* -128 and -32768 also decode to -1 */
+        if (f->normalised) /* -128 and -32768 decode to -1, as -127 and -32767 do */
             out[k] = out[k] < -largest ? -1 : out[k] / largest;
     }
 }
@@ -186,8 +186,8 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* Refuses values of an extension's key other than `known`, the default of the key, and `also`
- * (NULL: none). */
+/* Checks the value of `key` in an extension. It must be `known`, which is also the default if the
+ * key is missing, or `also`, if `also` is not NULL. */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {
@@ -199,8 +199,8 @@ static spin_status check_value(const spin_json *extension, const char *key, cons
     return SPIN_OK;
 }
 
-/* Finds the SPZ data that replace all attributes of the primitive. Without such data, sets
- * nothing. */
+/* Finds the SPZ data that replace all attributes of the primitive. If there are none, *out stays
+ * unchanged. */
 static spin_status find_packed(const struct spin_glb_file *glb, const spin_json *extension,
                                struct spin_gs_glb_points *out)
 {
@@ -294,7 +294,7 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
         float *to = out->log_scales + 3 * i;
 
         spin_glb_row(&scale, i, to);
-        for (int c = 0; c < 3; c++) { /* NaN stays NaN; the caller reports it */
+        for (int c = 0; c < 3; c++) { /* NaN stays NaN, which the caller reports */
             if (to[c] < 0)
                 return spin_malformed("'SCALE' is %g in row %zu, expected 0 or more", (double)to[c],
                                       i);

@@ -33,7 +33,7 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME]);
 
 struct spin_glb_file {
     spin_json *json;
-    const unsigned char *bytes; /* content of the binary chunk; borrowed */
+    const unsigned char *bytes; /* the content of the binary chunk; borrowed */
     uint64_t n_bytes;
 };
 
@@ -43,8 +43,8 @@ struct spin_glb_file {
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 
-/* Item `index` of a top-level list of the document ("nodes", "accessors", ...). NULL if the item
- * does not exist, or if index is not an integer. */
+/* Returns item `index` of a top-level list of the document ("nodes", "accessors", ...); NULL if the
+ * item does not exist, or if `index` is not an integer. */
 const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
                                const spin_json *index);
 int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback);
@@ -55,7 +55,7 @@ int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallb
 #define SPIN_GLB_IS(component) (1u << ((component)-SPIN_GLB_I8))
 #define SPIN_GLB_NORMALISED(bits) ((bits) << 8)
 
-/* n rows of `width` numbers, `stride` bytes apart. */
+/* A table of n rows with `width` numbers each. Rows begin `stride` bytes apart. */
 struct spin_glb_numbers {
     const unsigned char *at;
     size_t n, width, stride;
@@ -63,9 +63,9 @@ struct spin_glb_numbers {
     bool normalised;
 };
 
-/* Resolves an accessor to its data in the binary chunk. width: numbers per row, 1, 3 or 4; allowed:
- * set of component types. SPIN_E_MALFORMED if the accessor does not match or the data extend beyond
- * the chunk. */
+/* Resolves an accessor to its data in the binary chunk. width: required numbers per row, 1, 3 or 4;
+ * allowed: set of the component types that are allowed. SPIN_E_MALFORMED if the accessor has
+ * another width or type, or if the data extend beyond the chunk. */
 spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
                           unsigned allowed, struct spin_glb_numbers *out);
 /* Reads row i. Normalised integers are mapped to 0..1 if unsigned, to -1..1 if signed. */
@@ -79,8 +79,9 @@ struct spin_gs_glb_points {
     const spin_json *attributes;
     size_t n;
     int sh_degree;
-    bool linear; /* colours are linear, not sRGB */
-    /* SPZ data that replace the attributes, with the axes of SPZ; NULL: none. */
+    bool linear; /* the colours are linear; otherwise they are sRGB */
+    /* SPZ data, with the axes of SPZ, that replace the attributes; NULL: the attributes are
+     * used. */
     const unsigned char *packed;
     size_t n_packed;
     struct spin_spz_header spz;

@@ -6,15 +6,17 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit of frames times pieces and of key times times animated nodes, against files that expand to
- * gigabytes. A clip with one node per frame may have 4096 frames. */
+/* Limit of the number of frames times the number of pieces, and of the number of key frame times
+ * multiplied by the number of animated nodes. It protects against files that expand to gigabytes. A
+ * clip with one node per frame may have 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
-#define PACKED_SLACK (1u << 20) /* SPZ: splats of a frame beyond one per byte of the file */
-#define SAME_SCALE 1e-4         /* relative tolerance between the scales of the three axes */
-#define NO_SCALE 1e-6           /* a node with a smaller scale is invisible */
-#define MAX_SIZE 1e15           /* limit of positions and scales */
-#define MAX_DEPTH 64            /* limit of the depth of nested nodes */
+/* A frame with SPZ data may have this many splats more than the file has bytes. */
+#define PACKED_SLACK (1u << 20)
+#define SAME_SCALE 1e-4 /* relative tolerance between the scales of the three axes */
+#define NO_SCALE 1e-6   /* a node with a smaller scale is invisible */
+#define MAX_SIZE 1e15   /* limit of positions and scales */
+#define MAX_DEPTH 64    /* limit of the depth of nested nodes */
 #define VISIBILITY "KHR_node_visibility"
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
@@ -23,10 +25,12 @@
  * three axes must have the same scale, since a skewed splat would not be a splat. */
 struct node {
     double q[4], scale, shift[3];
-    int64_t parent; /* -1: none */
-    int64_t key;    /* index of the animation that shows and hides the node; -1: none */
-    bool hidden;    /* KHR_node_visibility; ignored if an animation shows and hides the node */
-    bool in_scene;  /* the node is a root of the scene */
+    int64_t parent; /* index of the parent node; -1: there is none */
+    /* Index in build.key[] of the animation that shows and hides the node; -1: there is none. */
+    int64_t key;
+    /* KHR_node_visibility hides the node; ignored if an animation shows and hides the node. */
+    bool hidden;
+    bool in_scene; /* the node is a root of the scene */
 };
 
 struct nodes {
@@ -132,7 +136,8 @@ static spin_status join_children(struct nodes *nodes, size_t i, const spin_json 
     return SPIN_OK;
 }
 
-/* Marks the roots of the default scene; without scenes, all roots. */
+/* Marks the nodes that are roots of the default scene; if the file has no scenes, marks all nodes
+ * without a parent. */
 static spin_status mark_scene(const spin_json *json, struct nodes *nodes)
 {
     const spin_json *scenes = spin_json_get(json, "scenes"), *list;
@@ -185,8 +190,8 @@ static void turn_point(const double q[4], const double p[3], double out[3])
     out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
-/* Appends to `inout` the transforms of node i and of all its parents. *shown: node i is in the
- * scene, and neither the node nor a parent is permanently hidden. */
+/* Appends to `inout` the transforms of node i and of all its parents. *shown becomes true if node i
+ * is in the scene and neither the node nor a parent is permanently hidden. */
 static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
                               bool *shown)
 {
@@ -216,7 +221,7 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
     return SPIN_OK;
 }
 
-/* The animation that shows and hides one node: n key frames. */
+/* The animation that shows and hides one node, with n key frames. */
 struct key {
     size_t node, n;
     struct spin_glb_numbers time, value;
@@ -226,11 +231,11 @@ struct key {
 struct build {
     struct spin_gs_glb_scene *scene;
     struct nodes nodes;
-    struct key *key; /* [n_keys] */
+    struct key *key; /* [n_keys] the animations of all nodes that are shown and hidden */
     size_t n_keys;
     float *time; /* [n_times] times of all key frames, strictly increasing */
     size_t n_times;
-    unsigned char *on; /* [n_times][n_keys] 1: the animation shows its node at this time */
+    unsigned char *on; /* [n_times][n_keys] 1: the animated node is shown at this time */
 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
@@ -287,9 +292,10 @@ static spin_status find_pieces(struct build *b)
     return SPIN_OK;
 }
 
-/* ---- Switches -------------------------------------------------------------------------------- */
+/* ---- Animations that show and hide nodes ----------------------------------------------------- */
 
-/* Parses "/nodes/3/extensions/KHR_node_visibility/visible". */
+/* Parses a pointer such as "/nodes/3/extensions/KHR_node_visibility/visible"; returns the index of
+ * the node, or -1 if the pointer has another form. */
 static int64_t pointed_node(const char *pointer)
 {
     long long node = -1;
@@ -300,7 +306,8 @@ static int64_t pointed_node(const char *pointer)
     return end > 0 && pointer[end] == '\0' ? node : -1;
 }
 
-/* Adds b->key[] for a channel that shows and hides a node. Other channels only set `moves`. */
+/* Appends to b->key[] a channel that shows and hides a node. For other channels, only sets
+ * scene->moves. */
 static spin_status add_channel(struct build *b, const spin_json *animation,
                                const spin_json *channel)
 {
@@ -364,7 +371,7 @@ static int by_time(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* True if key k uses the same accessor of times as key k - 1, as exporters usually write it. */
+/* True if key k uses the same accessor of times as key k - 1, as is usual in exported files. */
 static bool has_times_before(const struct build *b, size_t k)
 {
     return k > 0 && b->key[k].time.at == b->key[k - 1].time.at && b->key[k].n == b->key[k - 1].n;
@@ -419,7 +426,7 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     return SPIN_OK;
 }
 
-/* Fills column k of b->on: at each time, the state of the latest key frame. */
+/* Fills column k of b->on: at each time, the node is shown if its latest key frame shows it. */
 static spin_status run_key(struct build *b, size_t k)
 {
     struct key *key = &b->key[k];
@@ -455,7 +462,8 @@ static spin_status run_keys(struct build *b)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* True if no animation hides the node or one of its parents. on [n_keys]: states at one time. */
+/* True if no animation hides the node or one of its parents. on [n_keys]: for each animated node,
+ * whether it is shown at the time in question. */
 static bool is_on(const struct build *b, size_t node, const unsigned char *on)
 {
     for (int64_t at = (int64_t)node; at >= 0; at = b->nodes.node[at].parent) {
@@ -465,8 +473,9 @@ static bool is_on(const struct build *b, size_t node, const unsigned char *on)
     return true;
 }
 
-/* The node whose extras describe a frame: the only animated node that is visible, or, without
- * animation, the only node of the file. Returns b->nodes.n if there is not exactly one. */
+/* Returns the node whose extras describe a frame: the only animated node that is visible in this
+ * frame or, in a file without animation, the only node. Returns b->nodes.n if there are several
+ * such nodes or none. */
 static size_t node_of_frame(const struct build *b, const unsigned char *on)
 {
     size_t node = b->nodes.n, n_on = 0;
@@ -559,7 +568,7 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
         "KHR_mesh_quantization",
         VISIBILITY,
         POINTER,
-        "KHR_materials_unlit"}; /* how other viewers draw the points; does not affect splats */
+        "KHR_materials_unlit"}; /* it affects how viewers draw points, but not splats */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
 
     for (size_t i = 0; i < spin_json_length(list); i++) {
@@ -576,7 +585,7 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
 }
 
 /* KHR_gaussian_splatting has no flag for antialiasing, so our exporter stores one in the asset's
- * extras. SPZ has its own flag. */
+ * extras. SPZ data have a flag of their own. */
 static void find_antialias(struct spin_gs_glb_scene *s)
 {
     const spin_json *asset = spin_json_get(s->file.json, "asset");

@@ -5,7 +5,7 @@
 
 #include "formats/glb.h"
 
-/* A mesh primitive of a node of the scene. */
+/* A mesh primitive with splats, and the placement of its node in the scene. */
 struct spin_gs_glb_piece {
     struct spin_gs_glb_points points;
     struct spin_placement placement;
@@ -13,26 +13,29 @@ struct spin_gs_glb_piece {
 };
 
 struct spin_gs_glb_frame {
-    size_t n;              /* number of splats */
+    size_t n;              /* number of splats in the frame */
     size_t first, n_shown; /* range in scene->shown: the pieces that are visible in this frame */
-    int number;            /* frame number in the extras of the frame's node; -1: none */
+    int number;            /* frame number in the extras of the frame's node; -1: there is none */
     double time;           /* start of the frame in seconds: the time in the extras if all frames
                               have one, otherwise the time of the animation */
-    double extras_time;    /* private: time in the extras; NaN: none */
+    double extras_time;    /* private: time in the extras; NaN: there is none */
 };
 
 struct spin_gs_glb_scene {
     struct spin_glb_file file;
-    struct spin_gs_glb_piece *piece; /* [n_pieces] */
-    struct spin_gs_glb_frame *frame; /* [n_frames], at least one */
-    size_t *shown;                   /* indices of the visible pieces, frame by frame */
+    /* [n_pieces] mesh primitives that are not permanently hidden. */
+    struct spin_gs_glb_piece *piece;
+    struct spin_gs_glb_frame *frame; /* [n_frames] all frames, at least one */
+    size_t *shown; /* indices of the visible pieces of frame 0, then of frame 1, and so on */
     size_t n_pieces, n_frames;
-    int sh_degree;  /* maximum over the pieces */
+    int sh_degree;  /* maximum of the SH degrees of all pieces */
     bool linear;    /* some pieces have linear colours instead of sRGB */
-    bool antialias; /* splats must be drawn antialiased; from the extras or from SPZ data */
-    bool moves;     /* the file has animation other than showing and hiding nodes; ignored */
-    bool others;    /* the scene has meshes that are not splats; skipped */
-    struct spin_splats raw; /* private */
+    bool antialias; /* splats must be drawn antialiased, according to the extras or the SPZ data */
+    /* The file also contains animations, or channels of the first animation, that do not show and
+     * hide nodes; these are ignored. */
+    bool moves;
+    bool others;            /* the scene has meshes that are not splats; they are skipped */
+    struct spin_splats raw; /* private: splats of one piece before their transform */
 };
 
 /* Opens a file that is in memory, which must stay valid until spin_gs_glb_scene_close(). Zero *out

@@ -20,55 +20,59 @@ enum { SPIN_GLB_MAX_ATTRIBUTES = 21, SPIN_GLB_NAME = 64 };
 /* The data of one attribute in the binary chunk. */
 struct spin_glb_column {
     int attribute;
-    uint64_t n, offset;    /* number of rows; bytes from the start of the binary chunk */
+    uint64_t n, offset;    /* number of rows; position in the binary chunk, in bytes */
     uint64_t hash[2];      /* hash of the data, by which equal columns are found */
-    float low[3], high[3]; /* bounding box; POSITION only */
+    float low[3], high[3]; /* bounding box, for POSITION only */
 };
 
-/* A node with a mesh of n points; n 0: a node without a mesh. */
+/* A node with a mesh of n points. If n is 0, the node has no mesh. */
 struct spin_glb_frame {
     size_t n;
-    int number;                             /* the source's frame number */
-    double time;                            /* in the source's unit */
+    int number;                             /* number of the frame in the source */
+    double time;                            /* time of the frame, in the source's unit */
     size_t column[SPIN_GLB_MAX_ATTRIBUTES]; /* index of each attribute's column; frames may share
                                                columns */
 };
 
 struct spin_glb_clip {
-    /* Set before spin_glb_begin(). */
-    struct spin_out *out; /* opened and committed by the caller */
+    /* The caller sets these before spin_glb_begin(). */
+    struct spin_out *out; /* the output file, which the caller opens and commits */
     int sh_degree;
-    const char *axes, *source; /* written to the extras; source NULL: unknown */
-    double fps;                /* 0: unknown */
-    bool antialias;            /* written to the extras: splats must be drawn antialiased */
+    /* Texts written to the extras; if the source is unknown, `source` is NULL. */
+    const char *axes, *source;
+    double fps;     /* frames per second; 0: unknown */
+    bool antialias; /* splats must be drawn antialiased; this is written to the extras */
     int n_frames;
     bool animated; /* write an animation that shows one frame after the other, by STEP key frames
                       of the scale of the nodes */
 
-    /* Set by spin_glb_begin(). The attributes in the order of the file. The last is COLOR_0, with
-     * 16-bit integers; all others are floats. */
+    /* spin_glb_begin() sets these. The attributes are in the order of the file. The last attribute
+     * is COLOR_0, with 16-bit integers; all others are floats. */
     int n_attributes;
     char name[SPIN_GLB_MAX_ATTRIBUTES][SPIN_GLB_NAME];
-    int components[SPIN_GLB_MAX_ATTRIBUTES];    /* numbers per row */
-    size_t width[SPIN_GLB_MAX_ATTRIBUTES], row; /* bytes per row: of each, and of all attributes */
-    size_t room;                                /* bytes reserved for the JSON */
+    int components[SPIN_GLB_MAX_ATTRIBUTES]; /* numbers per row of each attribute */
+    /* `width`: bytes per row of each attribute; `row`: bytes per row of all attributes together. */
+    size_t width[SPIN_GLB_MAX_ATTRIBUTES], row;
+    size_t room; /* number of bytes reserved for the JSON */
 
-    /* Set before spin_glb_end(). */
-    const struct spin_glb_frame *frame; /* [n_frames] */
+    /* The caller sets these before spin_glb_end(). */
+    const struct spin_glb_frame *frame; /* [n_frames] the nodes of all frames */
     /* The static splats of all frames, in a node of their own. The node is the last in the list of
-     * nodes, but the first in the scene, since some viewers draw meshes in this order. Its fields
-     * number and time are ignored. NULL, or n 0: no static splats. */
+     * nodes, but the first in the scene, since some viewers draw meshes in this order. Its members
+     * `number` and `time` are ignored. If there are no static splats, `still` is NULL or its n is
+     * 0. */
     const struct spin_glb_frame *still;
-    const struct spin_glb_column *column; /* [n_columns] */
+    const struct spin_glb_column *column; /* [n_columns] the data of all attributes */
     size_t n_columns;
-    uint64_t n_bytes; /* size of the binary chunk so far */
+    uint64_t n_bytes; /* number of bytes in the binary chunk so far */
 };
 
 struct spin_glb_shim {
     int abi;
     /* Returns the JSON text, which the caller frees. On failure, returns NULL and writes the reason
-     * to why[n_why], or an empty string if memory ran out. keys: offset in the binary chunk of the
-     * animation's data: n_frames + 1 times, then n_frames + 1 scales for each frame. */
+     * to why[n_why], or an empty string if memory ran out. keys: offset of the animation's data in
+     * the binary chunk. These data are n_frames + 1 times, then n_frames + 1 scales for each
+     * frame. */
     char *(*text)(const struct spin_glb_clip *clip, const char *generator, uint64_t keys, char *why,
                   size_t n_why);
 };

@@ -5,9 +5,13 @@
 #include "base/base.h"
 #include "base/shim.h"
 
-enum { HEADER = 12, CHUNK_HEADER = 8, TOO_FAR = -1 /* differs from every errno */ };
+enum {
+    HEADER = 12,
+    CHUNK_HEADER = 8,
+    TOO_FAR = -1 /* an error code that differs from every errno */
+};
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");
-#define MAX_BYTES UINT32_MAX /* lengths are 32-bit words in the file */
+#define MAX_BYTES UINT32_MAX /* maximum size of a file, since lengths in it are 32-bit words */
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
@@ -109,8 +113,8 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
 }
 
 /* Writes the animation's key frames. Key frame i is at i / fps seconds. Frame f is visible from key
- * frame f to the next. An additional key frame at the end repeats the last frame, which players
- * would skip otherwise. */
+ * frame f to key frame f + 1. An additional key frame at the end repeats the last frame; without
+ * it, players would skip the last frame. */
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;
@@ -138,7 +142,8 @@ static void put_u32(unsigned char *at, uint64_t value)
         at[i] = (unsigned char)(value >> (8 * i));
 }
 
-/* Writes header, JSON, and the header of the binary chunk, which precede the binary data. */
+/* Writes the part of the file that precedes the binary data: its header, the JSON chunk, and the
+ * header of the binary chunk. */
 static spin_status write_front(const struct spin_glb_clip *clip, const char *text)
 {
     const char *path = clip->out->path;
@@ -182,7 +187,7 @@ spin_status spin_glb_can_write(void)
 spin_status spin_glb_end(struct spin_glb_clip *clip)
 {
     uint64_t keys = clip->n_bytes;
-    char why[256] = ""; /* stays empty if memory runs out */
+    char why[256] = ""; /* `why` stays empty if memory runs out */
     SPIN_FREED char *text = NULL;
 
     SPIN_TRY(spin_glb_can_write());

@@ -1,6 +1,7 @@
 /* Writes the frames of a clip to one .glb (formats/glb.h). Values are floats, and each attribute of
  * a frame is contiguous. Binary data are written to their final offsets, in any order. The JSON
- * precedes them in the file but depends on all of them: it is written last, into reserved space. */
+ * precedes the binary data in the file but depends on all of them; therefore it is written last,
+ * into reserved space. */
 #pragma once
 
 #include "formats/gaussian.h"
@@ -11,9 +12,10 @@
 /* Loads the shared object with tinygltf, which creates the JSON. If it is missing, the error
  * message explains how to install it. */
 spin_status spin_glb_can_write(void);
-/* Derives the attributes from clip->sh_degree, and the space to reserve for the JSON. */
+/* Sets the members of *clip that describe the attributes, which depend on clip->sh_degree, and the
+ * number of bytes to reserve for the JSON. */
 void spin_glb_begin(struct spin_glb_clip *clip);
-/* Size in bytes of a file with n_rows splats. Call spin_glb_begin() before. */
+/* Returns the size in bytes of a file with n_rows splats. Call spin_glb_begin() before. */
 uint64_t spin_glb_bytes(const struct spin_glb_clip *clip, uint64_t n_rows);
 
 /* Writes a splat to row `at` of all columns, in native byte order. sh: n_sh coefficients [k][3];

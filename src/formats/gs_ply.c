@@ -10,8 +10,10 @@ enum { MAX_REST = 45, MAX_COLUMNS = 3 + 3 + 3 + MAX_REST + 1 + 3 + 4 };
 
 struct column {
     char name[16];
-    unsigned part; /* enum spin_column; 0: not read, as normals */
-    int place;     /* index within a row of this column of struct spin_splats */
+    /* The column of struct spin_splats that receives the property, a value of enum spin_column; 0:
+     * the property is not read (normals). */
+    unsigned part;
+    int place; /* index of the property within a row of this column */
 };
 
 static struct column *add_columns(struct column *c, const char *const *names, const char *prefix,
@@ -82,7 +84,7 @@ void spin_gs_ply_code(const struct spin_gs_ply_row *row, int sh_degree, unsigned
     float *out = (float *)(void *)to;
 
     memcpy(out, row->place, sizeof row->place);
-    memset(out + 3, 0, 3 * sizeof *out); /* normals */
+    memset(out + 3, 0, 3 * sizeof *out); /* normals are 0 */
     memcpy(out + 6, row->sh, 3 * sizeof *out);
     out += 9;
     for (int c = 0; c < 3; c++) {

@@ -18,7 +18,7 @@
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-/* Bytes per row. */
+/* Returns the size of a row in bytes. */
 size_t spin_gs_ply_row(int sh_degree);
 /* Writes the header of a file with n rows. comments: lines that begin with "comment " and end with
  * a line feed, less than 512 bytes in all. Returns the length of the header, which is then below
@@ -26,12 +26,12 @@ size_t spin_gs_ply_row(int sh_degree);
 size_t spin_gs_ply_header(int sh_degree, size_t n, const char *comments,
                           char text[SPIN_GS_PLY_MAX_HEADER]);
 
-/* The values of a row. */
+/* The values that spin_gs_ply_code() writes as a row. */
 struct spin_gs_ply_row {
     float place[3], rotation[4]; /* position; quaternion w x y z of unit length */
-    float logit;                 /* of the opacity; finite */
-    const float *log_scale;      /* [3] */
-    const float *sh;             /* [n_sh][3] */
+    float logit;                 /* logit of the opacity; must be finite */
+    const float *log_scale;      /* [3] logarithms of the standard deviations */
+    const float *sh;             /* [n_sh][3] SH coefficients */
     int n_sh;
 };
 /* Writes a row of spin_gs_ply_row() bytes. Coefficients that row->sh lacks are written as 0;
@@ -42,11 +42,12 @@ void spin_gs_ply_code(const struct spin_gs_ply_row *row, int sh_degree, unsigned
 
 /* The layout of a parsed file. */
 struct spin_gs_ply {
-    const struct spin_ply *ply; /* borrowed */
+    const struct spin_ply *ply; /* the parsed file; borrowed */
     const struct spin_ply_element *vertex;
-    int n_rest;    /* number of properties f_rest_* */
-    int sh_degree; /* 0 to 3; of files with degree 4, the coefficients of degree 4 are not read */
-    bool colours;  /* the file has red, green and blue instead of f_dc_* */
+    int n_rest; /* number of properties f_rest_* in the file */
+    /* 0 to 3; if a file has degree 4, this is 3, and its coefficients of degree 4 are not read. */
+    int sh_degree;
+    bool colours; /* the file has red, green and blue instead of f_dc_* */
 };
 
 /* True if the vertices have any property that is specific to Gaussians. */
@@ -79,8 +80,8 @@ void spin_ply_colours(const struct spin_ply *ply, const struct spin_ply_element 
  * properties. */
 spin_status spin_ply_check(const struct spin_ply *ply, unsigned columns, size_t first, size_t n,
                            const struct spin_splats *s);
-/* Counts the properties f_rest_* of an element (NULL: none) and derives the SH degree, at most 3,
- * from their number. */
+/* Counts the properties f_rest_* of an element, and derives the SH degree, at most 3, from their
+ * number. If `e` is NULL, both results are 0. */
 spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply_element *e,
                                int *sh_degree, int *n_rest);
 /* Reads the properties f_rest_* of row i into sh[step i + 3 ..], coefficient-major, without scaling

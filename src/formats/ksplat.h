@@ -34,7 +34,7 @@ enum { SPIN_KSPLAT_HEADER = 4096, SPIN_KSPLAT_SECTION = 1024 };
 
 struct spin_ksplat {
     size_t n;
-    int sh_degree; /* maximum over the sections, 0 to 3 */
+    int sh_degree; /* maximum of the SH degrees of all sections, 0 to 3 */
 };
 
 /* Reads the headers of a file that is in memory and checks that the file is complete. Error

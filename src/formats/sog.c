@@ -7,17 +7,18 @@
 #include "math/quat.h"
 
 #define VERSION 2
-#define STEPS 65535.0 /* largest 16-bit code of a position */
+#define STEPS 65535.0 /* largest 16-bit code of a coordinate */
 #define TAG 252       /* mode byte of a rotation: 252 + index of the largest of w x y z */
 #define SQRT2 1.41421356237309505f
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
 #define SLACK 4096 /* an image may have 2 n + SLACK pixels for n Gaussians */
-/* A Gaussian takes about 12 bytes. Refuse files with more Gaussians than bytes plus this number
- * (decompression bombs). */
+/* A Gaussian takes about 12 bytes. Refuse files as decompression bombs if the number of Gaussians
+ * exceeds the size in bytes by more than this. */
 #define MOST_SPLATS (1u << 20)
 
-/* For each image: name of the member, object of meta.json that lists it, index in the list. */
+/* For each image: name of the zip member, object of meta.json that lists the image, index in that
+ * list. */
 static const struct {
     const char *name, *object;
     size_t place;
@@ -44,7 +45,7 @@ void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, in
         *height = lines > 0 ? (int)lines : 1;
         return;
     }
-    /* nearly square; the sides are multiples of 4 */
+    /* images are nearly square; their sides are multiples of 4 */
     *width = sog->n > 0 ? (int)ceil(sqrt((double)sog->n) / 4) * 4 : 4;
     *height = sog->n > 0 ? (int)ceil((double)sog->n / *width / 4) * 4 : 4;
 }
@@ -117,7 +118,7 @@ void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4])
             out[to++] = spin_byte_of((sign * q[k] * SQRT2 * 0.5f + 0.5f) * 255);
     out[3] = (uint8_t)(TAG + largest);
     spin_sog_rotation(out, shown);
-    for (int k = 0; k < 4 && q[largest] < 0; k++) /* give shown the sign of q */
+    for (int k = 0; k < 4 && q[largest] < 0; k++) /* give the decoded quaternion the sign of q */
         shown[k] = -shown[k];
 }
 
@@ -178,21 +179,22 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n)
     return SPIN_OK;
 }
 
-/* ---- An open file ---------------------------------------------------------------------------- */
+/* ---- A file that is being read --------------------------------------------------------------- */
 
 struct reading {
     struct spin_zip zip;
-    const char *folder; /* with the files of an unpacked SOG; NULL: the files are in the zip */
+    /* Folder with the files of an unpacked SOG; NULL: the files are in the zip. */
+    const char *folder;
     spin_json *meta;
     struct spin_sog sog;
-    /* The values of bytes 0..255 of the images, from codebooks (version 2) or ranges (version 1).
-     */
+    /* The values that bytes 0..255 of the images stand for, from codebooks (version 2) or ranges
+     * (version 1). */
     float scale[3][SPIN_CODEBOOK], dc[3][SPIN_CODEBOOK], logit[SPIN_CODEBOOK];
     struct {
         const unsigned char *data;
         size_t size;
-        void *owned;         /* data of a compressed member of the zip */
-        struct spin_map map; /* data of a file in `folder` */
+        void *owned;         /* the block with the data if a zip member was decompressed */
+        struct spin_map map; /* the map with the data if they are in a file in `folder` */
         int width, height;
     } file[SPIN_SOG_PICTURES];
 };
@@ -296,8 +298,8 @@ static spin_status read_ranges(const spin_json *meta, const char *key, size_t n,
     return SPIN_OK;
 }
 
-/* Reads 'shN' of version 1. It does not contain the size of the palette, which open_picture()
- * derives from the size of its image. */
+/* Reads 'shN' of version 1. The size of the palette is not stored there; open_picture() derives it
+ * from the size of the palette's image. */
 static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
 {
     const spin_json *shape = spin_json_get(sh_n, "shape");
@@ -508,7 +510,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors per image row */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors fill an image row exactly */
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG: splat %zu has SH vector %zu, but the palette has %zu", i,

@@ -32,8 +32,8 @@ enum spin_sog_picture {
     SPIN_SOG_QUATS,
     SPIN_SOG_SCALES,
     SPIN_SOG_SH0,
-    SPIN_SOG_LABELS,    /* only with SH above degree 0 */
-    SPIN_SOG_CENTROIDS, /* only with SH above degree 0 */
+    SPIN_SOG_LABELS,    /* exists only with SH above degree 0 */
+    SPIN_SOG_CENTROIDS, /* exists only with SH above degree 0 */
     SPIN_SOG_PICTURES
 };
 
@@ -50,34 +50,39 @@ struct spin_sog {
     size_t n;
     int sh_degree; /* 0 to 3 */
     bool antialias;
-    struct spin_sog_range means; /* range of spin_sog_log() of the positions */
+    /* Range of the positions after their conversion by spin_sog_log(). */
+    struct spin_sog_range means;
     float scales[SPIN_CODEBOOK], sh0[SPIN_CODEBOOK], sh_n[SPIN_CODEBOOK];
     size_t n_palette;
-    int version; /* of a file that was read: 1 or 2 */
+    int version; /* version of the file that was read: 1 or 2 */
 };
 
-/* The name of an image in the zip. */
+/* Returns the name of an image in the zip. */
 const char *spin_sog_name(enum spin_sog_picture picture);
-/* The size of an image in pixels; 0 if SH of degree 0 do not need this image. */
+/* Computes the size of an image in pixels. Both sides are 0 if the SH degree is 0 and the image
+ * exists only for higher degrees. */
 void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, int *width,
                    int *height);
-/* Number of palette vectors for n Gaussians, as in splat-transform: the largest power of 2 up to n,
- * but at least 1024 and at most 65536. */
+/* Returns the number of palette vectors for n Gaussians, as in splat-transform: the largest power
+ * of 2 up to n, but at least 1024 and at most 65536. */
 size_t spin_sog_palette(size_t n);
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-/* sign(v) ln(1 + |v|), and its inverse. */
+/* Return sign(v) ln(1 + |v|), and the inverse of this function. */
 double spin_sog_log(double v);
 double spin_sog_unlog(double v);
-/* Quantises n numbers within a range to 16 bits, or to 8 bits if high is NULL. Unless `linear`, the
- * range is that of spin_sog_log() of the numbers. shown: the decoded numbers. */
+/* Quantises n numbers within a range to 16 bits, or to 8 bits if high is NULL. Unless `linear` is
+ * set, the numbers are first converted by spin_sog_log(), and the range is that of the converted
+ * numbers. shown: receives the numbers as readers decode them. */
 void spin_sog_code(const struct spin_sog_range *range, bool linear, size_t n, const float *v,
                    uint8_t *low, uint8_t *high, float *shown);
-/* Decodes number c of a range from its code q in 0..steps. */
+/* Decodes code q, 0..steps, of component c of a range. Unless `linear` is set, the result is
+ * converted by spin_sog_unlog(). */
 float spin_sog_number(const struct spin_sog_range *range, bool linear, size_t c, unsigned q,
                       double steps);
-/* Quantises a unit quaternion w x y z to a pixel. shown: the decoded quaternion. */
+/* Quantises a unit quaternion w x y z to a pixel. shown: receives the quaternion as readers decode
+ * it. */
 void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4]);
 /* Decodes a pixel of quats.webp; returns false if its mode byte is invalid. */
 bool spin_sog_rotation(const uint8_t pixel[4], float q[4]);
@@ -86,11 +91,12 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n);
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads meta.json and checks that its images exist and have the right size. file: content of the
- * zip if folder is NULL, otherwise of the meta.json of an unpacked SOG in `folder`. Error messages
- * of this section do not contain the path. */
+/* Reads meta.json and checks that its images exist and have the right size. file: if `folder` is
+ * NULL, the content of the zip; otherwise the content of meta.json of an unpacked SOG in `folder`.
+ * Error messages of this section do not contain the path. */
 spin_status spin_sog_peek(const void *file, size_t size, const char *folder, struct spin_sog *out);
-/* Reads all splats; arguments as above. All values are finite, and rotations are normalised.
- * Versions above 2 are refused, and images with many more pixels than splats. */
+/* Reads all splats; the arguments are those of spin_sog_peek(). All values are finite, and
+ * rotations are normalised. Versions above 2 are refused, and so are images with many more pixels
+ * than splats. */
 spin_status spin_sog_read(const void *file, size_t size, const char *folder, unsigned columns,
                           struct spin_splats *out);

@@ -172,10 +172,11 @@ void spin_sog_4d_close(struct spin_sog_4d *r)
 /* A set of images of one size, and the range of rows of *out that they contain. */
 struct set {
     struct spin_sog_4d *r;
-    const char *folder; /* in the zip; NULL: the root */
+    const char *folder; /* folder of the images in the zip; NULL: the root */
     size_t first, n;
-    int width, height;   /* of the images; 0: no image was opened yet */
-    uint8_t *low, *high; /* scratch: pixels of the current image, and of the image of high bytes */
+    int width, height; /* size of the images; 0: no image was opened yet */
+    /* Scratch memory: pixels of the current image, and of the image with the high bytes. */
+    uint8_t *low, *high;
     struct spin_splats_4d *out;
 };
 
@@ -224,8 +225,9 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
     return spin_fail_context(status, "%s: image '%s'", r->what, name);
 }
 
-/* Dequantises channels of image p, with 16 bits if image p + 1 exists and contains the high bytes.
- * Channel c of row i is written to to[c][step * i]. NULL ends the list `to`. */
+/* Dequantises channels of image p. If image p + 1 exists, it contains the high bytes, and the codes
+ * have 16 bits; otherwise they have 8 bits. Channel c of row i is written to to[c][step * i]. NULL
+ * ends the list `to`. */
 static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
                                 const struct spin_sog_range *range, bool linear, float *to[4],
                                 size_t step)
@@ -287,7 +289,8 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
     SPIN_TRY(open_picture(r, SPIN_4D_LABELS, set, &set->low));
     for (size_t i = 0; i < set->n; i++) {
         size_t label = set->low[4 * i] | (size_t)set->low[4 * i + 1] << 8;
-        const uint8_t *pixel = r->centroids + 4 * n_vec * label; /* 64 vectors per image row */
+        /* 64 vectors fill an image row exactly. */
+        const uint8_t *pixel = r->centroids + 4 * n_vec * label;
 
         if (label >= r->n_palette)
             return spin_malformed("%s: splat %zu has SH vector %zu, but the palette has %zu",

@@ -16,7 +16,7 @@
 #include "io/zip.h"
 
 enum spin_sog_4d_picture {
-    SPIN_4D_MEANS, /* low bytes; SPIN_4D_..._HIGH: high bytes */
+    SPIN_4D_MEANS, /* image of the low bytes; SPIN_4D_..._HIGH: image of the high bytes */
     SPIN_4D_MEANS_HIGH,
     SPIN_4D_SCALES,
     SPIN_4D_QUATS,
@@ -41,18 +41,21 @@ struct spin_sog_4d {
     const char *what; /* name of the format, for messages */
     size_t n;
     int degree, sh_degree; /* degree of the paths, 0 to 2; degree of SH, 0 to 3 */
-    int n_frames;   /* if splats have a frame number instead of centre and sigma; otherwise 0 */
+    /* Number of frames if splats have a frame number instead of a centre in time and a sigma;
+     * otherwise 0. */
+    int n_frames;
     bool antialias; /* splats must be drawn antialiased */
-    bool linear;    /* motion is stored directly, not as its spin_sog_log() */
+    bool linear;    /* motion is stored as it is; otherwise it was converted by spin_sog_log() */
     struct spin_sog_range means, motion, accel, time; /* time: [0] centre in time, [1] sigma */
     struct spin_sog_book scales, sh0, sh_n, centre, sigma;
     size_t n_palette;
-    const char *name[SPIN_4D_PICTURES]; /* NULL: the image does not exist */
+    /* Names of the images in the zip; NULL: the image does not exist. */
+    const char *name[SPIN_4D_PICTURES];
 
     /* Set only while reading. */
     struct spin_zip zip;
     spin_json *meta;
-    struct spin_sog_book opacity; /* logits of bytes 0..255 */
+    struct spin_sog_book opacity; /* the logit that each of the bytes 0..255 stands for */
     uint8_t *centroids;           /* pixels of the palette; NULL: not read yet */
 };
 
@@ -64,8 +67,8 @@ spin_status spin_sog_4d_open(const char *what, const void *file, size_t size,
                              struct spin_sog_4d *out);
 void spin_sog_4d_close(struct spin_sog_4d *r);
 
-/* Read a value of meta.json: an integer in [least, most]; a number that does not overflow a float.
- * name: of the value, for messages. */
+/* Read a value of meta.json. The first function requires an integer in [least, most], the second a
+ * number that does not overflow a float. name: name of the value in messages. */
 spin_status spin_sog_4d_integer(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                                 int64_t least, int64_t most, int64_t *out);
 spin_status spin_sog_4d_number(const struct spin_sog_4d *r, const spin_json *j, const char *name,
@@ -77,8 +80,8 @@ spin_status spin_sog_4d_range(const struct spin_sog_4d *r, const spin_json *mins
 /* Reads a codebook of `least` to 256 numbers. */
 spin_status spin_sog_4d_book(const struct spin_sog_4d *r, const spin_json *j, const char *name,
                              size_t least, struct spin_sog_book *out);
-/* Reads the names of images `first` and following from object.files, which must list `least` to
- * `most` different names. */
+/* Reads the names of consecutive images, from image `first` on, from the list object.files, which
+ * must contain `least` to `most` different names. */
 spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, const char *name,
                               size_t least, size_t most, enum spin_sog_4d_picture first);
 /* True if a member with this name can be unpacked safely within a folder: no component of the path
@@ -88,9 +91,9 @@ bool spin_sog_4d_name_is_plain(const char *name);
  * must have at least `least` numbers. */
 spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least);
 
-/* Reads the images of n splats in `folder` of the zip (NULL: the root) into rows
- * [first, first + n). Centres in time and sigmas are decoded with r->centre and r->sigma if these
- * codebooks were read, otherwise with the range r->time. Without images of time, times become 0 and
- * sigmas SPIN_FOREVER. */
+/* Reads the images of n splats into rows [first, first + n). folder: the folder of the images in
+ * the zip; NULL: the root. Centres in time and sigmas are decoded with r->centre and r->sigma if
+ * these codebooks were read, otherwise with the range r->time. If there are no images of time, the
+ * centres become 0 and the sigmas SPIN_FOREVER. */
 spin_status spin_sog_4d_rows(struct spin_sog_4d *r, const char *folder, size_t first, size_t n,
                              struct spin_splats_4d *out);

@@ -98,8 +98,8 @@ static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* Reads a range of splats. Ranges must be contiguous: *end is the end of the previous range, and
- * becomes the end of this one. */
+/* Reads a range of splats. Ranges must be contiguous: *end must be the end of the previous range,
+ * and becomes the end of this one; *at receives the start of this one. */
 static spin_status next_range(const spin_json *range, size_t n, size_t *at, size_t *end)
 {
     int64_t first = -1, last = -1;
@@ -133,8 +133,8 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
     return spin_sog_4d_rows(r, folder, at, *end - at, splats);
 }
 
-/* Reads all rows, and checks the ranges of the segments. With 'streams', each segment has images of
- * its own. */
+/* Reads all rows, and checks the ranges of the segments. If meta.json contains 'streams', each
+ * segment has images of its own. */
 static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {
@@ -191,7 +191,8 @@ spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *ou
 
 /* ---- The exchange PLY ------------------------------------------------------------------------ */
 
-/* Values from the comments and the sidecar file. NaN: not given. cov2d 0: not given. */
+/* Values from the comments and the sidecar file. A value that was not given is NaN, or 0 in
+ * cov2d. */
 struct scalars {
     double first, last, fps, degree, cov2d[2];
 };
@@ -220,7 +221,7 @@ static void read_comments(const struct spin_ply *ply, struct scalars *out)
         }
 }
 
-/* Reads the sidecar file of NAME.ply, NAME.sogst.json, if it exists. */
+/* Reads NAME.sogst.json, the sidecar file of NAME.ply, if it exists. */
 static spin_status read_sidecar(const char *path, struct scalars *out)
 {
     size_t n = strlen(path);

@@ -29,7 +29,7 @@ struct spin_sogst {
  * path. */
 spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *out,
                             struct spin_splats_4d *splats);
-/* Reads an exchange PLY; otherwise like spin_sogst_read(). Errors in the PLY structure do contain
- * the path. */
+/* Reads an exchange PLY, in all other respects like spin_sogst_read(). Error messages about the
+ * structure of the PLY contain the path; other messages do not. */
 spin_status spin_sogst_read_ply(const char *path, struct spin_sogst *out,
                                 struct spin_splats_4d *splats);

@@ -10,14 +10,14 @@
 
 #define HEADER 12
 #define STREAM_HEAD 11
-#define SMOOTHED 1 /* flag in the header */
-#define ROW_BYTES                                                                                  \
-    14 /* bytes of a row before compression: pos 3, rot 4, rgb 3, alpha 1, scale 3                 \
-        */
+#define SMOOTHED 1 /* flag in the header: colours were smoothed in time */
+/* Bytes of a row before compression: 3 for pos, 4 for rot, 3 for rgb, 1 for alpha, 3 for scale. */
+#define ROW_BYTES 14
 #define MAX_FRAMES 1000000
-/* Refuse data that unpack to more than SLACK bytes plus this multiple of their size (decompression
- * bombs). Rows of the static section compress badly, since no two splats share a position;
- * differences between frames compress well if splats hardly move. */
+/* As decompression bombs, refuse data that unpack to more than SLACK bytes plus a multiple of their
+ * size: ROW_RATIO for the rows of all splats relative to the static section, RATIO for each stream.
+ * Rows of the static section compress badly, since no two splats share a position; differences
+ * between frames compress well if splats hardly move. */
 #define ROW_RATIO 32
 #define RATIO 1000
 #define SLACK (1u << 20)
@@ -30,7 +30,8 @@ static const struct {
     const char *name;
     size_t width;
     unsigned column;
-    /* Keys of the quantisation steps in the header: of dynamic rows, of static rows (NULL: 1). */
+    /* The keys in the header of the quantisation steps of dynamic rows and of static rows. If
+     * base_step is NULL, the step of static rows is 1. */
     const char *step, *base_step;
 } attributes[SPIN_SPLAT4D_ATTRIBUTES] = {
     [POS] = {"pos", 3, SPIN_COL_MEANS, "pos", "base_pos"},
@@ -42,7 +43,7 @@ static const struct {
 
 struct spin_splat4d_group {
     size_t at, bytes;
-    int first, last; /* frames */
+    int first, last; /* indices of the first and the last frame */
 };
 
 /* ---- The header ------------------------------------------------------------------------------ */
@@ -152,7 +153,7 @@ static spin_status read_header(const spin_json *json, struct spin_splat4d *out)
 
 struct stream {
     int attribute, kind, symbol;
-    size_t n, bytes; /* number of symbols, compressed bytes */
+    size_t n, bytes; /* number of symbols, compressed size in bytes */
 };
 
 static struct stream parse_stream_head(const unsigned char *head)
@@ -161,7 +162,7 @@ static struct stream parse_stream_head(const unsigned char *head)
 }
 
 /* Allocates *out and decompresses the byte planes of a stream, which must have n symbols. room:
- * bytes from `packed` to the end of the section. */
+ * number of bytes from `packed` to the end of the section. */
 static spin_status decompress_stream(const struct stream *s, const unsigned char *packed,
                                      size_t room, uint64_t n, unsigned char **out)
 {
@@ -251,8 +252,8 @@ static spin_status read_mask(struct spin_splat4d *clip, int attribute, const str
                       (void **)&a->held);
 }
 
-/* Reads the values of all rows, of which the static rows keep theirs. Positions and scales are
- * stored as differences from the previous row, rotations with an offset of 128. */
+/* Reads the stream with a value for every row; only the static rows keep these values. Positions
+ * and scales are stored as differences from the previous row, rotations with an offset of 128. */
 static spin_status read_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *planes)
 {

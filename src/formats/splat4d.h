@@ -33,11 +33,11 @@ struct spin_splat4d {
     size_t n; /* number of splats, which is the same in every frame */
     int n_frames;
     double fps;      /* frame i is at i / fps seconds */
-    bool smoothed;   /* colours were smoothed in time */
-    unsigned moving; /* set of SPIN_COL_*: columns that change over time */
+    bool smoothed;   /* the writer smoothed the colours in time */
+    unsigned moving; /* set of the columns that change over time, values SPIN_COL_* */
 
     /* Private. */
-    const unsigned char *file; /* borrowed */
+    const unsigned char *file; /* the whole file; borrowed */
     size_t size;
     size_t static_at, static_bytes;
     struct spin_splat4d_group *groups;
@@ -45,12 +45,15 @@ struct spin_splat4d {
     int frame;              /* index of the frame whose values are in `held` */
     struct spin_splat4d_attribute {
         double step, base_step; /* quantisation steps of dynamic and of static rows */
-        float *base;            /* [n][width], as in struct spin_splats */
-        uint32_t *row;          /* [n_moving] indices of the dynamic rows */
+        /* [n][width] values of all rows, used for the static rows; units as in struct
+         * spin_splats. */
+        float *base;
+        uint32_t *row; /* [n_moving] indices of the dynamic rows */
         size_t n_moving;
-        int32_t *held;            /* [n_moving][width] quantised values of the dynamic rows */
-        unsigned char *planes[2]; /* streams of the unpacked group: key, change */
-        int symbol[2];            /* bytes per symbol of these streams */
+        int32_t *held; /* [n_moving][width] quantised values of the dynamic rows */
+        /* Byte planes of the unpacked group: of the streams "key" and "change". */
+        unsigned char *planes[2];
+        int symbol[2]; /* bytes per symbol of these two streams */
     } attribute[SPIN_SPLAT4D_ATTRIBUTES];
 };
 

@@ -7,18 +7,18 @@
 #include "math/quat.h"
 #include "math/sh.h"
 
-#define MAGIC 0x5053474eu /* "NGSP" */
+#define MAGIC 0x5053474eu /* the characters "NGSP" */
 #define OLDEST 2
 #define IN_STREAMS 4  /* first version whose streams are compressed separately */
-#define ANTIALIASED 1 /* flag in the header */
-#define EXTENDED 2    /* flag in the header */
+#define ANTIALIASED 1 /* flag in the header: the splats were trained with antialiasing */
+#define EXTENDED 2    /* flag in the header: the file has extensions */
 #define MAX_SH_DEGREE 4
-#define AXES_RECORD 0xadbe0003u /* type of the extension record for axes */
+#define AXES_RECORD 0xadbe0003u /* type of the extension record that states the axes */
 #define MAX_AXES 16
 #define LEFT_DOWN_BACK 1
 #define COLOUR_SCALE (0.15f * 255)
 #define SQRT2 1.41421356237309505f
-#define MAX_PLACE 8388606 /* largest coordinate, in quantisation steps */
+#define MAX_PLACE 8388606 /* largest absolute coordinate, in quantisation steps */
 /* Scenes unpack to two or three times the size of the file, or to ten times if SH are padded with
  * zeros. Refuse files that unpack to more than RATIO times their size plus RATIO_SLACK bytes, as
  * decompression bombs: deflate can expand one byte to 1032 bytes, zstd to far more. */
@@ -26,7 +26,8 @@
 #define RATIO_SLACK (8u << 20)
 #define MAX_EXTENSIONS (1u << 20)
 
-/* Index in a quaternion w x y z of each component of x y z w, the order of SPZ. */
+/* For each component of a quaternion in the order x y z w, as in SPZ: its index in the order w x y
+ * z. */
 static const int xyzw[4] = {1, 2, 3, 0};
 
 /* ---- Writing --------------------------------------------------------------------------------- */
@@ -159,7 +160,7 @@ static uint64_t u64_at(const unsigned char *at)
     return spin_u32_at(at) | (uint64_t)spin_u32_at(at + 4) << 32;
 }
 
-/* Size of a stream in bytes, before compression. */
+/* Returns the size of a stream in bytes, before compression. */
 static uint64_t stream_bytes(const struct spin_spz_header *h, int stream)
 {
     bool three = stream == SPIN_SPZ_ROTATION && h->version == OLDEST;
@@ -253,8 +254,8 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
                : SPIN_OK;
 }
 
-/* Versions 2 and 3 in a gzip: size of the extensions in bytes. It is computed modulo 2^32 from the
- * unpacked length that the last bytes of a gzip contain, which is modulo 2^32 as well. */
+/* Versions 2 and 3 in a gzip: returns the size of the extensions in bytes, computed modulo 2^32
+ * from the unpacked length, which the last bytes of a gzip contain, also modulo 2^32. */
 static uint32_t extension_bytes(const void *file, size_t size, const struct spin_spz_header *h)
 {
     return spin_gzip_length(file, size) - (uint32_t)(SPIN_SPZ_HEADER + all_bytes(h));
@@ -329,8 +330,8 @@ spin_status spin_spz_axes(int axes, double q[4])
     static const char *const names[MAX_AXES + 1] = {
         "unspecified", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF",
         "LFD",         "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"};
-    /* about: 0: no rotation; 1, 2, 3: half a turn about x, y, z. Other axes are not supported: they
-     * are mirrored or need a quarter turn. */
+    /* about: 0 for no rotation; 1, 2 or 3 for half a turn about x, y or z. Other axes are not
+     * supported: they are mirrored or need a quarter turn. */
     static const struct {
         int axes, about;
     } turns[] = {{SPIN_SPZ_RIGHT_DOWN_FORWARD, 0},

@@ -30,8 +30,10 @@ enum {
     SPIN_SPZ_HEADER = 16,
     SPIN_SPZ_HEADER_4 = 32,  /* size of the header of version 4 */
     SPIN_SPZ_TOC_ENTRY = 16, /* size of an entry of the table of contents of version 4 */
-    SPIN_SPZ_FRACTION = 12,  /* default fractional bits, as in the reference: +-2048 world units */
-    /* Streams. */
+    /* Default number of fractional bits, as in Niantic's library: positions from -2048 to 2048
+     * world units are possible. */
+    SPIN_SPZ_FRACTION = 12,
+    /* Numbers of the streams. */
     SPIN_SPZ_PLACE = 0,
     SPIN_SPZ_ALPHA,
     SPIN_SPZ_COLOUR,
@@ -43,10 +45,11 @@ enum {
 
 struct spin_spz_header {
     size_t n;
-    int sh_degree, fraction; /* sh_degree: 0 to 4; fraction: fractional bits of positions */
+    /* sh_degree: 0 to 4; fraction: number of fractional bits of positions. */
+    int sh_degree, fraction;
     bool antialias;
-    int version; /* 2 to 4; 3 or 4 for writing */
-    int axes;    /* numbered as in SPZ_ADOBE_coordinate_system, 1 to 16; 0: not given in the file */
+    int version; /* 2 to 4 for reading; 3 or 4 for writing */
+    int axes;    /* numbered 1 to 16 as in SPZ_ADOBE_coordinate_system; 0: not stated in the file */
 };
 
 /* Values of spin_spz_header.axes. The first is the default of Niantic's library, the second the
@@ -55,12 +58,12 @@ enum { SPIN_SPZ_RIGHT_UP_BACK = 4, SPIN_SPZ_RIGHT_DOWN_FORWARD = 6, SPIN_SPZ_LEF
 
 /* ---- Writing --------------------------------------------------------------------------------- */
 
-/* Bytes per splat in a stream. */
+/* Returns the number of bytes per splat in a stream. */
 size_t spin_spz_width(int stream, int sh_degree);
-/* Size of a file in bytes before compression: an upper bound of the compressed size, except for the
- * small overhead of gzip and zstd on incompressible data. */
+/* Returns the size of a file in bytes before compression. The compressed file is larger only by the
+ * small overhead of gzip or zstd, and only if its data are incompressible. */
 uint64_t spin_spz_bytes(size_t n, int sh_degree);
-/* Number of streams that are not empty, for the header of version 4. */
+/* Returns the number of streams that are not empty, for the header of version 4. */
 int spin_spz_n_streams(const struct spin_spz_header *header);
 /* Writes the header and returns its size: SPIN_SPZ_HEADER or, for version 4, SPIN_SPZ_HEADER_4,
  * after which the table of contents must follow. */
@@ -69,11 +72,12 @@ size_t spin_spz_code_header(const struct spin_spz_header *header, unsigned char 
 void spin_spz_code_toc_entry(uint64_t packed, uint64_t bytes,
                              unsigned char out[SPIN_SPZ_TOC_ENTRY]);
 /* Chooses the fractional bits of positions: as many as possible, but at most `at_most`. largest:
- * the largest absolute coordinate. Negative if `largest` is above 8388606, which the format cannot
- * store. */
+ * the largest absolute coordinate. Returns a negative number if `largest` is above 8388606, which
+ * the format cannot store. */
 int spin_spz_fraction(float largest, int at_most);
 
-/* Quantise the values of one splat for a stream. shown: the decoded values. */
+/* Quantise the values of one splat for a stream. shown: receives the values as readers decode
+ * them. */
 void spin_spz_code_place(const float place[3], int fraction, unsigned char out[9], float shown[3]);
 unsigned char spin_spz_code_alpha(float opacity, float *shown);
 void spin_spz_code_colour(const float colour[3], unsigned char out[3], float shown[3]);
@@ -90,8 +94,8 @@ void spin_spz_code_sh(const float *sh, int n_sh, int sh_degree, unsigned char *o
  * splats. Files that would unpack to more than 32 times their size plus 8 MiB are refused. Error
  * messages of this section do not contain the path. */
 spin_status spin_spz_peek(const void *file, size_t size, struct spin_spz_header *out);
-/* Sets q to the rotation w x y z from `axes` to right, down, forward. SPIN_E_UNSUPPORTED for axes
- * that differ from these by more than half a turn about x, y or z. */
+/* Sets q to the rotation w x y z from `axes` to right, down, forward. SPIN_E_UNSUPPORTED unless the
+ * two sets of axes are equal, or differ by half a turn about x, y or z. */
 spin_status spin_spz_axes(int axes, double q[4]);
 /* Reads a whole file that is in memory, in the axes of the file. SH of degree 4 are truncated to
  * degree 3. All values are finite, and rotations are normalised. */

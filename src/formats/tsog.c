@@ -141,7 +141,8 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     }
     out->time = SPIN_TSOG_DISCRETE;
     r->degree = 0;
-    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}}; /* decodes to the codes */
+    /* With this range, the decoded numbers are the codes themselves. */
+    r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}};
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "N"), "timeline.N", 1, STEPS, &n));
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "delta"), "timeline.delta", STEPS / n,
                                  STEPS / n, &delta));
@@ -196,7 +197,7 @@ static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *
     return SPIN_OK;
 }
 
-/* True for the file extensions of sound formats that browsers can play. */
+/* True if the name has the extension of a sound format that browsers can play. */
 static bool is_sound_name(const char *name)
 {
     static const char *const endings[] = {".mp3",  ".m4a", ".aac",  ".ogg", ".oga",

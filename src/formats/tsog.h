@@ -17,9 +17,10 @@ enum spin_tsog_time { SPIN_TSOG_STATIC, SPIN_TSOG_DISCRETE, SPIN_TSOG_CONTINUOUS
 struct spin_tsog {
     enum spin_tsog_time time;
     int n_frames;
-    double fps;      /* frames per second; 0 if the file is static */
-    double duration; /* seconds; 0 if the file is static and does not give it */
-    bool sound;      /* the file contains sound, which is not read */
+    double fps; /* frames per second; 0 if the file is static */
+    /* Length of the clip in seconds; 0 if the file is static and does not state it. */
+    double duration;
+    bool sound; /* the file contains sound, which is not read */
 };
 
 /* Reads a file that is in memory. Zero *splats before the call, and free it even after a failure.

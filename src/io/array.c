@@ -1,4 +1,4 @@
-/* Conversion of elements of typed, strided views. */
+/* Converts the elements of arrays (struct spin_array) to other types. */
 #include "io/array.h"
 
 #include "base/base.h"
@@ -29,7 +29,7 @@ bool spin_array_is_contiguous(const struct spin_array *a)
 
 /* ---- One element ---------------------------------------------------------------------------- */
 
-/* The bits of the element at p, as an unsigned number. */
+/* Returns the bits of the element at p, as an unsigned number. */
 static uint64_t item_bits(const struct spin_array *a, const unsigned char *p)
 {
     uint64_t bits = 0;
@@ -47,7 +47,8 @@ static float float_of(uint32_t bits)
     return f;
 }
 
-/* IEEE half precision: 1 sign, 5 exponent, 10 fraction bits. */
+/* Converts an IEEE half-precision number, which has 1 sign bit, 5 exponent bits and 10 fraction
+ * bits. */
 static double half_value(uint64_t bits)
 {
     int exponent = bits >> 10 & 31;
@@ -129,10 +130,10 @@ static bool is_native(const struct spin_array *a, char kind, size_t item_size)
            a->big_endian != host_is_little() && spin_array_is_contiguous(a);
 }
 
-/* Iterates over the elements in row-major order, starting at a flat index. */
+/* An iterator over the elements in row-major order. */
 struct walk {
     const struct spin_array *a;
-    uint64_t at; /* index of the element in the storage */
+    uint64_t at; /* index of the current element in the storage */
     uint64_t index[SPIN_NPY_MAX_DIMS];
     bool contiguous;
 };

@@ -26,7 +26,8 @@ static const char *error_text(int error)
                : strerror(error);
 }
 
-/* "cannot <verb> 'path': <text of errno>" */
+/* Fail with the message "cannot VERB 'PATH': REASON", where REASON describes the current value of
+ * errno. */
 static spin_status fail_errno(const char *verb, const char *path)
 {
     int error = errno;
@@ -118,8 +119,8 @@ void spin_map_close(struct spin_map *map)
     map->size = 0;
 }
 
-/* A page shared with the preceding bytes is dropped too and reloaded on access; a partial last page
- * is kept. */
+/* The first page is removed even if it also contains bytes before these, which are reloaded on
+ * access. The last page is kept if it also contains bytes after these. */
 void spin_map_rest(const void *bytes, size_t n)
 {
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
@@ -193,7 +194,7 @@ bool spin_path_is_folder(const char *path)
     return stat(path, &st) == 0 && S_ISDIR(st.st_mode);
 }
 
-/* Concatenate three texts, allocated. */
+/* *out receives the concatenation of three texts, allocated. */
 static spin_status concat_texts(const char *a, const char *b, const char *c, char **out)
 {
     size_t na = strlen(a), nb = strlen(b), nc = strlen(c);
@@ -219,7 +220,7 @@ spin_status spin_path_folder(const char *path, char **out)
 {
     size_t n = strlen(path);
 
-    while (n > 1 && path[n - 1] == '/') /* "a/b/" is in "a" */
+    while (n > 1 && path[n - 1] == '/') /* the folder of "a/b/" is "a" */
         n--;
     while (n > 0 && path[n - 1] != '/')
         n--;
@@ -244,8 +245,9 @@ spin_status spin_path_absolute(const char *path, char **out)
     return *out ? SPIN_OK : fail_errno("find", path);
 }
 
-/* `to` relative to `from`, both absolute and without links; NULL if they share only the root. The
- * result has "../" for each folder of `from` below the shared one, then the rest of `to`. */
+/* *out receives the path of `to` relative to `from`; both must be absolute and without links. The
+ * result is "../" for each folder of `from` below their lowest common folder, followed by the part
+ * of `to` below that folder. *out is NULL if the common folder is the root. */
 static spin_status make_relative(const char *from, const char *to, char **out)
 {
     size_t shared = 0, i = 0, ups = 0, n;
@@ -418,7 +420,7 @@ void spin_folder_list_free(char **names)
     free(names);
 }
 
-/* ---- Write, then rename --------------------------------------------------------------------- */
+/* ---- Output files: written under a temporary name, then renamed ----------------------------- */
 
 static spin_status fail_exists(const char *path)
 {
@@ -429,7 +431,7 @@ spin_status spin_out_check(const char *path, bool force)
 {
     struct stat st;
 
-    if (stat(path, &st) == 0) { /* otherwise opening the file reports the error */
+    if (stat(path, &st) == 0) { /* if stat() fails, opening the file will report the error */
         if (S_ISDIR(st.st_mode))
             return spin_fail(SPIN_E_IO, "cannot write '%s': it is a folder", path);
         if (!S_ISREG(st.st_mode))
@@ -484,7 +486,7 @@ void spin_out_suffix(char suffix[SPIN_OUT_SUFFIX])
              (unsigned)hash_text(pid_scope, text));
 }
 
-/* Create a new file beside the path; -1 and errno on failure. */
+/* Create a temporary file beside the path. Returns its descriptor, or -1 with errno set. */
 static int open_temporary(const char *path, char *name, size_t n_name)
 {
     const int flags = O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW;
@@ -512,7 +514,7 @@ spin_status spin_out_open(const char *path, bool force, struct spin_out *out)
     n = strlen(path) + SPIN_OUT_SUFFIX;
 
     /* One block contains the temporary name and the buffer of stdio, since both are needed as long
-     * as the stream. */
+     * as the stream is open. */
     SPIN_TRY(spin_alloc(n + OUT_BUFFER, 1, &name));
     out->temporary = name;
     SPIN_TRY_OUT(spin_strdup(path, &out->path));
@@ -604,7 +606,7 @@ static bool is_linked(const char *path)
 }
 
 /* Give the file its final name. Without force, link() fails if the name exists; on file systems
- * without hard links, check that before renaming. */
+ * without hard links, check whether the name exists before renaming. */
 static spin_status give_final_name(const struct spin_out *out)
 {
     if (!out->force) {
@@ -657,12 +659,13 @@ spin_status spin_out_whole(const char *path, const void *data, size_t bytes, boo
     return spin_out_commit(&out);
 }
 
-/* The suffix of a temporary name. */
+/* The suffix of a temporary name, split into its parts. */
 struct ending {
-    const char *at; /* NULL: no suffix */
+    const char *at; /* start of the suffix; NULL: the name has none */
     long pid;
     uint32_t pid_scope;
-    bool has_scope; /* false for names of earlier versions: ".tmp.4711" */
+    /* The suffix contains pid_scope; earlier versions wrote suffixes without it: ".tmp.4711". */
+    bool has_scope;
 };
 
 static struct ending find_ending(const char *entry)
@@ -697,10 +700,11 @@ static bool is_idle(const char *path, time_t seconds)
     return lstat(path, &st) == 0 && st.st_mtime + seconds < time(NULL);
 }
 
-/* Whether the writer of a temporary file has ended. If the writer runs on another host or in
- * another container, only the time of its last write is known, and an export may compute for many
- * minutes between writes. If the name does not identify host and container, the process must not
- * exist here and the file must be idle. */
+/* Whether the writer of a temporary file has ended. If the writer ran on another host or in another
+ * container, only the time of its last write is known; the writer is then assumed to have ended
+ * after an hour without writes, since an export may compute for many minutes between writes. If the
+ * name does not identify host and container, the writer is assumed to have ended if no process on
+ * this host has its PID and the file was not written for a minute. */
 static bool writer_has_ended(const struct ending *e, const char *path)
 {
     bool is_dead = kill((pid_t)e->pid, 0) != 0 && errno == ESRCH;
@@ -735,8 +739,8 @@ uint64_t spin_out_remove(const char *path)
     return bytes;
 }
 
-/* Remove the temporary files and folders that killed writers of `name` left behind; if name is
- * NULL, those of all names with this extension. */
+/* Remove the temporary files and folders that killed writers of the output `name` left behind; if
+ * `name` is NULL, those of all outputs with the extension `ending`. */
 static void remove_stale(const char *folder, const char *name, const char *ending)
 {
     char *entry = NULL, **names = NULL;

@@ -1,5 +1,6 @@
-/* Files: mapping, listing, parts of paths. Functions that write (struct spin_out, spin_folder_make)
- * are in spin.h, because plug-ins use them too. */
+/* Files: mapping them, listing folders, parts of paths, and those output functions that plug-ins do
+ * not use. The output functions for plug-ins (struct spin_out, spin_folder_make()) are in
+ * spin.h. */
 #pragma once
 
 #include <sys/stat.h>
@@ -11,8 +12,8 @@ struct spin_map {
     const unsigned char *data;
     size_t size;
 };
-/* Error messages contain the path. Folders, fifos, missing files and Git LFS pointers are
- * errors. */
+/* Map a file. Folders, fifos, missing files and Git LFS pointers are errors. Error messages contain
+ * the path. */
 spin_status spin_map_open(const char *path, struct spin_map *out);
 void spin_map_close(struct spin_map *map);
 /* Check that the file has not changed since it was mapped. Call this before reading a file long
@@ -22,45 +23,52 @@ spin_status spin_map_check(const struct spin_map *map);
  * and are mapped again on access, so that large files can be read in little memory. Bytes outside
  * the map are ignored. */
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
-/* spin_map_forget() without its check: the bytes must lie in a map. */
+/* spin_map_forget() without the check that the bytes lie in a map: the caller must know that they
+ * do. */
 void spin_map_rest(const void *bytes, size_t n);
-/* CRC-32 of zip and gzip. crc: the result for the preceding bytes, or 0. */
+/* Returns the CRC-32 of n bytes, as zip and gzip define it. crc: the CRC-32 of all bytes that
+ * precede them, or 0 if there are none. */
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
 
 /* Digest that identifies a file by its contents, not by its name or time. */
 struct spin_imprint {
     uint64_t size;
-    uint32_t crc; /* CRC-32 of all bytes */
+    uint32_t crc; /* CRC-32 of all bytes of the file */
 };
 struct spin_imprint spin_map_imprint(const struct spin_map *map);
 
-/* Read the first n bytes of a file, or all if it is shorter; *n_out receives their number. Errors
- * as in spin_map_open(). */
+/* Read the first n bytes of a file, or the whole file if it is shorter; *n_out receives the number
+ * of bytes read. The same files as in spin_map_open() are errors. */
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out);
 
 bool spin_path_exists(const char *path);
-/* Whether the name exists, even as a dangling link: outputs must not replace it without --force. */
+/* Whether the path is in use, if only by a dangling link. Outputs must not replace what is there
+ * without --force. */
 bool spin_path_is_taken(const char *path);
 bool spin_path_is_folder(const char *path);
-/* "dir/name", allocated. */
+/* *out receives "dir/name", allocated. */
 spin_status spin_path_join(const char *dir, const char *name, char **out);
-/* The folder part of the path, or "." if it has none, allocated. */
+/* *out receives the folder part of the path, or "." if the path has no folder part; allocated. */
 spin_status spin_path_folder(const char *path, char **out);
-/* The last component; points into path. */
+/* Returns the last component of the path, as a pointer into `path`. */
 const char *spin_path_name(const char *path);
-/* Absolute path with links resolved, allocated. Fails if the path does not exist. */
+/* *out receives the absolute path with links resolved, allocated. Fails if the path does not
+ * exist. */
 spin_status spin_path_absolute(const char *path, char **out);
-/* Path of `to` as seen from the folder `from` (both exist), allocated: relative if both have a
- * common parent other than the root, else absolute. */
+/* *out receives the path of `to` as seen from the folder `from`, allocated. It is relative if `to`
+ * and `from`, which must exist, have a common parent folder other than the root; otherwise it is
+ * absolute. */
 spin_status spin_path_relative(const char *from, const char *to, char **out);
-/* Bytes available on the file system of an existing path; UINT64_MAX if unknown. */
+/* Returns the number of bytes available on the file system of an existing path; UINT64_MAX if
+ * unknown. */
 uint64_t spin_path_free_bytes(const char *path);
 
-/* Entries of a folder, without . and .., sorted by bytes; names[n] is NULL. */
+/* List the names in a folder, without "." and "..", in byte order. (*names)[*n] is NULL. */
 spin_status spin_folder_list(const char *path, char ***names, size_t *n);
 void spin_folder_list_free(char **names);
 
-/* The last group of digits in the stem of a file name, or -1 ("frame_10.ply" -> 10). */
+/* Returns the number in a file name: the last group of digits before the extension, such as 10 in
+ * "frame_10.ply"; -1 if there are no digits, or if the number is too large. */
 long long spin_path_number(const char *path);
 
 /* Suffix of the name of an unfinished file or folder: ".tmp.PID." and 16 hexadecimal digits. The
@@ -78,12 +86,12 @@ uint64_t spin_out_remove(const char *path);
 void spin_out_sweep_folder(const char *folder, const char *ending);
 /* Write bytes at an offset of an output file (see spin.h), bypassing the buffer of
  * spin_out_write(), which must be empty. Thread-safe, so that threads can write parts in parallel.
- * Returns 0 or an errno, which the thread that reports the error converts with
+ * Returns 0 or an error number (errno). A thread reports that error by passing the number to
  * spin_out_failed(). */
 int spin_out_put(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
-/* Length of the file so far, including buffered bytes. */
+/* *bytes receives the length of the file so far, including buffered bytes. */
 spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
 /* Write these bytes as a whole file, replacing an existing one. sync: see struct spin_out. */
 spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync);
@@ -95,32 +103,34 @@ spin_status spin_out_check(const char *path, bool force);
 
 /* ---- inputs.c: the input files of running calls, which outputs must not replace ---- */
 
-/* Record inputs from begin to end: SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin().
- * Nested calls share the set of inputs. Thread-safe. */
+/* Record the files that are read from spin_inputs_begin() to spin_inputs_end(). Usage, at the start
+ * of a call: SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin(). Nested calls share the
+ * set of inputs. Thread-safe. */
 int spin_inputs_begin(void);
 void spin_inputs_end(const int *begun);
-/* Record a file as an input. spin_map_open() and the readers of images and videos do so; only call
- * this for files that will be read by other code, such as a library. A path that is NULL or not a
- * regular file is ignored. */
+/* Record a file as an input. spin_map_open() and the readers of images and videos already do so;
+ * call this only for files that other code will read, such as a library. A path that is NULL or not
+ * a regular file is ignored. */
 spin_status spin_inputs_add(const struct stat *st);
 spin_status spin_inputs_add_path(const char *path);
-/* Record a file as written by this call, which may then replace it even after reading it. */
+/* Record that the running call wrote this file: the call may then replace the file even if it has
+ * read it since. */
 void spin_inputs_own(const char *path);
 bool spin_inputs_have(const struct stat *st);
 /* While paused, files that this thread opens are not recorded. Use this while searching for a file:
  * the search also opens files that are not inputs, possibly an earlier output. */
 void spin_inputs_pause(bool pause);
 
-/* ---- watch.c: end the process in order if another one truncates a mapped file ---- */
+/* ---- watch.c: clean up and end the process if another process truncates a mapped file ---- */
 
-/* Called by spin_map_open() and spin_map_close(). */
+/* Start and stop watching a mapped file. Only spin_map_open() and spin_map_close() call these. */
 void spin_watch_map(const void *data, const char *path, const struct stat *st);
 void spin_unwatch_map(const void *data);
-/* SPIN_E_IO if the file of a watched map has changed size or time. A file that was removed or
- * replaced is still complete in the map. */
+/* Returns SPIN_E_IO if the size or modification time of a watched file has changed. If the path now
+ * names another file or none, this is no error, since the mapped file still exists. */
 spin_status spin_watch_check(const void *data);
 
-/* Register a temporary file, or a new folder, for removal in case a truncated file ends the
- * process. spin_unwatch_out() with the same pointer cancels this. */
+/* Register a temporary file, or a new folder, so that it is removed if a truncated input file ends
+ * the process. spin_unwatch_out() with the same pointer cancels the registration. */
 void spin_watch_out(const char *path);
 void spin_unwatch_out(const char *path);

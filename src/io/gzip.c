@@ -1,4 +1,5 @@
-/* Gzip (RFC 1952) around deflate (RFC 1951), in blocks that threads compress in parallel.
+/* Gzip files (RFC 1952), which contain a deflate stream (RFC 1951). Threads compress the blocks of
+ * the stream in parallel.
  *
  * Each block uses the preceding 32 KiB as its dictionary and ends at a byte boundary (zlib's sync
  * flush, an empty stored block). The concatenated blocks are one ordinary stream, which is about
@@ -12,13 +13,13 @@
 
 #define BLOCK ((size_t)256 << 10)
 #define WINDOW ((size_t)SPIN_DEFLATE_WINDOW)
-#define LEAST_NOISE 4096 /* bytes; shorter blocks are always compressed */
+#define LEAST_NOISE 4096 /* in bytes; blocks shorter than this are always compressed */
 
 struct deflated {
     const struct spin_deflate *job;
-    unsigned char *slots; /* [blocks][slot], the compressed blocks */
+    unsigned char *slots; /* [blocks][slot] memory for the compressed blocks */
     size_t slot;
-    size_t *n_packed; /* [blocks], their sizes; 0: out of memory */
+    size_t *n_packed; /* [blocks] sizes of the compressed blocks; 0: memory ran out */
 };
 
 /* Whether Huffman coding would save less than about 1 %, judged by the entropy of the bytes. */
@@ -90,7 +91,7 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
 spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data, size_t n,
                             unsigned char **out, size_t *n_room, size_t *n_out)
 {
-    /* Magic, deflate, no flags, no date, no level, Unix. */
+    /* The fields are the magic, method deflate, no flags, no date, no level, and system Unix. */
     static const unsigned char header[10] = {0x1f, 0x8b, 8, 0, 0, 0, 0, 0, 0, 3};
     const struct spin_deflate job = {
         .data = data, .n = n, .level = level, .rle = level == 1, .last = true};

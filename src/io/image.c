@@ -1,7 +1,7 @@
-/* Chooses a shim, checks that files are complete, and reports failures.
+/* Reads and writes images: chooses a shim, checks that files are complete, and reports failures.
  *
- * The check is needed because the decoders are lenient: libjpeg fills missing parts with grey and
- * reports success, and libpng prints to the terminal. */
+ * The check for completeness is needed because the decoders are lenient: libjpeg fills missing
+ * parts with grey and reports success, and libpng prints to the terminal. */
 #include "io/image.h"
 
 #include <math.h>
@@ -65,7 +65,7 @@ static const char *format_of(const struct spin_map *map)
     return "";
 }
 
-/* Whether the chunks (length, name, data, CRC) end with IEND. */
+/* Whether a PNG is complete: its chunks (length, name, data, CRC) must end with the chunk IEND. */
 static bool png_ends(const struct spin_map *map)
 {
     size_t at = sizeof png_magic;
@@ -99,7 +99,8 @@ static size_t skip_scan(const struct spin_map *map, size_t at)
     return map->size;
 }
 
-/* Whether the segments (FF, marker, length, data) and scans end with the end-of-image marker. */
+/* Whether a JPEG is complete: its segments (FF, marker, length, data) and scans must end with the
+ * end-of-image marker. */
 static bool jpeg_ends(const struct spin_map *map)
 {
     size_t at = 2;
@@ -107,7 +108,8 @@ static bool jpeg_ends(const struct spin_map *map)
     while (at + 4 <= map->size || at + 2 == map->size) {
         const unsigned char *m = map->data + at;
 
-        if (m[0] != 0xff || m[1] == 0xff) { /* fill and stray bytes, which decoders skip as well */
+        /* Fill bytes and stray bytes, which decoders skip as well. */
+        if (m[0] != 0xff || m[1] == 0xff) {
             at++;
             continue;
         }
@@ -129,7 +131,7 @@ static bool jpeg_ends(const struct spin_map *map)
 /* ---- Frames of videos ----------------------------------------------------------------------- */
 
 /* Split a path such as "cam00.mp4#12" into the video's name, allocated, and the frame. *file is
- * NULL for other paths, and if a file with the full name exists. */
+ * NULL if the path does not have this form, or if a file with the whole path as its name exists. */
 static spin_status find_video(const char *path, char **file, int64_t *frame)
 {
     size_t n;
@@ -141,9 +143,9 @@ static spin_status find_video(const char *path, char **file, int64_t *frame)
     return *file ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", n + 1);
 }
 
-/* ---- Calls ---------------------------------------------------------------------------------- */
+/* ---- Reading and writing -------------------------------------------------------------------- */
 
-/* Use the first line of OpenImageIO's message, without a full stop. */
+/* Report the failure of a shim, with the first line of the shim's message, without a full stop. */
 static spin_status fail_image(enum spin_image_result result, const char *path, char *why)
 {
     static const spin_status codes[] = {
@@ -168,8 +170,8 @@ static spin_status check_exists(const char *path)
     return SPIN_OK;
 }
 
-/* Map the file to detect its format and, with `whole`, check that it is complete. `imprint` may be
- * NULL. */
+/* Map the file to detect its format and, if `whole` is set, to check that it is complete. `imprint`
+ * may be NULL. */
 static spin_status inspect_file(const char *path, bool whole, const char **format,
                                 struct spin_imprint *imprint)
 {
@@ -190,7 +192,7 @@ static spin_status inspect_file(const char *path, bool whole, const char **forma
     return SPIN_OK;
 }
 
-/* A request to a shim: for the size, and for the pixels if rgb is not NULL. */
+/* A request to a shim: for the size of an image and, if `rgb` is not NULL, also for its pixels. */
 struct request {
     const char *path, *format;
     const float *background;
@@ -324,7 +326,8 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
 
 static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
 
-/* Colour of a pixel as stored in the file: straight alpha for PNG, premultiplied for EXR. */
+/* Compute the colour of pixel i as stored in the file. If there is alpha, colours are not
+ * multiplied by it in PNG (straight alpha), but multiplied by it in EXR (premultiplied). */
 static void colour_of(const struct spin_film *film, size_t i, float out[3])
 {
     size_t plane = (size_t)film->width * (size_t)film->height;
@@ -379,7 +382,7 @@ out:
     return status == SPIN_OK ? SPIN_OK : spin_fail_context(status, "cannot write image '%s'", path);
 }
 
-/* ---- Names ---------------------------------------------------------------------------------- */
+/* ---- Names of images ------------------------------------------------------------------------ */
 
 void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
                        char name[SPIN_PICTURE_NAME])

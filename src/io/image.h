@@ -5,12 +5,13 @@
 
 #include "io/file.h"
 
-/* A path may also name a frame of a video, see io/video.h. */
+/* For the functions that read, a path may also name a frame of a video, such as "cam00.mp4#12"; see
+ * io/video.h. */
 
 /* Load the reader and writer of PNG and JPEG now. Errors state what to install. */
 spin_status spin_image_start(void);
 
-/* Size and channels, without decoding. */
+/* Read the size of an image and its number of channels, without decoding its pixels. */
 spin_status spin_image_size(const char *path, int *width, int *height, int *channels);
 
 /* Check, without decoding, that a file exists, that its header is readable, and that it is
@@ -31,33 +32,34 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
 spin_status spin_image_encode(int width, int height, const uint8_t *rgb, unsigned char **bytes,
                               size_t *n_bytes);
 
-/* Write interleaved 8-bit RGB as a PNG file (to a temporary name, then renamed; sync: flushed to
- * the disk before that). */
+/* Write interleaved 8-bit RGB as a PNG file, which gets its final name when it is complete. sync:
+ * flush the file to the disk before it gets this name. */
 spin_status spin_image_write(const char *path, int width, int height, const uint8_t *rgb,
                              bool sync);
 
-/* A rendered image for compositing in film production, written as by spin_image_write(). `image`
- * [3][h][w] contains the blended sRGB values, composited over black if there is an alpha
- * channel. */
+/* A rendered image for compositing in film production. The file gets its final name when it is
+ * complete. `image` [3][h][w] contains the blended sRGB values, composited over black if there is
+ * an alpha channel. */
 struct spin_film {
     int width, height;
     const float *image;
-    const float *alpha; /* [h][w], or NULL */
-    /* [2][h][w], expected and median depth, written as channels Z and ZMedian; EXR only; or
-     * NULL. */
+    const float *alpha; /* [h][w]; NULL: the file gets no alpha channel */
+    /* [2][h][w]: expected and median depth, written as channels Z and ZMedian. NULL: no depth is
+     * written; must be NULL for PNG. */
     const float *depth;
-    bool exr;    /* else PNG */
-    int bits;    /* PNG: 8 or 16; EXR: 16 (half) or 32 */
-    bool linear; /* EXR: convert colours from sRGB to linear */
+    bool exr;    /* write an EXR file; if false, a PNG file */
+    int bits;    /* bits per value; PNG: 8 or 16; EXR: 16 (half) or 32 */
+    bool linear; /* write linear colours, converted from sRGB; false for PNG */
 };
 spin_status spin_film_write(const char *path, const struct spin_film *film, bool sync);
 
-/* File name of an image rendered from a view, the same in all commands: "cam_07_frame_00012.png",
- * where number 12 is that of the frame. label: appended before the extension, or NULL. If a frame
- * has two cameras with number 7, the second is called "cam_07_2". */
+/* Format the file name of an image rendered from a view, such as "cam_07_frame_00012.png" for
+ * camera 7 and frame number 12. All commands use these names. label: a text that is appended before
+ * the extension, with an underscore; or NULL. If a frame has two cameras with number 7, the second
+ * is called "cam_07_2". */
 enum { SPIN_PICTURE_NAME = 128 };
 void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
                        char name[SPIN_PICTURE_NAME]);
-/* File name of image `number` of those rendered along the camera path of this name:
+/* Format the file name of image `number` of those rendered along the camera path named `path`:
  * "orbit_frame_00012.png". */
 void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME]);

@@ -31,7 +31,7 @@ struct failure {
 void configure_library()
 {
     static const bool done = [] {
-        OIIO::attribute("threads", 1); /* the caller reads several images in parallel */
+        OIIO::attribute("threads", 1); /* one, since callers read several images in parallel */
         OIIO::attribute("exr_threads", 1);
         OIIO::attribute("plugin_searchpath", std::string());
         return true;
@@ -103,7 +103,7 @@ void check_spec(const OIIO::ImageSpec &spec, int64_t max_pixels)
                                                 " pixels exceed the limit"};
 }
 
-/* Blend a value 0..255 over a background 0..1. */
+/* Composite a value 0..255, with alpha 0..255, over a background 0..1. */
 uint8_t blend_over(unsigned value, unsigned alpha, float background)
 {
     float shown =
@@ -112,7 +112,8 @@ uint8_t blend_over(unsigned value, unsigned alpha, float background)
     return static_cast<uint8_t>(shown + 0.5f);
 }
 
-/* Convert grey or colour, with or without alpha, to RGB. */
+/* Convert pixels of n channels, grey or colour, to RGB. alpha: index of the alpha channel; -1:
+ * there is none. */
 void to_rgb(const uint8_t *pixels, size_t n_pixels, int n, int alpha, const float background[3],
             uint8_t *rgb)
 {
@@ -133,7 +134,8 @@ float srgb_of_linear(float light)
     return light <= 0.0031308f ? light * 12.92f : 1.055f * std::pow(light, 1 / 2.4f) - 0.055f;
 }
 
-/* Read floats with premultiplied, usually linear colours, as in EXR. */
+/* Read an image of floats, as in EXR, whose colours are premultiplied by alpha and usually linear,
+ * and convert it to 8-bit RGB. */
 void read_floats(OIIO::ImageInput &in, int n, int alpha, const float background[3], uint8_t *rgb)
 {
     const OIIO::ImageSpec spec = in.spec();
@@ -251,7 +253,7 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
             if (std::strcmp(image->names[c], "A") == 0)
                 spec.alpha_channel = c;
         spec.attribute("oiio:ColorSpace", image->linear ? "Linear" : "sRGB");
-        if (exr) /* a fixed time, so that equal images give equal bytes */
+        if (exr) /* write a fixed time, so that equal images give equal bytes */
             spec.attribute("DateTime", "1980:01:01 00:00:00");
         else
             spec.attribute("oiio:UnassociatedAlpha", 1);
@@ -263,9 +265,10 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
 
 /* ---- Messages of libpng --------------------------------------------------------------------- */
 
-/* OpenImageIO's error handler for libpng stores the message and returns, upon which libpng prints
- * it to stderr before it calls longjmp. OpenImageIO binds to this png_set_error_fn() instead of
- * libpng's, so that longjmp is called before libpng prints. Other handlers are unaffected. */
+/* OpenImageIO's error handler for libpng stores the message and returns. libpng then prints the
+ * message to stderr, and only then calls longjmp. To prevent the printing, OpenImageIO binds to the
+ * png_set_error_fn() below instead of libpng's; it installs a handler that calls longjmp as soon as
+ * OpenImageIO's handler has returned. Handlers of other callers are unaffected. */
 namespace
 {
 

@@ -1,6 +1,6 @@
-/* The implementation of image_shim.h with libjpeg-turbo and libpng. It avoids the load time of
- * OpenImageIO, and is the only implementation in builds with few dependencies (make portable, make
- * windows, tests/card). The decoded pixels are identical to those of image_oiio.cpp. */
+/* The implementation of image_shim.h with libjpeg-turbo and libpng. It avoids the time that loading
+ * OpenImageIO takes, and is the only implementation in builds with few dependencies (make portable,
+ * make windows, tests/card). The decoded pixels are identical to those of image_oiio.cpp. */
 #include <errno.h>
 #include <setjmp.h>
 #include <stdbool.h>
@@ -19,11 +19,11 @@ struct picture {
     const char *path;
     int64_t most; /* maximum number of pixels */
     const float *background;
-    bool sizes; /* read the size only */
+    bool sizes; /* read only the size, not the pixels */
     FILE *file;
     int width, height, channels;
     uint8_t *rgb;
-    bool no_memory; /* an allocation by libpng failed */
+    bool no_memory; /* an allocation in libpng has failed */
     enum spin_image_result result;
     char *why;
     size_t n_why;
@@ -36,8 +36,8 @@ static enum spin_image_result fail(struct picture *p, enum spin_image_result res
     return p->result = result;
 }
 
-/* Check the size in the header, and allocate p->rgb. Returns whether the pixels are to be read: not
- * after an error, nor if only the size is requested. */
+/* Check the size in the header, and allocate p->rgb. Returns true if the pixels are to be read;
+ * false after an error, or if only the size is requested. */
 static bool prepare_pixels(struct picture *p)
 {
     if (p->width < 1 || p->height < 1) {
@@ -60,7 +60,7 @@ static bool prepare_pixels(struct picture *p)
 /* ---- JPEG ------------------------------------------------------------------------------------ */
 
 struct jpeg_end {
-    struct jpeg_error_mgr base; /* must be the first member */
+    struct jpeg_error_mgr base; /* must be the first member, for jpeg_fails() */
     jmp_buf jump;
     struct picture *picture;
 };
@@ -87,7 +87,8 @@ static void jpeg_warns(j_common_ptr info, int level)
 
 static void read_jpeg(struct picture *p)
 {
-    /* Zeroed, since jpeg_create_decompress() may fail before it initialises the struct. */
+    /* The struct is zeroed, since jpeg_create_decompress() may fail before it initialises the
+     * struct. */
     struct jpeg_decompress_struct jpeg = {0};
     struct jpeg_end end = {.picture = p};
 
@@ -95,7 +96,8 @@ static void read_jpeg(struct picture *p)
     end.base.error_exit = jpeg_fails;
     end.base.emit_message = jpeg_warns;
     if (setjmp(end.jump) == 0) {
-        /* Fails if memory runs out, or if the library has another version. */
+        /* This call fails if memory runs out, or if the installed library has another version than
+         * the one used for the build. */
         jpeg_create_decompress(&jpeg);
         jpeg_stdio_src(&jpeg, p->file);
         jpeg_read_header(&jpeg, TRUE);
@@ -104,7 +106,9 @@ static void read_jpeg(struct picture *p)
         p->channels = jpeg.num_components;
         if (jpeg.num_components > 3)
             fail(p, SPIN_IMAGE_UNREADABLE, "a JPEG with four channels needs OpenImageIO");
-        else if (prepare_pixels(p) || p->sizes) { /* jpeg_start_decompress() also checks tables */
+        /* Start decompression even if only the size is requested, since jpeg_start_decompress()
+         * also checks the tables. */
+        else if (prepare_pixels(p) || p->sizes) {
             jpeg.out_color_space = JCS_RGB;
             jpeg_start_decompress(&jpeg);
             while (p->rgb && jpeg.output_scanline < jpeg.output_height) {
@@ -159,7 +163,7 @@ static void fail_png_creation(struct picture *p)
 
 static void png_warns(png_structp png, png_const_charp text) { (void)png, (void)text; }
 
-/* Blend a value 0..255 over a background 0..1. */
+/* Composite a value 0..255, with alpha 0..255, over a background 0..1. */
 static uint8_t blend_over(unsigned value, unsigned alpha, float background)
 {
     return (uint8_t)((float)(value * alpha) / 255.0f + background * (float)(255u - alpha) + 0.5f);
@@ -190,7 +194,8 @@ static void read_png(struct picture *p)
         png_read_info(png, info);
         p->width = (int)png_get_image_width(png, info);
         p->height = (int)png_get_image_height(png, info);
-        png_set_expand(png); /* palettes to RGB, 8 bits per sample, tRNS to alpha */
+        /* Convert palettes to RGB, samples to 8 bits or more, and tRNS to alpha. */
+        png_set_expand(png);
         png_set_scale_16(png);
         png_set_interlace_handling(png);
         png_read_update_info(png, info);
@@ -292,7 +297,7 @@ static void append_bytes(png_structp png, png_bytep data, size_t n)
 
 static void flush_nothing(png_structp png) { (void)png; }
 
-/* Convert a row of values 0..1 to integers; 16-bit ones are big-endian. */
+/* Convert a row of values 0..1 to 8-bit integers or to big-endian 16-bit integers. */
 static void quantise_row(const struct spin_image_out *image, int y, unsigned char *row)
 {
     size_t n = (size_t)image->width * (size_t)image->n_channels;
@@ -308,7 +313,7 @@ static void quantise_row(const struct spin_image_out *image, int y, unsigned cha
     }
 }
 
-/* rgb: pixels to write instead of the image's floats, or NULL. */
+/* Encode a PNG file. rgb: 8-bit pixels to write; NULL: write the floats of the image. */
 static void write_png(struct sink *sink, const struct spin_image_out *image, const uint8_t *rgb)
 {
     png_structp png = png_create_write_struct_2(PNG_LIBPNG_VER_STRING, &sink->base, png_fails,

@@ -15,29 +15,32 @@ extern "C" {
 
 enum spin_image_result {
     SPIN_IMAGE_OK,
-    SPIN_IMAGE_UNREADABLE, /* unknown format, damaged or truncated */
+    SPIN_IMAGE_UNREADABLE, /* the file has an unknown format, is damaged or is truncated */
     SPIN_IMAGE_TOO_LARGE,
     SPIN_IMAGE_NO_MEMORY
 };
 
-/* An image to write: values 0..1 for integer formats, any values for float ones. */
+/* An image to write. Values must be 0..1 if the file stores integers; they may be any numbers if it
+ * stores floats. */
 struct spin_image_out {
     const char *format; /* "png" or "openexr" */
     int width, height, n_channels;
-    /* [n_channels] R, G, B, then A, then others, which are written as 32-bit floats. */
+    /* [n_channels] the names of the channels: "R", "G", "B", then "A" if there is alpha, then other
+     * channels, which are written as 32-bit floats. */
     const char *const *names;
-    int n_colours; /* number of channels R, G, B, A */
-    int bits;      /* PNG: 8, 16; EXR: 16, 32 */
-    bool linear;   /* linear colours instead of sRGB */
+    int n_colours; /* how many of the channels are R, G, B or A: 3 or 4 */
+    int bits;      /* bits per value in the file, for R, G, B and A; PNG: 8 or 16; EXR: 16 or 32 */
+    bool linear;   /* the colours are linear; if false, they are sRGB */
     /* [h][w][n_channels]; alpha is straight for PNG, premultiplied for EXR. */
     const float *pixels;
 };
 
-/* format: "jpeg" or "png", the only ones that image_plain.c accepts; "" to let OpenImageIO guess. A
- * call that fails fills why (n_why bytes). Results are allocated with malloc. */
+/* The functions of a shared object. format: "jpeg" or "png", the only formats that image_plain.c
+ * accepts; "": OpenImageIO detects the format. A function that fails writes the reason to `why`, of
+ * n_why bytes. Results are allocated with malloc. */
 struct spin_image_shim {
     int abi;
-    const char *version; /* the underlying libraries */
+    const char *version; /* names and versions of the underlying libraries */
     enum spin_image_result (*size)(const char *path, const char *format, int *width, int *height,
                                    int *channels, char *why, size_t n_why);
     /* Refuses images of more than max_pixels before it allocates memory. Alpha is composited over
@@ -45,7 +48,7 @@ struct spin_image_shim {
     enum spin_image_result (*read)(const char *path, const char *format, int64_t max_pixels,
                                    const float background[3], int *width, int *height,
                                    uint8_t **rgb, char *why, size_t n_why);
-    /* Encode a PNG file. */
+    /* Encode 8-bit RGB as a PNG file. */
     enum spin_image_result (*encode_png)(int width, int height, const uint8_t *rgb,
                                          unsigned char **bytes, size_t *n_bytes, char *why,
                                          size_t n_why);

@@ -14,7 +14,8 @@ static struct {
     struct known {
         uint64_t device, inode;
         enum kind kind;
-    } * slot; /* [capacity], a hash table whose capacity is a power of 2, at most half full */
+        /* [capacity], a hash table, at most half full; the capacity is a power of 2. */
+    } * slot;
     size_t n, capacity;
 } all = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
@@ -102,7 +103,8 @@ void spin_inputs_own(const char *path)
     struct stat st;
 
     if (stat(path, &st) == 0)
-        (void)add_file(&st, OWN); /* if memory runs out, the next write of the file is refused */
+        /* If memory runs out, the file stays an input: its next overwrite is refused. */
+        (void)add_file(&st, OWN);
 }
 
 bool spin_inputs_have(const struct stat *st)

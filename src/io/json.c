@@ -9,13 +9,15 @@
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
-/* If memory runs out, Jansson's parser drops characters, so that it returns wrong values, reports a
- * syntax error or aborts. Its setters drop values, and our code does not check their results.
- * Therefore the allocator leaves the parser with longjmp, which leaks the values parsed so far, and
- * otherwise sets a flag that makes spin_json_text() fail. */
+/* If memory runs out, Jansson's parser drops characters: it returns wrong values, reports a syntax
+ * error or aborts. Jansson's setters drop values, and our code does not check their results.
+ * Therefore an allocation that fails during parsing leaves the parser with longjmp, which leaks the
+ * values parsed so far; any other allocation that fails sets a flag that makes spin_json_text()
+ * fail. */
 static json_malloc_t allocate;
 static _Thread_local jmp_buf *parser; /* not NULL while this thread parses a text */
-static _Thread_local bool ran_out;    /* this thread lacked memory since it last formatted a text */
+/* An allocation of this thread has failed since it last formatted a text. */
+static _Thread_local bool ran_out;
 
 static void *allocate_or_record(size_t n)
 {
@@ -158,7 +160,7 @@ void spin_json_rename(spin_json *object, const char *from, const char *to)
     }
 }
 
-/* Print with 15 digits if that reads back as the same double, else with 17. */
+/* Print a number with 15 digits if reading them gives the same double, else with 17 digits. */
 static void write_real(FILE *out, double v)
 {
     char text[40];
@@ -167,15 +169,15 @@ static void write_real(FILE *out, double v)
     if (strtod(text, NULL) != v)
         snprintf(text, sizeof text, "%.17g", v);
     for (char *p = text; *p; p++)
-        if (*p == ',') /* decimal point of some locales */
+        if (*p == ',') /* some locales use a comma as decimal point */
             *p = '.';
-    fputs(v == 0 && signbit(v) ? "-0.0" : text, out); /* -0 would be read as an integer */
+    fputs(v == 0 && signbit(v) ? "-0.0" : text, out); /* a text "-0" would be read as an integer */
 }
 
 static bool is_container(const json_t *j) { return json_array_size(j) + json_object_size(j) > 0; }
 
-/* Whether to use several lines. Arrays of plain values stay on one line, where numbers are easier
- * to compare. */
+/* Whether to print the value on several lines. Arrays of plain values stay on one line, where
+ * numbers are easier to compare. */
 static bool is_tall(const json_t *j)
 {
     bool tall = json_is_object(j);
@@ -185,7 +187,7 @@ static bool is_tall(const json_t *j)
     return tall;
 }
 
-/* depth: level of indentation; -1: no line breaks. */
+/* Print a value. depth: level of indentation; -1: print the whole value on one line. */
 static void write_value(FILE *out, const json_t *j, int depth)
 {
     bool object = json_is_object(j), tall = depth >= 0 && is_tall(j);

@@ -9,33 +9,38 @@
 
 typedef json_t spin_json;
 
-/* Parse a whole file or text; `what` names it in messages. NaN and infinities are refused. */
+/* Parse a whole file, or a text of n bytes that messages call `what`. NaN and infinities are
+ * refused. */
 spin_status spin_json_load(const char *path, spin_json **out);
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out);
 
-/* These return false if the value is absent or of another kind. 3.0 counts as an integer. */
+/* Read a number, an integer or a bool. These functions return false if j is NULL or of another
+ * type. 3.0 counts as an integer. */
 bool spin_json_number(const spin_json *j, double *out);
 bool spin_json_integer(const spin_json *j, int64_t *out);
 bool spin_json_bool(const spin_json *j, bool *out);
 
-/* NULL becomes null; invalid UTF-8 becomes U+FFFD. */
+/* Make a JSON value of a text. NULL becomes null; bytes that are not valid UTF-8 become U+FFFD. */
 spin_json *spin_json_text_value(const char *v);
-/* NaN and infinities become null. */
+/* Make a JSON value of a number, or an array of n numbers. NaN and infinities become null. */
 spin_json *spin_json_number_value(double v);
 spin_json *spin_json_numbers(const double *v, size_t n);
 
-/* Replace the prefix `from` of all keys by `to`. */
+/* In all keys of the object that begin with `from`, replace this prefix by `to`. */
 void spin_json_rename(spin_json *object, const char *from, const char *to);
 
-/* Format as text, allocated. Keys keep the order in which they were set; numbers read back as the
- * same double. indent: use several lines, but only one for an array of plain values. NULL if memory
- * ran out, either now or when this thread set one of the values. */
+/* Format as text, allocated. Members appear in the order in which they were set; numbers are
+ * printed such that reading them gives the same double. indent: print each member on its own line,
+ * indented, but an array of plain values on one line. Returns NULL if memory ran out, either now or
+ * when this thread created one of the values. */
 char *spin_json_text(const spin_json *j, bool indent);
 
-/* Format a finished report with indentation, allocated, and free the document. */
+/* *text receives a finished report as indented text, allocated. The document is freed, also after a
+ * failure. */
 spin_status spin_json_finish(spin_json *document, char **text);
 
-/* These return NULL or 0 if the value is absent or of another kind. */
+/* Look up a member or item, or read a value or its type. These functions return NULL, 0 or false if
+ * the value is absent or of another type. */
 #define spin_json_get json_object_get
 #define spin_json_at json_array_get
 #define spin_json_length json_array_size
@@ -48,7 +53,7 @@ spin_status spin_json_finish(spin_json *document, char **text);
 #define spin_json_object json_object
 #define spin_json_array json_array
 #define spin_json_free json_decref
-void spin_json_freed(spin_json **j); /* for SPIN_LEAVES() */
+void spin_json_freed(spin_json **j); /* frees *j, for SPIN_LEAVES() */
 #define spin_json_integer_value json_integer
 #define spin_json_set json_object_set_new
 #define spin_json_push json_array_append_new

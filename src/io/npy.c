@@ -33,7 +33,7 @@ static void skip_space(struct text *t)
         t->p++;
 }
 
-/* Consume white space and the character c, if it follows. */
+/* Consume white space, then the character c. Returns false if another character follows. */
 static bool consume_char(struct text *t, char c)
 {
     skip_space(t);
@@ -54,7 +54,7 @@ static bool consume_word(struct text *t, const char *word)
     return true;
 }
 
-/* Consume a string in either kind of quotes, without escapes. */
+/* Consume a string in single or double quotes, without escapes. */
 static bool consume_string(struct text *t, char *out, size_t n_out)
 {
     unsigned char quote;
@@ -89,13 +89,13 @@ static bool consume_number(struct text *t, uint64_t *out)
             return false;
     if (t->p == first)
         return false;
-    if (t->p < t->end && *t->p == 'L') /* written by Python 2 */
+    if (t->p < t->end && *t->p == 'L') /* Python 2 wrote large numbers with an L at the end */
         t->p++;
     *out = value;
     return true;
 }
 
-/* Parse "<f4": byte order, kind, bytes. */
+/* Parse a dtype such as "<f4", which consists of byte order, kind and size in bytes. */
 static spin_status read_dtype(const struct text *t, const char *descr, struct spin_array *out)
 {
     char order = descr[0];
@@ -125,7 +125,7 @@ static spin_status read_descr(struct text *t, struct spin_array *out)
     return read_dtype(t, descr, out);
 }
 
-/* Parse "()", "(5,)", "(6, 1032, 3)", "(6, 1032, 3,)". */
+/* Parse a shape such as "()", "(5,)", "(6, 1032, 3)" or "(6, 1032, 3,)". */
 static spin_status read_shape(struct text *t, struct spin_array *out)
 {
     bool comma = true;
@@ -145,7 +145,7 @@ static spin_status read_shape(struct text *t, struct spin_array *out)
         out->n_dims++;
         comma = consume_char(t, ',');
     }
-    if (out->n_dims == 1 && !comma) /* "(5)" is not a tuple */
+    if (out->n_dims == 1 && !comma) /* for Python, "(5)" is a number, not a tuple */
         return fail_header(t);
     return SPIN_OK;
 }
@@ -194,7 +194,8 @@ static spin_status read_dictionary(struct text *t, struct spin_array *out)
 
 /* ---- One array ----------------------------------------------------------------------------- */
 
-/* Compare the size that shape and item size require with the bytes present. */
+/* Check that at least as many bytes are present as the shape and item size require, and set the
+ * count and size of the array. */
 static spin_status check_size(const char *what, struct spin_array *a, size_t n_present)
 {
     uint64_t bytes = 0;
@@ -316,8 +317,8 @@ static spin_status keep_block(struct spin_npz *npz, void *block)
     return SPIN_OK;
 }
 
-/* Read the header and compare it with the member's size in the archive, before data are
- * decompressed. out->data is NULL. */
+/* Read the header of an array and compare the size that it requires with the size of the member in
+ * the archive, before the data are decompressed. out->data is NULL. */
 static spin_status read_head(const struct spin_npz *npz, const char *key,
                              const struct spin_zip_member *member, struct spin_array *out)
 {
@@ -335,7 +336,7 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
     return SPIN_OK;
 }
 
-/* The member for a key, or SPIN_E_NOT_FOUND. */
+/* Find the member for a key; SPIN_E_NOT_FOUND if there is none. */
 static spin_status find_member(const struct spin_npz *npz, const char *key,
                                const struct spin_zip_member **out)
 {
@@ -368,8 +369,9 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
 
     *owned = NULL;
     SPIN_TRY(find_member(npz, key, &member));
-    /* Limit the array to half of the available memory, since its conversion needs memory too.
-     * Stored members skip the query, which takes a dozen system calls. */
+    /* Limit the array to half of the available memory, since the conversion of the array needs
+     * memory too. For stored members, which need no limit, skip the query of the available memory,
+     * which takes a dozen system calls. */
     limit = member->method == METHOD_STORED ? 0 : spin_memory_available() / 2;
     SPIN_TRY(spin_zip_read(&npz->zip, member, check_crc, limit, &bytes, owned));
     return spin_npy_parse(key, bytes, (size_t)member->size, out);
@@ -415,8 +417,8 @@ spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_
 
 /* ---- Writing ------------------------------------------------------------------------------- */
 
-/* The header of an .npy as numpy writes it, padded with spaces so that the data are 64-byte
- * aligned. */
+/* Format the header of an .npy file as numpy writes it, padded with spaces so that the data are
+ * 64-byte aligned. */
 static spin_status header_bytes(const char *name, const char *descr, int n_dims,
                                 const uint64_t *shape, unsigned char head[256], size_t *n_head)
 {
@@ -446,7 +448,8 @@ static spin_status header_bytes(const char *name, const char *descr, int n_dims,
     return SPIN_OK;
 }
 
-/* A member's name and header, and the size of the data to follow. */
+/* Format the name and .npy header of a member, and compute the size in bytes of the data that
+ * follow the header. */
 static spin_status describe_member(const char *name, const char *descr, int n_dims,
                                    const uint64_t *shape, unsigned char head[256], size_t *n_head,
                                    size_t *n_bytes, char **member)

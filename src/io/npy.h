@@ -4,17 +4,18 @@
 #include "io/array.h"
 #include "io/zip.h"
 
-/* Parse the bytes of one .npy; `what` names it in messages. Object and string dtypes are
+/* Parse the bytes of one .npy file; `what` is its name in messages. Object and string dtypes are
  * SPIN_E_UNSUPPORTED; data shorter than the header states is SPIN_E_MALFORMED. */
 spin_status spin_npy_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
                            struct spin_array *out);
 
-/* An open .npz. */
+/* An open .npz archive. */
 struct spin_npz {
     struct spin_zip zip;
-    void **owned; /* decompressed members */
+    void **owned; /* [n_owned] decompressed members, freed by spin_npz_close() */
     size_t n_owned;
-    /* If not NULL: in keys that begin with prefix, it is replaced by prefix_there. */
+    /* If `prefix` is not NULL, then a key that begins with `prefix` is looked up with prefix_there
+     * in its place. */
     const char *prefix, *prefix_there;
 };
 spin_status spin_npz_open(const char *path, struct spin_npz *out);
@@ -24,32 +25,35 @@ bool spin_npz_has(const struct spin_npz *npz, const char *key);
  * the archive has no such array. */
 spin_status spin_npz_array(struct spin_npz *npz, const char *key, bool check_crc,
                            struct spin_array *out);
-/* The array's type and shape, read from its first bytes only; out->data is NULL. */
+/* Read the type and shape of an array, from the first bytes of its member only; out->data is
+ * NULL. */
 spin_status spin_npz_head(const struct spin_npz *npz, const char *key, struct spin_array *out);
-/* Bytes of memory that reading the array allocates; 0 if its values are used in place. */
+/* Returns how many bytes of memory reading the array allocates; 0 if its values are used in
+ * place. */
 uint64_t spin_npz_unpacked(const struct spin_npz *npz, const char *key);
-/* Read an array whose decompressed values the caller owns: *owned receives the block to free, or
- * NULL if the values are stored, and used in place. */
+/* Read an array. If it is compressed, *owned receives the block with the decompressed values, which
+ * the caller frees. If it is not compressed, its values are used in place and *owned is NULL. */
 spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool check_crc,
                           struct spin_array *out, void **owned);
 /* Check that the array has this shape, where -1 matches any size. The error message states both
  * shapes. */
 spin_status spin_array_check_shape(const char *key, const struct spin_array *a, int n_dims,
                                    const int64_t *shape);
-/* spin_npz_array() and spin_array_check_shape(). */
+/* Read an array and check its shape, with spin_npz_array() and spin_array_check_shape(). */
 spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_crc, int n_dims,
                               const int64_t *shape, struct spin_array *out);
 
-/* Remove the pages of `count` values from the process's memory (see spin_map_forget()), for arrays
- * that are read frame by frame. Only affects contiguous arrays that are used in place. */
+/* Remove the pages of `count` values, from value `first` on, from the process's memory (see
+ * spin_map_forget()), for arrays that are read frame by frame. This has an effect only for
+ * contiguous arrays that are used in place. */
 void spin_npz_forget(const struct spin_npz *npz, const struct spin_array *a, uint64_t first,
                      uint64_t count);
 
-/* Write member "name.npy" in one call. descr: the numpy type, such as "<f4". */
+/* Write an array as member "name.npy" in one call. descr: the numpy type, such as "<f4". */
 spin_status spin_npz_write(struct spin_zip_writer *w, const char *name, const char *descr,
                            int n_dims, const uint64_t *shape, const void *data);
-/* Write it in parts: call this, then spin_zip_member_write() for each part, then
- * spin_zip_member_end(). */
+/* Write an array as member "name.npy" in parts: call this, then spin_zip_member_write() for each
+ * part, then spin_zip_member_end(). */
 spin_status spin_npz_write_begin(struct spin_zip_writer *w, const char *name, const char *descr,
                                  int n_dims, const uint64_t *shape);
 /* spin_npz_write_begin() for a deflated member. */

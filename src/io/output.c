@@ -1,4 +1,4 @@
-/* Checks of outputs. Existing files are never overwritten without --force. */
+/* Checks, locks and folders of outputs. Existing files are never overwritten without --force. */
 #include "io/output.h"
 
 #include <fcntl.h>
@@ -26,7 +26,8 @@ spin_status spin_output_check_folder(const char *path)
     return spin_fail(SPIN_E_IO, "cannot write to folder '%s': %s", path, strerror(errno));
 }
 
-/* Check that an existing name is a folder and, without force, that it is empty. */
+/* Check that an existing path is a folder and, unless force is set, that the folder is empty. *n
+ * receives the number of entries. */
 static spin_status count_entries(const char *path, bool force, size_t *n)
 {
     char **names = NULL;
@@ -113,7 +114,7 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     SPIN_FREED char *folder = NULL;
     enum space got;
 
-    /* Never shrink the reservation: it will be freed as a whole. */
+    /* If less is requested, keep the larger reservation: it will be freed as a whole. */
     if (bytes <= r->bytes && bytes > 0)
         return true;
     if (bytes == 0) {
@@ -130,7 +131,8 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
 
 /* ---- Locks ---------------------------------------------------------------------------------- */
 
-/* Whether the open file still has this name: the previous owner of the lock may have removed it. */
+/* Whether this path still names the open file: the previous owner of the lock may have removed the
+ * file. */
 static bool is_named(int fd, const char *path)
 {
     struct stat ours, there;
@@ -141,8 +143,10 @@ static bool is_named(int fd, const char *path)
 
 enum lock { HELD, TAKEN, GONE, NO_LOCKS, NO_FILE };
 
-/* TAKEN: another process has the lock. GONE: the file was removed in the meantime, try again.
- * NO_FILE: the file cannot be opened, see errno. *fd stays open for HELD and NO_LOCKS only. */
+/* Try to lock the file, which is created if it does not exist. HELD: this process now has the lock.
+ * TAKEN: another process has it. GONE: the file was removed in the meantime; the caller tries
+ * again. NO_LOCKS: the file system has no locks. NO_FILE: the file cannot be opened; errno is set.
+ * *fd stays open for HELD and NO_LOCKS only. */
 static enum lock try_lock(const char *path, int *fd)
 {
     enum lock got = HELD;
@@ -189,7 +193,8 @@ spin_status spin_output_lock_take(const char *output, struct spin_output_lock *o
 }
 
 /* Remove the file before releasing the lock, so that a process that has already opened it notices
- * that the name is gone (is_named()). A file that is not empty was not created here: keep it. */
+ * that the name is gone (is_named()). Keep a file that is not empty, since it was not created as a
+ * lock. */
 void spin_output_lock_drop(struct spin_output_lock *lock)
 {
     struct stat st;
@@ -203,9 +208,10 @@ void spin_output_lock_drop(struct spin_output_lock *lock)
     *lock = (struct spin_output_lock){.fd = -1};
 }
 
-/* ---- The export that was in the folder before ------------------------------------------------ */
+/* ---- Files of the former export -------------------------------------------------------------- */
 
-/* Without case, since some file systems ignore it. */
+/* Compare names without regard to upper and lower case, which some file systems do not
+ * distinguish. */
 static int by_name(const void *a, const void *b)
 {
     const struct spin_output_former *x = a, *y = b;
@@ -228,8 +234,9 @@ static spin_status add_former(struct spin_output_folder *x, const char *name)
     return is_regular(path) ? spin_strdup(name, &x->former[x->n_former++].name) : SPIN_OK;
 }
 
-/* The file name of an entry of sequence.json, or NULL. Anybody may have written that file, so only
- * a file in the folder itself, with the frame's number in its name, is accepted. */
+/* Returns the file name in an entry of sequence.json, or NULL if the name is not accepted. Since
+ * anybody may have written sequence.json, only names of files in the folder itself that contain the
+ * number of the frame are accepted. */
 static const char *former_name(const spin_json *entry)
 {
     const char *name = spin_json_string(spin_json_get(entry, "file"));
@@ -272,7 +279,8 @@ static spin_status read_former(struct spin_output_folder *x)
     SPIN_TRY(spin_path_join(x->path, SPIN_SEQUENCE, &path));
     if (!is_regular(path) || spin_json_load(path, &root) != SPIN_OK)
         return SPIN_OK;
-    spin_inputs_own(path); /* reading it does not protect it: this export replaces it */
+    /* Allow this export to replace sequence.json although the file was read. */
+    spin_inputs_own(path);
     generator = spin_json_string(spin_json_get(root, "generator"));
     if (!generator || strncmp(generator, "spin4d ", 7) != 0)
         return SPIN_OK;
@@ -366,7 +374,8 @@ spin_status spin_output_folder_begin(const char *path, bool force, const char *e
         spin_watch_out(out->path);
     if (out->n_before > 0)
         SPIN_TRY(read_former(out));
-    if (out->n_before > (out->n_former ? out->n_former + 1 : 0)) /* 1 more: sequence.json */
+    /* If there are files of a former export, the entry sequence.json is expected as well. */
+    if (out->n_before > (out->n_former ? out->n_former + 1 : 0))
         spin_warn("folder '%s' was not empty: files that are not overwritten stay in it", path);
     return SPIN_OK;
 }
@@ -386,7 +395,7 @@ void spin_output_folder_end(struct spin_output_folder *folder)
 void spin_output_folder_abandon(struct spin_output_folder *folder)
 {
     if (folder->created && folder->path)
-        (void)rmdir(folder->path); /* fails if the folder contains files, as intended */
+        (void)rmdir(folder->path); /* has no effect if the folder contains files, as intended */
     spin_output_folder_end(folder);
 }
 

@@ -5,88 +5,94 @@
 #include "io/file.h"
 #include "io/json.h"
 
-/* Check that a file can be written, by opening it with spin_out_open() and discarding it. */
+/* Check that a file can be written, by starting to write it with spin_out_open() and then
+ * abandoning the output. */
 spin_status spin_output_check_file(const char *path, bool force);
 /* Check that a folder is writable; create it if it does not exist. */
 spin_status spin_output_check_folder(const char *path);
-/* spin_output_check_folder() that also checks, without force, that the folder is empty. */
+/* spin_output_check_folder() that, unless force is set, also checks that the folder is empty. */
 spin_status spin_output_check_empty_folder(const char *path, bool force);
-/* Check that no two of the n outputs have the same name; NULL means no output. If two outputs have
- * the same name, SPIN_E_USAGE with a message that names it. */
+/* Check that n paths of outputs all differ; entries that are NULL are skipped. If two paths name
+ * the same file, returns SPIN_E_USAGE, with a message that contains the path. */
 spin_status spin_output_check_distinct(const char *const *path, int n);
 
-/* Disk space reserved for later output. It is allocated to an unnamed file, which the system frees
- * when the process ends, even if it is killed. */
+/* Disk space reserved for later output. The space is allocated to an unnamed file, which the system
+ * frees when the process ends, even if the process is killed. */
 struct spin_reserve {
-    int fd; /* valid if bytes > 0 */
+    int fd; /* descriptor of the unnamed file; valid if bytes > 0 */
     uint64_t bytes;
 };
 /* Reserve this many bytes on the file system of `path`; 0 frees the reservation. Returns false if
- * the space is not available; the previous reservation is then kept. On file systems that cannot
- * reserve space, only compares the size with the free space. */
+ * the space is not available; the previous reservation is then kept. On a file system that cannot
+ * reserve space, this function only compares `bytes` with the free space. */
 bool spin_reserve_set(struct spin_reserve *reserve, const char *path, uint64_t bytes);
 
-/* Lock that allows one process at a time to write an output. It is a lock on the file OUTPUT.lock,
- * which the system releases when the process ends: a lock file left behind by a killed process is
- * not locked. */
+/* A lock that allows only one process at a time to write an output. It is a lock on the file
+ * OUTPUT.lock, which the system releases when the process ends: a lock file left behind by a killed
+ * process is not locked. */
 struct spin_output_lock {
-    char *path; /* NULL: not locked */
+    char *path; /* path of the lock file; NULL: the lock is not held */
     int fd;
 };
-/* SPIN_E_IO if another process holds the lock. Works across hosts over NFS; a file system without
- * locks causes a warning. */
+/* Take the lock of an output; SPIN_E_IO if another process holds it. Locks also work between hosts
+ * that share a file system over NFS. A file system without locks only causes a warning. */
 spin_status spin_output_lock_take(const char *output, struct spin_output_lock *out);
 /* Release the lock and remove the lock file. */
 void spin_output_lock_drop(struct spin_output_lock *lock);
 
 #define SPIN_SEQUENCE "sequence.json"
 
-/* A file that sequence.json of a former export lists. */
+/* A file of a former export to the same folder, as listed in its sequence.json. */
 struct spin_output_former {
     char *name;
-    bool written; /* overwritten by this export */
+    bool written; /* this export has overwritten the file */
 };
 
-/* A folder that an export fills: call begin, write the files, then call end or abandon. Its
- * sequence.json lists them, so that the next export with force can remove those that it does not
- * overwrite. */
+/* A folder that an export fills: call spin_output_folder_begin(), write the files, then call
+ * spin_output_folder_end() or spin_output_folder_abandon(). The file sequence.json in the folder
+ * lists the files written, so that the next export to this folder, with force, can remove those of
+ * them that it does not overwrite. */
 struct spin_output_folder {
     char *path;
     bool created;                      /* the folder did not exist before */
-    size_t n_before;                   /* entries that existed before */
-    struct spin_output_former *former; /* [n_former] sorted by name */
+    size_t n_before;                   /* number of entries in the folder before this export */
+    struct spin_output_former *former; /* [n_former] files of the former export, sorted by name */
     size_t n_former;
-    spin_json *list; /* of spin_output_folder_add(), or NULL */
+    spin_json *list; /* the files passed to spin_output_folder_add(); NULL if there are none */
 };
 /* Create the folder, or use an existing one, which must be empty unless force is set. Removes
- * unfinished files with this extension whose writers were killed. Warns of files that stay in the
- * folder. */
+ * unfinished files with this extension whose writers were killed. Warns if the folder contains
+ * files that the former export did not write, since these stay in it. */
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out);
-/* This export writes a file of this name, which is kept. */
+/* Record that this export writes a file of this name, so that spin_output_folder_remove_former()
+ * keeps it. */
 void spin_output_folder_mark(struct spin_output_folder *folder, const char *path);
-/* The same, and lists the file with the number in its name, for spin_output_folder_list(). */
+/* spin_output_folder_mark() that also adds the file to the list that spin_output_folder_list()
+ * writes. number: the number in the file's name. */
 void spin_output_folder_add(struct spin_output_folder *folder, const char *name, int number);
-/* Writes sequence.json of all files that were added. */
+/* Write sequence.json, which lists all files that were passed to spin_output_folder_add(). */
 spin_status spin_output_folder_list(struct spin_output_folder *folder, const char *format,
                                     bool sync);
-/* Removes the former export's files that were not marked, and logs their number. */
+/* Remove the files of the former export that this export did not mark, and log how many they
+ * were. */
 void spin_output_folder_remove_former(struct spin_output_folder *folder);
 void spin_output_folder_end(struct spin_output_folder *folder);
-/* End, and remove the folder if begin created it and it is still empty. */
+/* spin_output_folder_end() that also removes the folder if spin_output_folder_begin() created it
+ * and it is still empty. */
 void spin_output_folder_abandon(struct spin_output_folder *folder);
 
 /* A file name with a number in it, split into its parts. */
 struct spin_pattern {
     const char *text;
-    int n_before; /* bytes before the number */
+    int n_before; /* number of bytes before the number */
     bool zeros;   /* pad the number with zeros to `width` digits */
     int width;
     const char *after; /* text after the number */
 };
-/* Parse `text` (borrowed), a file name with exactly one %d or %0Nd, N from 1 to 9. SPIN_E_USAGE if
- * it is not; the message refers to --pattern. */
+/* Parse `text`, a file name that must contain exactly one %d or %0Nd, with N from 1 to 9; otherwise
+ * returns SPIN_E_USAGE, with a message about the option --pattern. *out points into `text`. */
 spin_status spin_pattern_parse(const char *text, struct spin_pattern *out);
-/* folder/name with the number inserted, allocated. */
+/* *out receives "folder/name", where the name contains the number; allocated. */
 spin_status spin_pattern_path(const struct spin_pattern *pattern, const char *folder, int number,
                               char **out);

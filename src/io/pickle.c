@@ -2,28 +2,30 @@
  * that build values.
  *
  * A global is pushed as its index in a table; REDUCE, NEWOBJ and BUILD switch on that index and
- * create the value it stands for. No code is called. The cost of a file is bounded: lengths by the
- * remaining input, memo slots by the number of opcodes executed, nesting by a constant, and the
- * total of all values by a budget. Nothing recurses, except for one level of a stream inside a
- * pickle (torch.storage._load_from_bytes). */
+ * create or change values as the global would. No code is called. The cost of reading a file is
+ * bounded: lengths by the remaining input, memo slots by the number of opcodes executed, nesting by
+ * a constant, and the total of all values by a budget. Nothing recurses, except for one level of a
+ * stream inside a pickle (torch.storage._load_from_bytes). */
 #include "io/pickle.h"
 
 #include "base/base.h"
 
-/* The values may need this many bytes in addition to the size of the input. Real checkpoints need
- * kilobytes. */
+/* Limit of the memory for values, in bytes; for a pickle that is not in a legacy stream, the size
+ * of the input is added. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
 #define SLAB ((size_t)16 << 10) /* small values are allocated in blocks of this size */
 #define MAX_DEPTH 256
 
 enum role {
     PLAIN,
-    GLOBAL,   /* id: its index in globals[] */
-    DTYPE,    /* tensor: kind, item_size, big_endian */
-    STORAGE,  /* tensor: kind, item_size, storage or data, storage_count, offset (of a view) */
+    GLOBAL, /* a global; id: its index in globals[] */
+    DTYPE,  /* a dtype of numpy: `tensor` contains its kind, item_size and big_endian */
+    /* A storage: `tensor` contains its kind, item_size and storage_count; `storage` or `data`; and
+     * `offset`, where the view of the storage begins. */
+    STORAGE,
     ORDERED,  /* a dict created as an OrderedDict */
-    UNFILLED, /* a numpy array before its BUILD */
-    INSTANCE  /* id: its class in globals[]; a BUILD may set its state */
+    UNFILLED, /* a numpy array whose elements a BUILD will set */
+    INSTANCE  /* an object; id: index of its class in globals[]; a BUILD may set its state */
 };
 
 struct node {
@@ -42,10 +44,10 @@ struct machine {
     struct spin_value **stack, **memo;
     size_t n_stack, stack_capacity, n_memo, memo_capacity;
     size_t *mark, n_marks, mark_capacity;
-    struct spin_storage *storage; /* one for each persistent id, unsorted, with duplicates */
+    struct spin_storage *storage; /* one entry for each persistent id, unsorted, with duplicates */
     size_t n_storages, storage_capacity;
     size_t n_ops;
-    int level; /* 1 for a stream inside a pickle */
+    int level; /* 1 within a legacy stream inside a pickle, else 0 */
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
 };
 
@@ -54,7 +56,8 @@ static struct node *node_of(struct spin_value *v)
     return (struct node *)(void *)((char *)v - offsetof(struct node, v));
 }
 
-/* Index above the last mark; values below must not be popped. */
+/* Returns the stack index of the first value above the last mark; values with lower indices must
+ * not be popped. */
 static size_t stack_floor(const struct machine *m)
 {
     return m->n_marks ? m->mark[m->n_marks - 1] : 0;
@@ -81,7 +84,8 @@ static spin_status fail_malformed(const struct machine *m, const char *why)
     return fail_at(m, SPIN_E_MALFORMED, why);
 }
 
-/* Text from the file for messages: printable and shortened. */
+/* Prepare text from the file for messages: cut it off after 99 characters, and replace characters
+ * that are not printable ASCII by '?'. */
 static const char *printable(const char *text, size_t n, char out[100])
 {
     size_t i = 0;
@@ -134,7 +138,7 @@ static spin_status new_node(struct machine *m, enum spin_value_kind kind, enum r
     return SPIN_OK;
 }
 
-/* Ensure capacity for one more item in a growing array. */
+/* Ensure that a growing array of n items has capacity for one more. */
 static spin_status room_for(struct machine *m, void **array, size_t n, size_t *capacity,
                             size_t size)
 {
@@ -159,7 +163,7 @@ static spin_status push_value(struct machine *m, struct spin_value *v)
     return SPIN_OK;
 }
 
-/* Check for at least n values above the last mark. */
+/* Check that there are at least n values above the last mark. */
 static spin_status need_values(const struct machine *m, size_t n)
 {
     if (m->n_stack - stack_floor(m) < n)
@@ -255,7 +259,7 @@ static spin_status push_constant(struct machine *m, struct spin_value **kept,
 }
 
 /* Push a little-endian two's complement integer of any length. Values beyond 64 bits are clamped,
- * with their magnitude in `number`; callers report an error if they need them. */
+ * with their magnitude in `number`; callers that cannot use such a value report an error. */
 static spin_status push_long(struct machine *m, const unsigned char *p, size_t n)
 {
     bool negative = n > 0 && p[n - 1] & 0x80;
@@ -313,7 +317,7 @@ static spin_status update_depth(struct machine *m, struct node *parent, struct s
     return SPIN_OK;
 }
 
-/* Replace the values from `at` on by a tuple of them. */
+/* Replace the values from stack index `at` on by one tuple that contains them. */
 static spin_status make_tuple(struct machine *m, size_t at)
 {
     size_t n = m->n_stack - at;
@@ -354,7 +358,8 @@ static size_t power_of_two(size_t n)
     return p;
 }
 
-/* Append pointers; the capacity is always the next power of two. */
+/* Append n pointers to the `have` pointers of a value. The capacity of to->item is always the
+ * number of pointers rounded up to a power of two. */
 static spin_status append_pointers(struct machine *m, struct spin_value *to, size_t have,
                                    struct spin_value *const *from, size_t n)
 {
@@ -373,7 +378,7 @@ static spin_status append_pointers(struct machine *m, struct spin_value *to, siz
     return SPIN_OK;
 }
 
-/* Append the values from `at` on to the list below them. */
+/* Pop the values from stack index `at` on, and append them to the list below them. */
 static spin_status append_items(struct machine *m, size_t at)
 {
     struct spin_value *list;
@@ -388,7 +393,7 @@ static spin_status append_items(struct machine *m, size_t at)
     return SPIN_OK;
 }
 
-/* Add the keys and values from `at` on to the dict below them. */
+/* Pop the keys and values from stack index `at` on, and add them to the dict below them. */
 static spin_status set_items(struct machine *m, size_t at)
 {
     struct spin_value *dict;
@@ -439,14 +444,14 @@ static spin_status keep_storages(struct machine *m, struct spin_pickle *out)
     return SPIN_OK;
 }
 
-/* torch.storage._load_from_bytes: a complete legacy stream in a bytes object, pushed as one
- * storage. */
+/* Execute torch.storage._load_from_bytes, whose argument is a bytes object with a complete legacy
+ * stream: push the storage that the stream contains. */
 static spin_status load_from_bytes(struct machine *m, const struct spin_value *args);
 
 /* ---- The globals that a pickle may refer to; any other is refused --------------------------- */
 
-/* Maximum number of elements of a tensor that exceeds its storage by repeating elements (stride
- * 0). */
+/* Maximum number of elements of a tensor that repeats elements (stride 0) and therefore has more
+ * elements than its storage. */
 #define MAX_REPEATED ((uint64_t)1 << 22)
 
 enum global {
@@ -469,7 +474,7 @@ enum global {
 static const struct {
     const char *module, *name;
     enum global id;
-    char kind; /* storages */
+    char kind; /* for storages: letter of the element type */
     int item_size;
 } globals[] = {
     {"torch._utils", "_rebuild_tensor_v2", G_TENSOR_V2, 0, 0},
@@ -503,8 +508,8 @@ static const struct {
 };
 enum { N_GLOBALS = sizeof globals / sizeof *globals };
 
-/* Globals that are refused with a specific message. name NULL: all of the module and its
- * submodules. */
+/* Globals that are refused with a specific message. If `name` is NULL, this applies to all globals
+ * of the module and of its submodules. */
 static const struct {
     const char *module, *name, *why;
 } refused[] = {
@@ -603,7 +608,7 @@ static bool is_global(struct spin_value *v, enum global id)
 
 /* ---- Tensors -------------------------------------------------------------------------------- */
 
-/* The value as a count: a non-negative int. */
+/* Read a count, which must be a non-negative int; returns false for other values. */
 static bool count_of(const struct spin_value *v, uint64_t *out)
 {
     if (v->kind != SPIN_VALUE_INT || v->integer < 0 || v->number >= 0x1p63)
@@ -622,7 +627,8 @@ static bool is_key(const struct spin_value *v)
     return true;
 }
 
-/* A view (key, offset, size), which very old files contain, shifts the start of a tensor. */
+/* Read the view of a storage, a tuple (key, offset, size) that very old files contain. Tensors then
+ * begin `offset` elements later in the storage. */
 static spin_status read_view(struct machine *m, const struct spin_value *view,
                              struct spin_array *out)
 {
@@ -638,8 +644,8 @@ static spin_status read_view(struct machine *m, const struct spin_value *view,
     return SPIN_OK;
 }
 
-/* Convert a persistent id, ('storage', type, key, location, count) and in legacy streams a view, to
- * a storage. */
+/* Replace the persistent id on the stack by the storage that it describes. The id is a tuple
+ * ('storage', type, key, location, count), which in legacy streams also contains a view. */
 static spin_status op_persistent_id(struct machine *m)
 {
     struct spin_value *id;
@@ -679,7 +685,7 @@ static spin_status op_persistent_id(struct machine *m)
     return push_value(m, &node->v);
 }
 
-/* Check that every element lies in the storage, and limit their number. */
+/* Check that every element of a tensor lies in the storage, and limit the number of elements. */
 static spin_status check_tensor(const struct machine *m, struct spin_array *t)
 {
     uint64_t last = t->offset, reach;
@@ -703,7 +709,7 @@ static spin_status check_tensor(const struct machine *m, struct spin_array *t)
     return SPIN_OK;
 }
 
-/* args: (storage, offset, sizes, strides, ...) */
+/* Push a tensor. args: (storage, offset, sizes, strides, ...) */
 static spin_status make_tensor(struct machine *m, const struct spin_value *args)
 {
     const struct spin_value *sizes, *strides;
@@ -737,7 +743,7 @@ static spin_status make_tensor(struct machine *m, const struct spin_value *args)
 
 /* ---- NumPy ---------------------------------------------------------------------------------- */
 
-/* dtype(code, align, copy); BUILD sets the byte order. */
+/* Execute numpy's dtype(code, align, copy); a later BUILD sets the byte order. */
 static spin_status make_dtype(struct machine *m, const struct spin_value *args)
 {
     const char *code = args->n > 0 ? spin_value_text(args->item[0]) : NULL;
@@ -767,7 +773,7 @@ static spin_status build_dtype(struct machine *m, struct spin_value *dtype,
     return SPIN_OK;
 }
 
-/* Use the bytes as the array's elements; their number must match the shape. */
+/* Use the bytes `raw` as the elements of an array; their number must match the shape. */
 static spin_status fill_array(struct machine *m, struct spin_array *t, struct spin_value *dtype,
                               const struct spin_value *shape, bool fortran,
                               const struct spin_value *raw)
@@ -800,7 +806,8 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
     return SPIN_OK;
 }
 
-/* BUILD of an array with state (version, shape, dtype, is_fortran, bytes). */
+/* Execute the BUILD of an array: set its elements from the state (version, shape, dtype,
+ * is_fortran, bytes). */
 static spin_status build_array(struct machine *m, struct spin_value *array,
                                const struct spin_value *state)
 {
@@ -812,7 +819,8 @@ static spin_status build_array(struct machine *m, struct spin_value *array,
     return SPIN_OK;
 }
 
-/* _reconstruct(ndarray, (0,), b'b'): an array that BUILD fills. */
+/* Execute numpy's _reconstruct(ndarray, (0,), b'b'): push an empty array, whose elements a later
+ * BUILD sets. */
 static spin_status make_unfilled(struct machine *m, const struct spin_value *args)
 {
     struct node *node;
@@ -825,7 +833,7 @@ static spin_status make_unfilled(struct machine *m, const struct spin_value *arg
     return push_value(m, &node->v);
 }
 
-/* _frombuffer(bytes, dtype, shape, order). */
+/* Execute numpy's _frombuffer(bytes, dtype, shape, order): push an array. */
 static spin_status make_from_buffer(struct machine *m, const struct spin_value *args)
 {
     const char *order = args->n == 4 ? spin_value_text(args->item[3]) : NULL;
@@ -839,7 +847,7 @@ static spin_status make_from_buffer(struct machine *m, const struct spin_value *
     return push_value(m, &node->v);
 }
 
-/* Convert scalar(dtype, bytes) to a plain number. */
+/* Execute numpy's scalar(dtype, bytes): push a plain number. */
 static spin_status make_scalar(struct machine *m, const struct spin_value *args)
 {
     struct spin_value none = {0};
@@ -864,7 +872,8 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
     return push_float(m, number);
 }
 
-/* _codecs.encode(text, 'latin1'), which is how protocol 2 stores bytes: code point n is byte n. */
+/* Execute _codecs.encode(text, 'latin1'): push a bytes object in which the code point n of the text
+ * becomes byte n. Protocol 2 stores bytes in this way. */
 static spin_status make_encoded(struct machine *m, const struct spin_value *args)
 {
     const char *to = args->n == 2 ? spin_value_text(args->item[1]) : NULL;
@@ -1002,7 +1011,7 @@ static spin_status op_build(struct machine *m)
     state = pop_value(m);
     to = m->stack[m->n_stack - 1];
     switch (node_of(to)->role) {
-    case ORDERED: /* _metadata of a state_dict(), ignored */
+    case ORDERED: /* the state is the _metadata of a state_dict(), which is ignored */
         return state->kind == SPIN_VALUE_DICT
                    ? SPIN_OK
                    : fail_malformed(m, "a dict with an unexpected state");
@@ -1090,7 +1099,7 @@ static spin_status read_uint(struct machine *m, int n, uint64_t *out)
     return SPIN_OK;
 }
 
-/* Read a length of n_length bytes and the bytes that follow. */
+/* Read a length, stored in n_length bytes, and locate as many bytes behind it. */
 static spin_status read_bytes(struct machine *m, int n_length, const unsigned char **p, size_t *n)
 {
     uint64_t length;
@@ -1331,7 +1340,7 @@ bool spin_pickle_is_legacy(const unsigned char *bytes, size_t n)
     return n >= sizeof legacy_magic && memcmp(bytes, legacy_magic, sizeof legacy_magic) == 0;
 }
 
-/* Read the count and elements of one storage. */
+/* Read the number of elements of one storage, and locate the elements, which follow it. */
 static spin_status bind_storage(struct machine *m, const struct spin_pickle *pickle,
                                 const struct spin_value *key)
 {
@@ -1355,7 +1364,8 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
         return spin_malformed("cannot read '%s': storage '%s' has %llu elements, expected %llu",
                               m->what, s->key, (unsigned long long)count,
                               (unsigned long long)s->count);
-    bytes = count * (uint64_t)s->item_size; /* cannot overflow, see op_persistent_id() */
+    /* This product cannot overflow, see op_persistent_id(). */
+    bytes = count * (uint64_t)s->item_size;
     if (bytes > (uint64_t)(m->end - m->p))
         return fail_malformed(m, "the storages are cut short");
     s->data = m->p;
@@ -1442,7 +1452,9 @@ static spin_status parse_input(const char *what, const unsigned char *bytes, siz
 
     memset(out, 0, sizeof *out);
     if (legacy) {
-        m.budget = BUDGET; /* most of the input is storages, which are not copied */
+        /* The size of the input is not added, since most of it is storages, which are not
+         * copied. */
+        m.budget = BUDGET;
         SPIN_TRY_OUT(run_legacy(&m, out));
     } else {
         m.budget = n < SIZE_MAX - BUDGET ? BUDGET + n : BUDGET;
@@ -1494,7 +1506,8 @@ bool spin_value_is_sequence(const struct spin_value *v)
     return v->kind == SPIN_VALUE_TUPLE || v->kind == SPIN_VALUE_LIST;
 }
 
-/* If a key occurs several times, the last value is returned, as in Python. */
+/* Returns the value of a key. If the key occurs several times, the last value is returned, as in
+ * Python. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key)
 {
     if (!dict || dict->kind != SPIN_VALUE_DICT)

@@ -1,4 +1,5 @@
-/* PLY: a text header, then the records of each element, as text or packed in either byte order.
+/* PLY files: a text header, then the records of each element, as text or as packed binary values in
+ * either byte order.
  *
  * The header is parsed line by line, since comments may contain anything. Binary records stay in
  * the map and are addressed by offset; text is converted to numbers once, on opening. Before memory
@@ -10,7 +11,8 @@
 #include "base/base.h"
 
 #define MAX_HEADER (128u * 1024)
-/* Records per pass of spin_ply_columns(): 16 KB with 62 floats each, which fit in the L1 cache. */
+/* spin_ply_columns() reads all requested columns of this many records before it continues with the
+ * next records. 64 records of 62 floats occupy 16 KB, which fit in the L1 cache. */
 #define BLOCK 64
 
 static const int type_size[] = {1, 1, 2, 2, 4, 4, 4, 8};
@@ -22,7 +24,7 @@ struct word {
     size_t n;
 };
 
-/* The state of the parser. */
+/* The state of the parser of the header. */
 struct header {
     const char *what;
     const char *at, *end;
@@ -38,7 +40,7 @@ static bool word_is(struct word w, const char *text)
     return w.n == strlen(text) && memcmp(w.text, text, w.n) == 0;
 }
 
-/* The next word of the line; empty if there is none. */
+/* Read the next word of the line; it is empty at the end of the line. */
 static struct word next_word(const char **at, const char *end)
 {
     struct word w;
@@ -52,7 +54,8 @@ static struct word next_word(const char **at, const char *end)
     return w;
 }
 
-/* A word for messages: printable and shortened. */
+/* Prepare a word for messages: cut it off after 36 characters, and replace characters that are not
+ * printable ASCII by '?'. */
 static const char *word_text(struct word w, char text[40])
 {
     size_t n = w.n < 36 ? w.n : 36;
@@ -205,7 +208,8 @@ static spin_status parse_comment(struct header *h, const char *at, const char *e
     return SPIN_OK;
 }
 
-/* Parse one line without its end. *done is set after end_header. */
+/* Parse one line of the header, given without its line end. *done becomes true at the line
+ * end_header. */
 static spin_status parse_line(struct header *h, const char *at, const char *end,
                               struct spin_ply *ply, bool *done)
 {
@@ -293,8 +297,8 @@ static double load_value(const unsigned char *at, enum spin_ply_type type, bool 
     }
 }
 
-/* Size of the value of property p at `at`; false if it exceeds the `left` bytes that remain in the
- * file. */
+/* *out receives the size in bytes of the value of property p at `at`. Returns false if the value
+ * extends beyond the `left` bytes that remain in the file. */
 static bool property_bytes(const struct spin_ply *ply, const struct spin_ply_property *p,
                            const unsigned char *at, uint64_t left, uint64_t *out)
 {
@@ -309,7 +313,7 @@ static bool property_bytes(const struct spin_ply *ply, const struct spin_ply_pro
         count = load_value(at, p->count_type, ply->big_endian);
         if (count < 0)
             return false;
-        size = n_count + (uint64_t)count * size; /* at most 4 + (2^32 - 1) * 8 */
+        size = n_count + (uint64_t)count * size; /* cannot overflow: at most 4 + (2^32 - 1) * 8 */
     }
     *out = size;
     return size <= left;
@@ -360,11 +364,11 @@ static spin_status check_binary(struct spin_ply *ply, uint64_t at)
 /* ---- Text body ------------------------------------------------------------------------------ */
 
 struct text {
-    const char *at, *end;        /* rest of the file */
-    const char *word, *line_end; /* rest of the line */
+    const char *at, *end;        /* the lines after the current one */
+    const char *word, *line_end; /* the part of the current line not read yet */
 };
 
-/* Advance to the next line that is not blank; false at the end of the file. */
+/* Advance to the next line that is not blank; returns false if there is none. */
 static bool next_line(struct text *t)
 {
     while (t->at < t->end) {
@@ -394,7 +398,8 @@ static bool next_number(struct text *t, double *out)
     return stop == text + w.n;
 }
 
-/* Read one record, which is one line. The value of a list is its count. */
+/* Read one record, which is one line. For a list, `value` receives the number of its items, which
+ * are skipped. */
 static bool read_text_record(struct text *t, const struct spin_ply_element *e, double *value)
 {
     double ignored;
@@ -578,7 +583,8 @@ static void read_parsed(const struct spin_ply *ply, const struct spin_ply_elemen
         t->out[i * t->step] = (float)value[i * e->n_properties + (size_t)t->property];
 }
 
-/* Read a column of an element that also has lists, walking through every record. */
+/* Read a column of an element that also has lists, by walking through all properties of every
+ * record. */
 static void read_walking(const struct spin_ply *ply, const struct spin_ply_element *e,
                          const struct spin_ply_target *t)
 {
@@ -591,7 +597,7 @@ static void read_walking(const struct spin_ply *ply, const struct spin_ply_eleme
             if ((int)p == t->property)
                 t->out[i * t->step] = (float)load_value(here, e->property[p].type, ply->big_endian);
             if (!property_bytes(ply, &e->property[p], here, ply->map.size - at, &size))
-                return; /* the file was changed since it was opened */
+                return; /* the file has changed since it was opened */
         }
     }
 }

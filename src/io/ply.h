@@ -18,8 +18,9 @@ struct spin_ply_property {
     char name[64];
     enum spin_ply_type type; /* type of the value, or of the items of a list */
     bool is_list;
-    enum spin_ply_type count_type; /* lists only: type of their counts */
-    size_t offset; /* bytes from the start of a record; only if no list precedes the property */
+    enum spin_ply_type count_type; /* for lists only: type of the counts */
+    /* Position in a record, in bytes; valid only if no list precedes the property. */
+    size_t offset;
 };
 
 struct spin_ply_element {
@@ -28,8 +29,9 @@ struct spin_ply_element {
     struct spin_ply_property *property;
     size_t n_properties;
     bool has_list;
-    size_t stride;        /* bytes of a record; only if it has no lists */
-    uint64_t data_offset; /* position of the first record in the file (binary only) */
+    size_t stride; /* size of a record in bytes; valid only if the element has no lists */
+    /* Position of the first record in the file; valid for binary files only. */
+    uint64_t data_offset;
 };
 
 struct spin_ply {
@@ -38,11 +40,11 @@ struct spin_ply {
     bool ascii, big_endian;
     struct spin_ply_element *element;
     size_t n_elements;
-    char **comment; /* [n_comments] without the keyword "comment" */
+    char **comment; /* [n_comments] texts of the comment lines, without the keyword "comment" */
     size_t n_comments;
     uint64_t extra_bytes; /* number of bytes after the last record */
     double *ascii_values; /* private: [records of all elements][properties] */
-    bool borrowed;        /* private: map is owned by the caller */
+    bool borrowed;        /* private: the caller owns `map` */
 };
 
 /* Read the header, and check that the body has the length that the header requires. */
@@ -56,9 +58,10 @@ void spin_ply_close(struct spin_ply *ply);
  * antialiasing. The function returns whether a file contains one of them. */
 #define SPIN_PLY_ANTIALIASED "comment antialiased 1\ncomment SplatRenderMode: mip\n"
 bool spin_ply_is_antialiased(const struct spin_ply *ply);
-/* The element of this name, or NULL. */
+/* Returns the element of this name, or NULL if there is none. */
 const struct spin_ply_element *spin_ply_find_element(const struct spin_ply *ply, const char *name);
-/* The element 'vertex', with less than 2^32 rows. */
+/* *out receives the element 'vertex'. It is an error if the file has no such element, or one with
+ * 2^32 records or more. */
 spin_status spin_ply_vertices(const struct spin_ply *ply, const struct spin_ply_element **out);
 /* Index of the property of exactly this name, or -1; lists are never found. */
 int spin_ply_find(const struct spin_ply_element *e, const char *name);
@@ -67,8 +70,10 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name);
 void spin_ply_column(const struct spin_ply *ply, const struct spin_ply_element *e, int property,
                      float *out, size_t step);
 
-/* Read several columns in one pass over the records. This is faster if most properties are needed,
- * since each spin_ply_column() traverses the whole file. */
+/* Read several columns in one pass over the records. The values of each target's property are
+ * written to out[0], out[step], ... of this target, as by spin_ply_column(). If most properties are
+ * needed, this is faster than one spin_ply_column() per property, each of which traverses the whole
+ * file. */
 struct spin_ply_target {
     int property;
     float *out;

@@ -1,4 +1,5 @@
-/* Communication between ranks through the MPI shim, which is loaded only if there are several. */
+/* Communication between ranks through the MPI shim, which is loaded only if there are several
+ * ranks. */
 #include "io/ranks.h"
 
 #include <time.h>
@@ -8,7 +9,8 @@
 #include "base/shim.h"
 
 enum { TEXT = 1000 };
-static const double patience_s = 5; /* time for other ranks to notice a failure */
+/* Maximum time to wait until all other ranks have noticed a failure. */
+static const double patience_s = 5;
 
 struct notice {
     int status, heard; /* heard: the rank failed only because of another's notice */
@@ -17,10 +19,11 @@ struct notice {
 
 static const struct spin_ranks_shim *shim;
 static int own_rank, n_ranks = 1;
-static bool heard;               /* this rank fails because another did */
-static bool agreed;              /* all ranks know of the failure and end by themselves */
-static bool speaker;             /* this rank prints the error */
-static struct notice last_words; /* static, since MPI may send it later */
+static bool heard; /* this rank fails only because another rank failed */
+/* spin_ranks_agree() told all ranks of a failure, and each ends by itself. */
+static bool agreed;
+static bool speaker;             /* this rank prints the error message */
+static struct notice last_words; /* static, since MPI may read it after notify() has returned */
 static uint64_t sent_bytes;
 static double waited_s;
 
@@ -39,7 +42,8 @@ void spin_ranks_spent(uint64_t *bytes, double *seconds)
 /* ---- Warnings ------------------------------------------------------------------------------- */
 
 /* Warnings of this rank, as consecutive NUL-terminated texts without duplicates. Rank 0 prints its
- * own warnings immediately, and those that only other ranks gave at the end. */
+ * own warnings immediately; at the end it prints those warnings of other ranks that it did not give
+ * itself. */
 static char *lines;
 static size_t n_lines_bytes;
 
@@ -51,7 +55,7 @@ static bool is_recorded(const char *line)
     return false;
 }
 
-/* The log's sink: returns whether to print the line now. */
+/* Receives each warning from the log. Returns whether the log is to print the line now. */
 static bool record_warning(const char *line)
 {
     enum { MOST = 1 << 16 };
@@ -69,7 +73,7 @@ static bool record_warning(const char *line)
     return own_rank == 0;
 }
 
-/* Rank 0 prints the warnings of the other ranks. */
+/* Let rank 0 print the warnings of the other ranks. */
 static spin_status print_other_warnings(void)
 {
     SPIN_FREED uint64_t *bytes = NULL;
@@ -97,9 +101,10 @@ static spin_status print_other_warnings(void)
     return SPIN_OK;
 }
 
-/* ---- Begin ---------------------------------------------------------------------------------- */
+/* ---- Joining the other ranks ---------------------------------------------------------------- */
 
-/* An integer from the environment that Open MPI, MPICH or Slurm sets for the processes of a job. */
+/* Returns the value of the first of three environment variables that is set; -1 if none is. The
+ * three are those that Open MPI, MPICH and Slurm, respectively, set for the processes of a job. */
 static int read_environment(const char *const name[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -135,7 +140,8 @@ spin_status spin_ranks_begin(void)
     SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
         return spin_unsupported("cannot join the other processes: %s", why);
-    /* Continuing would let each process do all the work and overwrite the others' files. */
+    /* If processes that should cooperate went on as single ones, each would do all the work and
+     * overwrite the files of the others. */
     if (n_ranks == 1)
         return spin_unsupported("cannot join the other processes: MPI reports only one, so "
                                 "spin-mpi.so was built with another MPI than that of mpirun");
@@ -276,7 +282,7 @@ spin_status spin_ranks_agree(spin_status status)
     return end;
 }
 
-/* ---- End ------------------------------------------------------------------------------------ */
+/* ---- Ending after success or failure -------------------------------------------------------- */
 
 /* Notify all other ranks of a failure, and wait up to patience_s seconds until each of them has
  * sent a notice too. The lowest rank that did not fail because of another's notice becomes the
@@ -330,6 +336,6 @@ void spin_ranks_exit(int code)
         return;
     if (speaker)
         shim->abort(code);
-    nanosleep(&nap, NULL); /* time for the speaker to end all processes */
+    nanosleep(&nap, NULL); /* give the speaker time to end all processes */
     _exit(code);
 }

@@ -7,7 +7,8 @@
 #include <stdlib.h>
 #include <time.h>
 
-/* MPI counts are of type int: longer messages are split. */
+/* Maximum number of bytes in one MPI message. Longer messages are split, since MPI counts are of
+ * type int. */
 static const size_t piece_bytes = (size_t)1 << 30;
 enum { TAG_BYTES, TAG_NOTICE, EAGER = 2000 };
 

@@ -3,14 +3,16 @@
 
 #include "base/base.h"
 
-/* Where names are looked up: in the current element, then in the enclosing scopes. */
+/* A scope: the value of a section in which names are looked up, and its key. Names that the value
+ * lacks are looked up in the enclosing scope `up`. */
 struct scope {
     const json_t *value;
     const char *key;
     const struct scope *up;
 };
 
-enum { SETTINGS_WIDTH = 80 }; /* excluding the indentation and the last word */
+/* Columns, not counting the indentation and the last word of a line. */
+enum { SETTINGS_WIDTH = 80 };
 
 struct writer {
     FILE *to;
@@ -47,7 +49,7 @@ static bool is_there(const json_t *j)
            json_object_size(j);
 }
 
-/* format: a printf format for a string, or NULL. */
+/* Print a text. format: a printf format for a string; NULL: "%s". */
 static void write_text(const struct writer *w, const char *format, const char *text)
 {
     char *copy = w->html ? NULL : strdup(text);
@@ -74,7 +76,8 @@ static void write_duration(FILE *to, double seconds)
         fprintf(to, "%.1f days", fmin(seconds / 86400, 1e9));
 }
 
-/* format: its first word ends with one of the conversion letters listed in template.h. */
+/* Print a number. format: a format of template.h, whose first word ends with the letter of the
+ * conversion. */
 static void write_number(FILE *to, const char *format, double v)
 {
     char plain[16], bytes[32], *kind;
@@ -167,7 +170,7 @@ static void short_text(const json_t *j, char text[64])
         snprintf(text, 64, "%s", json_is_string(j) ? json_string_value(j) : "");
 }
 
-/* Whether the value equals `word`, or if that is "@NAME", the value of NAME. */
+/* Whether a value equals `word` or, if `word` is "@NAME", the value of NAME. */
 static bool is_same(const json_t *j, const char *word, const struct scope *scope)
 {
     char text[64], other[64];
@@ -178,7 +181,8 @@ static bool is_same(const json_t *j, const char *word, const struct scope *scope
     return !strcmp(text, *word == '@' ? other : word);
 }
 
-/* Expand a section, starting after its braces; returns the position after its end. */
+/* Expand a section, which begins at `at`, after its opening tag; returns the position after its
+ * closing tag. */
 static const char *write_section(const struct writer *w, const char *at, const struct scope *scope,
                                  const char *tag, bool shown)
 {
@@ -209,7 +213,8 @@ static const char *write_section(const struct writer *w, const char *at, const s
     return end;
 }
 
-/* Expand up to the end of the section or of the text; returns the position after that. */
+/* Expand the text from `at` to the end of the current section, or to the end of the text; returns
+ * the position after that. If `shown` is false, nothing is printed. */
 static const char *write_part(const struct writer *w, const char *at, const struct scope *scope,
                               bool shown)
 {

@@ -23,6 +23,7 @@
 
 #include "io/json.h"
 
-/* html: escape values; otherwise control characters in values become '?', since a terminal would
+/* Write `text` to a stream, with placeholders replaced by values of the document. html: escape
+ * values for HTML. Otherwise control characters in values become '?', since a terminal would
  * interpret them. */
 void spin_template_write(FILE *to, const char *text, const spin_json *document, bool html);

@@ -12,28 +12,30 @@
 #include "io/xz.h"
 #include "io/zip.h"
 
-/* Maximum size of a deflated data.pkl in bytes. It usually has kilobytes, or some megabytes if it
- * contains tables. */
+/* Maximum size of a deflated data.pkl in bytes. Its size is usually some kilobytes, or some
+ * megabytes if it contains tables. */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
-/* Verifying a CRC reads every byte, so it is skipped for larger members. */
+/* Members of this size in bytes or more are used without verifying their CRC, since that reads
+ * every byte. */
 #define CRC_LIMIT ((uint64_t)64 << 20)
 
-/* Where the bytes of a storage are. */
+/* The position of a storage in the zip, and its bytes. */
 struct bound {
     const struct spin_zip_member *member;
-    const unsigned char *data; /* NULL until a tensor needs it */
-    void *owned;               /* the decompressed block, or NULL */
+    const unsigned char *data; /* the bytes of the storage; NULL until a tensor needs them */
+    void *owned; /* the block that contains the bytes if they were decompressed, or NULL */
 };
 
 struct spin_torch_file {
     char *path;
-    struct spin_map map; /* legacy streams */
+    struct spin_map map; /* the mapped file, for legacy streams only */
     struct spin_zip zip;
     bool is_zip;
-    bool warned;     /* a CRC mismatch was reported */
+    bool warned;     /* a CRC mismatch was already reported */
     const char *top; /* name of the top folder in the zip, including its slash */
     size_t n_top;
-    struct bound *bound; /* [n_storages], in the order of pickle.storage */
+    /* [n_storages] the positions of the storages, in the order of pickle.storage. */
+    struct bound *bound;
 };
 
 /* ---- Other kinds of files ------------------------------------------------------------------- */
@@ -76,7 +78,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
 
 /* ---- The zip form --------------------------------------------------------------------------- */
 
-/* Find the only member TOP/data.pkl. */
+/* Find the member TOP/data.pkl, of which there must be exactly one. */
 static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_member **out)
 {
     static const char name[] = "/data.pkl";
@@ -100,7 +102,7 @@ static spin_status find_pickle(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* The part of a member's name after TOP/, or NULL if the name does not begin with TOP/. */
+/* Returns the part of a member's name after TOP/, or NULL if the name does not begin with TOP/. */
 static const char *below_top(const struct spin_torch_file *f, const char *name)
 {
     return strncmp(name, f->top, f->n_top) == 0 ? name + f->n_top : NULL;
@@ -117,8 +119,8 @@ static const struct spin_zip_member *find_below(const struct spin_torch_file *f,
     return NULL;
 }
 
-/* Read a member's bytes. A CRC mismatch is only a warning, since torch can be told not to compute
- * CRCs. */
+/* Read a member's bytes. A CRC mismatch only causes a warning, since torch can be told not to
+ * compute CRCs. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -134,7 +136,8 @@ static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_
     return SPIN_OK;
 }
 
-/* Read the first line of a small text member; "" if the member does not exist. */
+/* Read the first line of a small text member into `out`, which becomes "" if the member does not
+ * exist. */
 static spin_status read_word(struct spin_torch_file *f, const char *name, char out[32])
 {
     const struct spin_zip_member *member = find_below(f, name);
@@ -191,7 +194,8 @@ static int by_key(const void *a, const void *b)
 static spin_status check_storage(const struct spin_torch_file *f, const struct spin_storage *s,
                                  const struct spin_zip_member *member)
 {
-    uint64_t bytes = s->count * (uint64_t)s->item_size; /* cannot overflow, see pickle.c */
+    /* This product cannot overflow, see op_persistent_id() in pickle.c. */
+    uint64_t bytes = s->count * (uint64_t)s->item_size;
 
     if (!member)
         return s->count == 0 ? SPIN_OK
@@ -268,7 +272,7 @@ spin_status spin_torch_open(const char *path, struct spin_torch *out)
     SPIN_TRY_OUT(spin_map_open(path, &f->map));
     f->is_zip = spin_zip_looks_like(f->map.data, f->map.size);
     if (f->is_zip) {
-        spin_map_close(&f->map); /* the archive maps it again */
+        spin_map_close(&f->map); /* spin_zip_open() will map the file again */
         SPIN_TRY_OUT(open_zip(f, &out->pickle));
     } else if (spin_pickle_is_legacy(f->map.data, f->map.size)) {
         SPIN_TRY_OUT(spin_pickle_parse_legacy(path, f->map.data, f->map.size, &out->pickle));

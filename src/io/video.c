@@ -1,4 +1,5 @@
-/* Indexes videos, keeps decoders open between calls, and seeks to frames. */
+/* Reads frames of videos: indexes the videos, keeps decoders open between calls, and seeks to
+ * frames. */
 #include "io/video.h"
 
 #include <ctype.h>
@@ -13,22 +14,23 @@
 /* A decoder keeps about six frames of 1.5 bytes per pixel: 50 MB for a video of the data set Neural
  * 3D Video. Videos are often read alternately, so OPEN_BYTES lets all 21 videos of that data set
  * stay open. */
-#define DECODER_BYTES 9 /* per pixel */
+#define DECODER_BYTES 9 /* bytes of memory per pixel of a frame */
 #define OPEN_BYTES ((size_t)1200 << 20)
 
 struct video {
     char *file;
     struct stat was;             /* the file's status when it was indexed */
-    struct spin_imprint imprint; /* size 0: not computed yet */
+    struct spin_imprint imprint; /* digest of the file; its size is 0 if it was not computed yet */
     struct spin_video_index index;
-    struct spin_video_stream *stream; /* NULL: closed */
+    struct spin_video_stream *stream; /* decoder of the video; NULL: closed */
     int64_t at;                       /* frame that the stream decoded last; -1: none */
     unsigned long used;               /* value of clock_now at the last use */
 };
 
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects everything below */
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects all variables below */
 static const struct spin_video_shim *shim;
-/* [n_videos]; each is allocated separately, since its stream points to its index. */
+/* [n_videos]; each struct is allocated separately, since the stream of a video points to the index
+ * of the video. */
 static struct video **video;
 static size_t n_videos;
 static unsigned long clock_now;
@@ -130,7 +132,7 @@ static spin_status add_video(const char *file, struct video **out)
 
     if (!closes)
         closes = atexit(close_all) == 0;
-    SPIN_TRY(spin_map_open(file, &map)); /* records the file as an input */
+    SPIN_TRY(spin_map_open(file, &map)); /* this records the file as an input */
     spin_map_close(&map);
     SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, (void **)&video));
     SPIN_TRY_OUT(spin_alloc(1, sizeof *new, (void **)&new));
@@ -187,7 +189,8 @@ static size_t cost_of(const struct video *v)
     return (size_t)v->index.width * (size_t)v->index.height * DECODER_BYTES;
 }
 
-/* Close the least recently used decoders until `bytes` more do not exceed OPEN_BYTES. */
+/* Close the least recently used decoders until the memory of the open ones plus `bytes` does not
+ * exceed OPEN_BYTES. */
 static void limit_open_streams(size_t bytes)
 {
     for (;;) {
@@ -267,15 +270,16 @@ static spin_status convert_frame(struct video *v, uint8_t *rgb)
     return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
 }
 
-/* Decode up to the frame, from the current position or the preceding key frame. rgb receives the
- * frame; before that, it is the buffer for frames that the passer accepts. */
+/* Decode all frames up to the requested one, starting at the current position or at the last key
+ * frame before the requested frame. `rgb` receives the requested frame; until then it is the buffer
+ * for frames that are passed to `passer`. */
 static spin_status decode_up_to(struct video *v, int64_t frame,
                                 const struct spin_video_passer *passer, uint8_t *rgb)
 {
     int64_t key = key_before(v, frame);
     enum spin_video_result result = SPIN_VIDEO_OK;
 
-    if (v->at == frame) /* the decoder still has it */
+    if (v->at == frame) /* the decoder still has the frame */
         return convert_frame(v, rgb);
     if (v->at < key || v->at > frame) {
         v->at = -1;

@@ -8,8 +8,8 @@
  * Decoding can only start at a key frame, so that reading a random frame may decode all frames
  * between two key frames. Extracting all frames of a clip to disk first would take 15 GB and more.
  * Instead, the decoder keeps its position between calls, and passes all frames that it decodes to
- * the caller, which caches as many as fit in memory. A video whose frames all fit is decoded about
- * once. */
+ * the caller, which caches as many as fit in memory. If memory suffices for all frames of a video,
+ * the video is decoded about once. */
 #pragma once
 
 #include "io/file.h"
@@ -23,21 +23,22 @@ bool spin_video_is_name(const char *name);
 
 /* Load the shim now. Errors state what to install. */
 spin_status spin_video_start(void);
-/* spin_video_start(); *shim receives the shim's table of functions. */
+/* Load the shim like spin_video_start(), and store a pointer to its table of functions in *shim. */
 struct spin_video_shim;
 spin_status spin_video_shim(const struct spin_video_shim **shim);
 
-/* Size and number of frames of a video file, from its packets, without decoding. The digest
- * of the whole file is cached until the file changes; the argument for it may be NULL. */
+/* Read the size and the number of frames of a video from its packets, without decoding them. The
+ * last argument, unless it is NULL, receives the digest of the whole file, which is cached until
+ * the file changes. */
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
                             struct spin_imprint *imprint);
 
-/* Receives the frames that are decoded before the one requested. */
+/* Functions that receive the frames decoded on the way to the requested frame. */
 struct spin_video_passer {
     void *context;
     /* Whether to convert this frame and pass it to take(). */
     bool (*wants)(void *context, int64_t frame);
-    /* Interleaved 8-bit RGB [height][width][3], borrowed. */
+    /* Receives a frame as interleaved 8-bit RGB [height][width][3], valid only during this call. */
     void (*take)(void *context, int64_t frame, int width, int height, const uint8_t *rgb);
 };
 
@@ -50,13 +51,14 @@ spin_status spin_video_read(const char *file, int64_t frame, const struct spin_v
 
 struct spin_video_out;
 
-/* path ends in .mp4 or .webm. quality: 0 (best) to 51 (worst). sync: see struct spin_out. *codec
- * receives the name of the codec in use, static. Exactly one of commit and abandon must follow;
- * both free *out. */
+/* Start a video. The path must end in ".mp4" or ".webm". quality: 0 (best) to 51 (worst). sync: see
+ * struct spin_out. *codec receives the name of the codec in use, static. The caller must finally
+ * call either spin_video_commit(), which completes the file, or spin_video_abandon(), which removes
+ * it; each of these frees *out. */
 spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height,
                               double fps, int quality, struct spin_video_out **out,
                               const char **codec);
-/* Planar [3][height][width] float, clamped to 0..1. */
+/* Add a frame, given as planar floats [3][height][width], which are clamped to 0..1. */
 spin_status spin_video_put(struct spin_video_out *out, const float *image);
 spin_status spin_video_commit(struct spin_video_out *out);
 void spin_video_abandon(struct spin_video_out *out);

@@ -7,7 +7,7 @@
 #include "io/video_shim.h"
 
 struct spin_video_out {
-    struct spin_out out; /* FFmpeg writes to its temporary name */
+    struct spin_out out; /* FFmpeg writes to the temporary name of this output */
     struct spin_video_writer *writer;
     int width, height;
     uint8_t *rgb;
@@ -54,7 +54,8 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     SPIN_TRY(spin_alloc(1, sizeof *v, (void **)&v));
     v->width = width;
     v->height = height;
-    /* swscale's SIMD code reads past the last pixel; 16 extra pixels suffice for all of it. */
+    /* swscale's SIMD code reads past the last pixel; memory for 16 more pixels suffices for all
+     * variants of this code. */
     SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
     v->out.sync = sync;

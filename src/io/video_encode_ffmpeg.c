@@ -1,5 +1,6 @@
-/* The encoder of video_shim.h, with libavcodec, libavformat and libswscale. MP4 is H.264 if x264 is
- * available, else MPEG-4; WebM is VP9, else VP8. Colours are BT.709 and marked so in the file. */
+/* The encoder of video_shim.h, with libavcodec, libavformat and libswscale. MP4 files contain H.264
+ * if x264 is available, else MPEG-4; WebM files contain VP9 if an encoder for it is available, else
+ * VP8. Colours are converted to BT.709, and the file states this. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
@@ -41,7 +42,7 @@ static const AVCodec *choose_encoder(const char *format)
     return codec;
 }
 
-/* Map quality to each encoder's own scale. */
+/* Set the quality, converted from the scale 0..51 to that of the encoder. */
 static void set_quality(AVCodecContext *c, int quality)
 {
     char crf[16];
@@ -51,7 +52,7 @@ static void set_quality(AVCodecContext *c, int quality)
         c->global_quality = FF_QP2LAMBDA * (1 + quality * 30 / 51);
         return;
     }
-    /* Names of VP8 and VP9 encoders begin with "libv". */
+    /* Of all encoders used here, only those of VP8 and VP9 have names that begin with "libv". */
     snprintf(crf, sizeof crf, "%d", c->codec->name[3] == 'v' ? 4 + quality : quality);
     av_opt_set(c->priv_data, "crf", crf, 0);
     if (c->codec->name[3] == 'v')
@@ -125,7 +126,7 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale) /* out of memory, since both pixel formats are supported */
+    if (!w->scale) /* memory ran out, since both pixel formats are supported */
         return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
@@ -158,7 +159,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     if (error >= 0)
         error = avio_open(&w->file->pb, path, AVIO_FLAG_WRITE);
     if (error >= 0) {
-        w->file->flags |= AVFMT_FLAG_BITEXACT; /* write neither date nor version */
+        w->file->flags |= AVFMT_FLAG_BITEXACT; /* write neither date nor version into the file */
         error = avformat_write_header(w->file, &options);
     }
     av_dict_free(&options);
@@ -190,7 +191,8 @@ static int write_packets(struct spin_video_writer *w)
     }
 }
 
-/* If the width or height is odd, repeat the last column or row. */
+/* Returns the image with even width and height: if the width is odd, the last column is repeated;
+ * if the height is odd, the last row. */
 static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;

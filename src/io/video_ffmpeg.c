@@ -19,7 +19,7 @@ struct spin_video_stream {
     AVFrame *frame;
     struct SwsContext *scale;
     const struct spin_video_index *index;
-    int stream_index; /* index of the stream in the file */
+    int stream_index; /* index of the video stream in the file */
     int draining;
 };
 
@@ -85,7 +85,7 @@ static int by_pts(const void *a, const void *b)
 static enum spin_video_result add_entry(struct spin_video_index *index, int64_t *room,
                                         const AVPacket *packet)
 {
-    if (packet->flags & AV_PKT_FLAG_DISCARD) /* excluded by the file's edit list */
+    if (packet->flags & AV_PKT_FLAG_DISCARD) /* skip frames that the file's edit list excludes */
         return SPIN_VIDEO_OK;
     if (packet->pts == AV_NOPTS_VALUE)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no timestamps");
@@ -189,7 +189,8 @@ static enum spin_video_result open_codec(struct spin_video_stream *s)
     if (!s->codec || !s->packet || !s->frame)
         return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
     error = avcodec_parameters_to_context(s->codec, parameters);
-    s->codec->thread_count = 1; /* more threads would decode frames ahead of the requested one */
+    /* With several threads, FFmpeg would decode frames beyond the requested one. */
+    s->codec->thread_count = 1;
     s->codec->max_pixels = (int64_t)s->index->width * s->index->height * 2;
     if (error >= 0)
         error = avcodec_open2(s->codec, codec, NULL);
@@ -233,7 +234,7 @@ static enum spin_video_result video_seek(struct spin_video_stream *s, int64_t ke
     return SPIN_VIDEO_OK;
 }
 
-/* Index of the frame with this time, or -1. */
+/* Returns the index of the frame with this presentation time, or -1 if there is none. */
 static int64_t find_frame(const struct spin_video_index *index, int64_t pts)
 {
     int64_t low = 0, high = index->n - 1;
@@ -298,8 +299,8 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
 
 /* ---- Pixels ---------------------------------------------------------------------------------- */
 
-/* The colour matrix that the file specifies. If it specifies none, the usual one for the size:
- * BT.709 for 720 lines or more, else BT.601. */
+/* Returns the colour matrix that the file specifies. If the file specifies none, returns the usual
+ * matrix for the size: BT.709 for 720 lines or more, else BT.601. */
 static int colour_matrix(const AVFrame *frame)
 {
     switch (frame->colorspace) {

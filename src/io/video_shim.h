@@ -9,16 +9,18 @@
 
 enum spin_video_result {
     SPIN_VIDEO_OK,
-    SPIN_VIDEO_END,        /* no more frames */
-    SPIN_VIDEO_UNREADABLE, /* unknown format, damaged, truncated; or cannot be written */
+    SPIN_VIDEO_END, /* the stream has no more frames */
+    /* The input has an unknown format, is damaged or is truncated; or the output cannot be
+     * written. */
+    SPIN_VIDEO_UNREADABLE,
     SPIN_VIDEO_TOO_LARGE,
     SPIN_VIDEO_NO_MEMORY
 };
 
-/* A frame, listed in display order. */
+/* One frame in the index of a video. */
 struct spin_video_entry {
-    int64_t pts, dts; /* in the stream's time base */
-    int key;          /* key frame: decoding can start here */
+    int64_t pts, dts; /* presentation and decoding time, in units of the stream's time base */
+    int key;          /* 1: a key frame, at which decoding can start; 0: another frame */
 };
 
 struct spin_video_index {
@@ -29,15 +31,16 @@ struct spin_video_index {
 
 struct spin_video_writer;
 
-/* format: "mp4" or "webm". quality: 0 (best) to 51 (worst), on the scale of x264. */
+/* The functions that write a video. format: "mp4" or "webm". quality: 0 (best) to 51 (worst), on
+ * the scale of x264. */
 struct spin_video_encoder {
     /* *codec receives the name of the codec in use, static. */
     enum spin_video_result (*open)(const char *path, const char *format, int width, int height,
                                    double fps, int quality, struct spin_video_writer **out,
                                    const char **codec);
-    /* Encode one more frame, interleaved 8-bit RGB [height][width][3]. */
+    /* Encode one more frame, given as interleaved 8-bit RGB [height][width][3]. */
     enum spin_video_result (*put)(struct spin_video_writer *writer, const uint8_t *rgb);
-    /* Write everything that is still buffered. */
+    /* Write everything that is still buffered, and complete the file. */
     enum spin_video_result (*end)(struct spin_video_writer *writer);
     void (*close)(struct spin_video_writer *writer);
 };
@@ -47,15 +50,16 @@ struct spin_video_stream;
 struct spin_video_shim {
     int abi;
     const char *version; /* name and version of libavcodec */
-    /* Why this thread's last call failed. */
+    /* Returns a text that says why this thread's last call failed. */
     const char *(*why)(void);
-    /* List the frames, from packets only. Refuses frames above max_pixels. */
+    /* List the frames by reading the packets, without decoding them. Refuses videos with more than
+     * max_pixels pixels per frame. */
     enum spin_video_result (*index)(const char *path, int64_t max_pixels,
                                     struct spin_video_index *out);
     enum spin_video_result (*open)(const char *path, const struct spin_video_index *index,
                                    struct spin_video_stream **out);
-    /* Seek to a key frame: next() then returns it, possibly after some earlier frames in display
-     * order, which may be damaged. */
+    /* Seek to the key frame with index `key`. The next calls of next() return this frame, possibly
+     * after some frames that are displayed before it; those may be damaged. */
     enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key);
     /* Decode one more frame; *frame receives its index. */
     enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame);

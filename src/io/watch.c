@@ -1,6 +1,6 @@
 /* Reading a mapped page that was truncated from its file raises SIGBUS. No thread can continue
- * after that: the handler reports the file, removes partial output and ends the process. It takes
- * no locks, because the thread that raised the signal may hold them. */
+ * after that: the handler reports the file, removes partial output and ends the process. The
+ * handler takes no locks, because the thread that raised the signal may hold them. */
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -12,19 +12,22 @@
 /* Entries beyond these limits are not watched. */
 enum { MAPS = 256, OUTS = 64 };
 
-/* The handler may read a path while another thread releases its entry: paths are never freed. */
+/* The handler may read a path while another thread releases the entry. Therefore paths are stored
+ * in the entries, and never freed. */
 static struct {
-    _Atomic(const unsigned char *) data; /* set last; NULL: the entry is free */
+    /* Start of the map, set after the other members; NULL: the entry is free. */
+    _Atomic(const unsigned char *) data;
     char path[PATH_MAX];
     struct stat st;
 } maps[MAPS];
 static struct {
-    _Atomic(const char *) given; /* the caller's pointer, set last; NULL: the entry is free */
+    /* The caller's pointer, set after `path`; NULL: the entry is free. */
+    _Atomic(const char *) given;
     char path[PATH_MAX];
 } outs[OUTS];
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects writes to maps and outs */
 static atomic_bool dying;
-static char name[64]; /* name of the command */
+static char name[64]; /* name of the command, for the message */
 
 /* Acquire the mutex in order to write a path. Blocks forever once the handler runs, since the
  * handler may be about to remove the file with the entry's old path. */
@@ -151,7 +154,8 @@ static void report_cut_file(const char *path)
 
 static void remove_outs(void)
 {
-    for (int pass = 0; pass < 2; pass++) { /* files, then the folders that have become empty */
+    /* First the files, then the folders that have become empty. */
+    for (int pass = 0; pass < 2; pass++) {
         for (int i = 0; i < OUTS; i++) {
             if (atomic_load(&outs[i].given))
                 (void)(pass ? rmdir(outs[i].path) : unlink(outs[i].path));
@@ -169,13 +173,15 @@ static void on_bus(int number, siginfo_t *info, void *context)
 
         if (!first || at < first || at - first >= (uintptr_t)maps[i].st.st_size)
             continue;
-        while (atomic_exchange(&dying, true)) /* another thread already runs this */
+        /* Wait if another thread already runs the rest of this handler. */
+        while (atomic_exchange(&dying, true))
             pause();
         report_cut_file(maps[i].path);
         remove_outs();
         _exit(1);
     }
-    /* Not one of our maps: the access is repeated, and the signal ends the process. */
+    /* The address lies in none of the watched maps: with the default action, the access is repeated
+     * after the return, and then the signal ends the process. */
     signal(number, SIG_DFL);
 }
 

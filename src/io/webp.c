@@ -58,7 +58,8 @@ static int append_bytes(const uint8_t *data, size_t size, const WebPPicture *pic
     return 1;
 }
 
-/* BAD_WRITE is a lack of memory too: append_bytes() has no other error. */
+/* Whether the error is a lack of memory. This includes BAD_WRITE, since append_bytes() fails only
+ * if memory runs out. */
 static bool is_memory(WebPEncodingError error)
 {
     return error == VP8_ENC_ERROR_OUT_OF_MEMORY || error == VP8_ENC_ERROR_BITSTREAM_OUT_OF_MEMORY ||
@@ -146,7 +147,8 @@ static uint32_t word_at(const uint8_t *p)
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height)
 {
     const uint8_t *file = data;
-    uint32_t wide = 0, high = 0; /* size in the VP8X chunk; 0: no such chunk */
+    /* Size of the image according to the VP8X chunk; 0: there is no such chunk. */
+    uint32_t wide = 0, high = 0;
 
     *width = *height = 0;
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
@@ -180,8 +182,8 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
 }
 
 /* If allocations fail, libwebp 1.2 sometimes reports damage and sometimes ends the process.
- * Therefore check beforehand that as much memory as it needs can be allocated: for a copy of the
- * pixels, data of transforms, and Huffman tables. */
+ * Therefore check beforehand that the memory that libwebp needs can be allocated: it needs memory
+ * for a copy of the pixels, for data of transforms, and for Huffman tables. */
 static spin_status check_memory(int width, int height)
 {
     SPIN_FREED void *block = malloc(2 * 4 * (size_t)width * (size_t)height + (1 << 20));

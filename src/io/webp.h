@@ -6,7 +6,7 @@
 
 #include "spin.h"
 
-#define SPIN_WEBP_MAX_SIDE 16383 /* pixels, a limit of the format */
+#define SPIN_WEBP_MAX_SIDE 16383 /* maximum width and height in pixels, a limit of the format */
 
 /* SPIN_E_UNSUPPORTED if the library is missing. */
 spin_status spin_webp_need(void);
@@ -15,11 +15,12 @@ spin_status spin_webp_need(void);
  * verification: SPIN_E_IO if it differs. */
 spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effort,
                             unsigned char **out, size_t *n_out);
-/* Size of an image; SPIN_E_MALFORMED if the data are not a WebP image. */
+/* Read the size of an image; SPIN_E_MALFORMED if the data are not a WebP image. */
 spin_status spin_webp_size(const void *data, size_t size, int *width, int *height);
-/* Size of the image in a whole file, which must be a lossless still image: one VP8L chunk,
- * optionally with a VP8X chunk of the same size and chunks without pixels. Errors state what is
- * wrong. Does not need the library. */
+/* Read the size of the image in a whole file, which must be a lossless still image: it must contain
+ * one VP8L chunk, and may also contain a VP8X chunk that states the same size, and chunks without
+ * pixels. Errors state what is wrong. This function does not need the library. */
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height);
-/* Decode into rgba [height][width][4]; width and height are those of the functions above. */
+/* Decode an image into rgba [height][width][4]. width and height must be those that
+ * spin_webp_size() or spin_webp_lossless() returned for it. */
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba);

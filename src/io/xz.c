@@ -1,5 +1,5 @@
-/* xz by liblzma, decompressed in parts: memory grows with the actual output, not with sizes in
- * headers. */
+/* Decompresses xz files with liblzma, in parts: the memory in use grows with the actual output, and
+ * does not depend on sizes in headers. */
 #include "io/xz.h"
 
 #include <lzma.h>
@@ -12,7 +12,8 @@
 #define RATIO 32
 #define RATIO_SLACK ((size_t)8 << 20)
 #define FIRST_PIECE ((size_t)1 << 20)
-/* Level 9 needs 65 MiB for its dictionary. */
+/* Limit of the decoder's own memory in bytes. Files compressed with level 9 need 65 MiB, for the
+ * dictionary. */
 #define DECODER_MEMORY ((uint64_t)256 << 20)
 
 bool spin_xz_looks_like(const unsigned char *head, size_t n)
@@ -41,7 +42,8 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     }
 }
 
-/* Double the capacity, to at most limit + 1: the extra byte detects output beyond the limit. */
+/* Double the capacity of the block, to at most limit + 1 bytes. If the output fills the block even
+ * then, it exceeds the limit. */
 static spin_status more_room(lzma_stream *stream, size_t limit, unsigned char **block, size_t *size)
 {
     size_t used = *size - stream->avail_out, larger = *size ? 2 * *size : FIRST_PIECE;

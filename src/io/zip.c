@@ -1,4 +1,4 @@
-/* Reading zip and zip64 archives through the central directory.
+/* Reads zip and zip64 archives through the central directory.
  *
  * The file is not trusted. Every offset and size is compared with the bytes of the file before it
  * is used; members must not overlap each other or the directory (by overlaps, small files can
@@ -12,7 +12,7 @@
 #include "base/base.h"
 #include "io/zip_format.h"
 
-enum { ENCRYPTED = 1 << 0 }; /* flag of a member */
+enum { ENCRYPTED = 1 << 0 }; /* bit in the flags of a member */
 static const uint64_t deflate_ratio = 1032, deflate_slack = 4096;
 
 static uint16_t u16(const unsigned char *p) { return (uint16_t)(p[0] | p[1] << 8); }
@@ -22,8 +22,8 @@ static uint64_t u64(const unsigned char *p) { return u32(p) | (uint64_t)u32(p + 
 /* ---- Location of the directory -------------------------------------------------------------- */
 
 struct directory {
-    uint64_t offset, size, n; /* bytes, bytes, entries */
-    uint64_t limit;           /* start of the end records */
+    uint64_t offset, size, n; /* position and size of the directory in bytes; number of entries */
+    uint64_t limit;           /* position of the first end record, which follows the directory */
     bool zip64;
 };
 
@@ -114,8 +114,8 @@ static spin_status fail_member(spin_status code, const char *path, const char *n
     return spin_fail(code, "cannot read '%s': member '%s' %s", path, name, what);
 }
 
-/* The zip64 record contains the values that did not fit in 32 bits, and only those, in this
- * order. */
+/* Read from the zip64 record those values that do not fit in 32 bits. The record contains only
+ * these, in the order of `field`. */
 static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_zip_member *m)
 {
     uint64_t *field[3] = {&m->size, &m->packed_size, &m->header_offset};
@@ -149,8 +149,9 @@ static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_z
     return true;
 }
 
-/* Read the entry at p, of which `left` bytes remain in the directory. *taken receives the entry's
- * length. Copies the member's name and a NUL to `name`, whose capacity suffices. */
+/* Read the entry at p, of which `left` bytes remain in the directory. *taken receives the length of
+ * the entry in bytes. The member's name and a NUL are copied to `name`, which must have the
+ * capacity for them. */
 static spin_status read_entry(const char *path, const struct directory *dir, const unsigned char *p,
                               uint64_t left, char *name, struct spin_zip_member *m, uint64_t *taken)
 {
@@ -183,7 +184,7 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
     if (m->method == METHOD_STORED && m->size != m->packed_size)
         return fail_member(SPIN_E_MALFORMED, path, name, "is stored but has two different sizes");
 
-    /* Members precede the directory: header, name, data. */
+    /* Each member consists of header, name and data, and must lie before the directory. */
     if (m->header_offset > dir->offset || dir->offset - m->header_offset < LOCAL_BYTES + n_name)
         return fail_member(SPIN_E_MALFORMED, path, name, "lies outside the file");
     room = dir->offset - m->header_offset - LOCAL_BYTES - n_name;
@@ -236,7 +237,8 @@ static spin_status read_directory(const char *path, const struct directory *dir,
     char *name;
 
     SPIN_TRY(spin_alloc((size_t)dir->n, sizeof *out->member, (void **)&out->member));
-    /* Names are shorter than their entries, so their NULs fit too. */
+    /* Each name is shorter than its entry in the directory, so that the NULs after the names fit
+     * too. */
     SPIN_TRY(spin_alloc((size_t)dir->size + 1, 1, (void **)&out->names));
     name = out->names;
     for (uint64_t i = 0; i < dir->n; i++) {
@@ -296,7 +298,7 @@ void spin_zip_close(struct spin_zip *zip)
     memset(zip, 0, sizeof *zip);
 }
 
-/* Like strcmp() of name and the concatenated parts. */
+/* Returns the result of strcmp() for `name` and the concatenation of the parts. */
 static int compare_parts(const char *name, const char *const *part)
 {
     for (; *part; part++) {
@@ -313,7 +315,8 @@ static int compare_parts(const char *name, const char *const *part)
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part)
 {
-    size_t low = 0, high = zip->n; /* search for the first member after those with this name */
+    /* Binary search for the first member after those with this name. */
+    size_t low = 0, high = zip->n;
 
     while (low < high) {
         size_t middle = low + (high - low) / 2;
@@ -336,8 +339,8 @@ const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const ch
 
 /* ---- Data of members ------------------------------------------------------------------------ */
 
-/* Locate a member's compressed bytes. The local header is used only to find their position; its
- * name must be the same. */
+/* Locate a member's compressed bytes. The local header is used only to find the position of these
+ * bytes; the name in it must equal the name in the directory. */
 static spin_status find_data(const struct spin_zip *zip, const struct spin_zip_member *m,
                              const unsigned char **data)
 {
@@ -365,14 +368,14 @@ static spin_status fail_memory(const struct spin_zip *zip, const struct spin_zip
                      zip->path, (unsigned long long)m->size, m->name);
 }
 
-/* Decompress a member, which must yield exactly its size. zlib uses unsigned int, so input and
- * output are passed in parts. */
+/* Decompress a member; the output must have exactly the size that the directory states. Input and
+ * output are passed to zlib in parts, since zlib counts bytes with unsigned int. */
 static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin_zip_member *m,
                                    const unsigned char *packed, unsigned char *out)
 {
     uint64_t n = m->packed_size, size = m->size;
     const uint64_t piece = 1u << 30;
-    unsigned char beyond; /* receives output beyond the size, which is an error */
+    unsigned char beyond; /* receives output beyond the stated size, which is an error */
     z_stream z = {0};
     int result = Z_OK;
 
@@ -405,7 +408,8 @@ static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin
                              "is damaged (it cannot be decompressed)");
 }
 
-/* Decompress the first n bytes of a member; *n_out receives how many there are. */
+/* Decompress the first n bytes of a member; *n_out receives the number of bytes, which is smaller
+ * if the member is shorter. */
 static spin_status inflate_head(const struct spin_zip *zip, const struct spin_zip_member *m,
                                 const unsigned char *packed, void *out, size_t n, size_t *n_out)
 {
@@ -420,7 +424,8 @@ static spin_status inflate_head(const struct spin_zip *zip, const struct spin_zi
     z.avail_in = (uInt)(n_packed < piece ? n_packed : piece);
     z.next_out = out;
     z.avail_out = (uInt)(n < piece ? n : piece);
-    result = inflate(&z, Z_SYNC_FLUSH); /* damage is detected when the whole member is read */
+    /* Other errors are ignored here: they are reported when the whole member is read. */
+    result = inflate(&z, Z_SYNC_FLUSH);
     *n_out = (size_t)z.total_out;
     inflateEnd(&z);
     return result == Z_MEM_ERROR ? fail_memory(zip, m) : SPIN_OK;

@@ -9,8 +9,8 @@
 #include "io/file.h"
 
 struct spin_zip_member {
-    const char *name;           /* NUL-terminated */
-    uint64_t size, packed_size; /* bytes */
+    const char *name;           /* name of the member, NUL-terminated */
+    uint64_t size, packed_size; /* decompressed and compressed size in bytes */
     uint64_t header_offset;
     uint32_t crc;
     int method;
@@ -18,36 +18,39 @@ struct spin_zip_member {
 
 struct spin_zip {
     struct spin_map map;
-    char *path;                     /* for messages */
-    struct spin_zip_member *member; /* [n], in order of the directory */
+    char *path;                     /* path of the archive, for messages */
+    struct spin_zip_member *member; /* [n], in the order of the central directory */
     size_t n;
-    const struct spin_zip_member **by_name; /* private: [n] */
-    char *names;                            /* private */
-    bool borrowed;                          /* map is owned by the caller */
+    const struct spin_zip_member **by_name; /* private: [n] the members, sorted by name */
+    char *names;                            /* private: the memory of all names of members */
+    bool borrowed;                          /* the caller owns `map` */
     bool zip64;                             /* the directory was found through a zip64 record */
 };
 
 bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
 spin_status spin_zip_open(const char *path, struct spin_zip *out);
-/* An archive in memory, which is borrowed; `what` names it in messages. */
+/* Open an archive in memory, which must stay valid until spin_zip_close(); `what` is its name in
+ * messages. */
 spin_status spin_zip_parse(const char *what, const void *data, size_t size, struct spin_zip *out);
 void spin_zip_close(struct spin_zip *zip);
-/* The member of this name, or NULL; the last one if there are several, as in Python. */
+/* Returns the member of this name, or NULL if there is none. If there are several, returns the last
+ * one, as Python does. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
 
-/* spin_zip_find() for a name that is the concatenation of several parts; the array ends with
- * NULL. */
+/* spin_zip_find() for a name that is the concatenation of several parts; `part` is a list of these
+ * parts that ends with NULL. */
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part);
 
-/* The bytes of a member. Stored: *data points into the map and *owned is NULL. Deflated: *owned is
- * a new block, which the caller frees with free(). check_crc: verify the CRC. `limit` bounds the
- * decompressed size, so that a zip bomb fails before anything is allocated. */
+/* Read the bytes of a member. If the member is stored, *data points into the map and *owned is
+ * NULL. If it is deflated, *data and *owned point to a new block, which the caller frees with
+ * free(). check_crc: verify the CRC. `limit` bounds the decompressed size, so that a zip bomb fails
+ * before anything is allocated. */
 spin_status spin_zip_read(const struct spin_zip *zip, const struct spin_zip_member *member,
                           bool check_crc, uint64_t limit, const unsigned char **data, void **owned);
 
-/* The first n bytes of a member, or all if it is shorter, without decompressing the rest; *n_out
- * receives their number. */
+/* Read the first n bytes of a member, or all of them if it is shorter, without decompressing the
+ * rest; *n_out receives the number of bytes read. */
 spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_member *member,
                           void *out, size_t n, size_t *n_out);
 
@@ -64,10 +67,13 @@ struct spin_zip_writer {
     uint32_t crc;
     uint64_t member_size;
     bool in_member;
-    bool plain; /* headers without extra fields, data unaligned; to be set after begin() */
-    struct spin_zip_deflate *deflate; /* state of the deflated member being written, or NULL */
-    /* Number of threads that deflate a long member; 0: all cores. To be set after open() or
-     * begin(). */
+    /* Write headers without extra fields, so that data are not aligned. Set this after
+     * spin_zip_writer_begin(). */
+    bool plain;
+    /* State of the deflated member being written; NULL: there is none. */
+    struct spin_zip_deflate *deflate;
+    /* Number of threads that deflate a long member; 0: one per core. Set this after
+     * spin_zip_writer_open() or spin_zip_writer_begin(). */
     int n_threads;
     struct spin_pool *pool;
 };
@@ -85,9 +91,9 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w);
 /* Write a stored member in one call, from two blocks in memory, which are not copied. */
 spin_status spin_zip_member_whole(struct spin_zip_writer *w, const char *name, const void *head,
                                   size_t n_head, const void *data, size_t n_data);
-/* Write an archive into an open, empty file that the caller will commit. begin() borrows the file;
- * end(), which must follow, writes the directory if so_far is SPIN_OK, and returns the file in
- * *out. */
+/* Write an archive into an open, empty file that the caller will commit. spin_zip_writer_begin()
+ * takes over the file until spin_zip_writer_end(), which must follow, returns it in *out. If so_far
+ * is SPIN_OK, spin_zip_writer_end() also writes the directory. */
 void spin_zip_writer_begin(const struct spin_out *out, struct spin_zip_writer *w);
 spin_status spin_zip_writer_end(struct spin_zip_writer *w, spin_status so_far,
                                 struct spin_out *out);

@@ -1,24 +1,27 @@
-/* Writing zip archives. Headers of stored members are padded to align their data. */
+/* Writes zip archives. Headers of stored members are padded to align their data. */
 #include "base/base.h"
 #include "io/zip.h"
 #include "io/gzip.h"
 #include "io/zip_format.h"
 
 enum {
-    EXTRA_ALIGN = 0xd935, /* the record that zipalign uses: u16 alignment, then padding */
+    /* Extra record that zipalign uses: the alignment as 16-bit integer, then padding. */
+    EXTRA_ALIGN = 0xd935,
     FLAG_UTF8 = 1 << 11,
     ALIGN = 64,
     DOS_DATE_1980 = 0x21,
     DEFLATE_LEVEL = 6,
     WINDOW = SPIN_DEFLATE_WINDOW,
-    PART = 8 << 20 /* size that threads compress in parallel */
+    /* Size in bytes of the parts of a member that are deflated at a time, each by several
+     * threads. */
+    PART = 8 << 20
 };
 /* Deflated members of at least this size get 64-bit fields in their headers, since compression may
  * make data slightly longer. */
 static const uint64_t deflate_zip64 = 0xf0000000u;
 
 struct spin_zip_deflate {
-    bool runs;         /* see spin_zip_member_runs() */
+    bool runs;         /* the effect of spin_zip_member_runs() is in force */
     unsigned char *in; /* [n_room]: n_before bytes already written, then n pending ones */
     size_t n_room, n_before, n;
     uint64_t packed_size;
@@ -30,10 +33,10 @@ struct spin_zip_written {
     uint64_t size, packed_size, header_offset;
     uint32_t crc;
     int method;
-    bool zip64; /* the local header has 64-bit sizes */
+    bool zip64; /* the local header contains 64-bit sizes */
 };
 
-/* Buffer for one header; its size is the maximum length of a header. */
+/* A buffer for one header, large enough for the longest one. */
 struct bytes {
     unsigned char data[128 + ALIGN];
     size_t n;
@@ -81,8 +84,8 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
     return SPIN_OK;
 }
 
-/* Fields common to local header and directory entry, from "version needed" to the length of the
- * name. */
+/* Append the fields that local header and directory entry have in common, from "version needed" to
+ * the length of the name. */
 static void put_common(struct bytes *b, const struct spin_zip_written *e, bool zip64,
                        uint32_t packed_size, uint32_t size)
 {
@@ -97,7 +100,8 @@ static void put_common(struct bytes *b, const struct spin_zip_written *e, bool z
     put_int(b, strlen(e->name), 2);
 }
 
-/* Size of the padding record, at least 6 bytes, that aligns the data after `used` header bytes. */
+/* Returns the size of the padding record that aligns the data after `used` header bytes: 0 for no
+ * record, or at least 6 bytes. */
 static size_t padding_size(uint64_t used)
 {
     size_t pad = (size_t)(-used & (ALIGN - 1));
@@ -105,7 +109,7 @@ static size_t padding_size(uint64_t used)
     return pad == 0 || pad >= 6 ? pad : pad + ALIGN;
 }
 
-/* Write the local header. crc: 0 if not known yet. */
+/* Write the local header of a member. crc: the CRC-32 of the data; 0 if not known yet. */
 static spin_status begin_member(struct spin_zip_writer *w, const char *name, uint64_t size,
                                 uint32_t crc, int method)
 {
@@ -184,7 +188,7 @@ spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char
 
 void spin_zip_member_runs(struct spin_zip_writer *w) { w->deflate->runs = true; }
 
-/* Compress and write the pending bytes. */
+/* Compress the pending bytes and write the result. */
 static spin_status deflate_part(struct spin_zip_writer *w, bool last)
 {
     struct spin_zip_deflate *d = w->deflate;
@@ -275,7 +279,9 @@ spin_status spin_zip_member_end(struct spin_zip_writer *w)
     if (!entry->zip64)
         return SPIN_OK;
     b.n = 0;
-    put_int(&b, entry->packed_size, 8); /* after the record's header and the uncompressed size */
+    /* The compressed size in the zip64 record follows the record's header and the uncompressed
+     * size. */
+    put_int(&b, entry->packed_size, 8);
     return patch_header(w, &b, entry->header_offset + LOCAL_BYTES + strlen(entry->name) + 4 + 8);
 }
 
@@ -291,10 +297,10 @@ static spin_status write_entry(struct spin_zip_writer *w, const struct spin_zip_
         put_int(&extra, e->header_offset, 8);
 
     put_int(&b, SIG_CENTRAL, 4);
-    put_int(&b, extra.n > 0 ? 45 : 20, 2); /* version made by; no attributes */
+    put_int(&b, extra.n > 0 ? 45 : 20, 2); /* the field "version made by" */
     put_common(&b, e, extra.n > 0, low32(e->packed_size), low32(e->size));
     put_int(&b, extra.n > 0 ? extra.n + 4 : 0, 2);
-    put_int(&b, 0, 2 + 2 + 2 + 4); /* comment, disk, attributes */
+    put_int(&b, 0, 2 + 2 + 2 + 4); /* no comment, disk 0, no attributes */
     put_int(&b, low32(e->header_offset), 4);
     SPIN_TRY(spin_out_write(&w->out, b.data, b.n));
     SPIN_TRY(spin_out_write(&w->out, e->name, strlen(e->name)));
@@ -321,7 +327,7 @@ static spin_status write_directory(struct spin_zip_writer *w)
         put_int(&b, END64_BYTES - 12, 8);
         put_int(&b, 45, 2);
         put_int(&b, 45, 2);
-        put_int(&b, 0, 8); /* disks */
+        put_int(&b, 0, 8); /* numbers of disks */
         put_int(&b, w->n, 8);
         put_int(&b, w->n, 8);
         put_int(&b, size, 8);
@@ -332,7 +338,7 @@ static spin_status write_directory(struct spin_zip_writer *w)
         put_int(&b, 1, 4);
     }
     put_int(&b, SIG_END, 4);
-    put_int(&b, 0, 4); /* disks */
+    put_int(&b, 0, 4); /* numbers of disks */
     put_int(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
     put_int(&b, w->n < UINT16_MAX ? w->n : UINT16_MAX, 2);
     put_int(&b, low32(size), 4);
@@ -375,7 +381,9 @@ spin_status spin_zip_writer_commit(struct spin_zip_writer *w)
     if (status == SPIN_OK)
         status = write_directory(w);
     if (status == SPIN_OK)
-        status = spin_out_commit(&w->out); /* leaves nothing to abandon below */
+        /* This closes the output also after a failure, so that spin_zip_writer_abandon() only frees
+         * memory. */
+        status = spin_out_commit(&w->out);
     spin_zip_writer_abandon(w);
     return status;
 }

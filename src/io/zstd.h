@@ -10,7 +10,8 @@ spin_status spin_zstd_need(void);
 /* Decompress all frames of data, which must yield exactly n_out bytes, else SPIN_E_MALFORMED.
  * SPIN_E_UNSUPPORTED if the library is missing. */
 spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_out);
-/* Compress data as one frame, with level 1 (fast) to 19 (small); *out has a capacity of *n_room
- * bytes; if that is too small, both are updated. Equal data, level and library give equal bytes. */
+/* Compress data as one frame. level: 1 (fast) to 19 (small). *out is a buffer with a capacity of
+ * *n_room bytes; if it is too small, it is reallocated and *n_room increases. *n_out receives the
+ * size of the frame. Equal data, level and library give equal bytes. */
 spin_status spin_zstd_write(const void *data, size_t size, int level, unsigned char **out,
                             size_t *n_room, size_t *n_out);

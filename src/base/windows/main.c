@@ -1,11 +1,12 @@
-/* Calls the command's main() with arguments converted to UTF-8 and backslashes to slashes. */
+/* Calls the command's main() with its arguments in UTF-8 and with slashes instead of
+ * backslashes. */
 #include <windows.h>
 
 #include <shellapi.h>
 
 #undef main
 
-/* Enables escape sequences, which erase progress lines. */
+/* Enable escape sequences in a console, since progress lines are erased with them. */
 static void set_console(DWORD which)
 {
     HANDLE console = GetStdHandle(which);

@@ -8,7 +8,7 @@
 
 enum { PATH_ROOM = 4096 };
 
-/* Set errno from the last Windows error and return -1. */
+/* Set errno according to the last Windows error, and return -1. */
 static int fail(void)
 {
     switch (GetLastError()) {
@@ -70,8 +70,8 @@ static const wchar_t *to_utf16(const char *path, struct wide *out)
     return out->text;
 }
 
-/* Convert to UTF-8 with slashes. Returns the number of bytes, or 0 if the capacity n is too
- * small. */
+/* Convert a path to UTF-8 with slashes. Returns the number of bytes without the NUL, or 0 if the
+ * capacity n is too small. */
 static size_t to_utf8(const wchar_t *text, char *out, size_t n)
 {
     int bytes = WideCharToMultiByte(CP_UTF8, 0, text, -1, out, (int)n, NULL, NULL);
@@ -206,7 +206,7 @@ int statvfs(const char *folder, struct statvfs *out)
 
 /* ---- Open, read, write ---------------------------------------------------------------------- */
 
-/* Opens folders too, so that fstat() can identify them. */
+/* Open a file. Folders can be opened too, so that fstat() can identify them as folders. */
 int posix_open(const char *path, int flags, ...)
 {
     struct wide wide;
@@ -227,7 +227,8 @@ int posix_open(const char *path, int flags, ...)
     return fd;
 }
 
-/* Ignores mode 'e' (close on exec): a child inherits the file, which is harmless. */
+/* Open a stream. The letter 'e' in `mode` (close on exec) is ignored: a child process inherits the
+ * file, which is harmless. */
 FILE *posix_fopen(const char *path, const char *mode)
 {
     const wchar_t how[4] = {(wchar_t)mode[0], L'b', strchr(mode, '+') ? L'+' : L'\0'};
@@ -236,7 +237,8 @@ FILE *posix_fopen(const char *path, const char *mode)
     return _wfopen(to_utf16(path, &wide), how);
 }
 
-/* Writes through a second handle, since Windows would change the file position of the first. */
+/* Write at an offset. This uses a second handle, since Windows would change the file position of
+ * the first. */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
 {
     OVERLAPPED place = {.Offset = (DWORD)at, .OffsetHigh = (DWORD)(at >> 32)};
@@ -254,8 +256,8 @@ ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
     return done ? (ssize_t)written : -1;
 }
 
-/* Locks a byte far beyond the end, because Windows prevents other processes from reading locked
- * bytes. */
+/* Lock a file. The lock covers a byte far beyond the end of the file, because Windows prevents
+ * other processes from reading locked bytes. */
 int posix_flock(int fd, int how)
 {
     OVERLAPPED place = {.OffsetHigh = 0x7fffffff};
@@ -272,7 +274,7 @@ int posix_flock(int fd, int how)
 static struct memory {
     struct memory *next;
     FILE *file;
-    char **text, *fixed; /* exactly one of these two is set */
+    char **text, *fixed; /* where fclose() stores the text: exactly one of these two is set */
     size_t *n, room;
 } * memories;
 static pthread_mutex_t memory_mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -401,9 +403,10 @@ static void remove_old_files(void)
         (void)DeleteFileW(old_files->path.text);
 }
 
-/* Windows cannot replace a mapped file, but can rename it. Its new name is that of a temporary file
- * of process getpid() + 1, which does not exist, so that spin_out_sweep() removes the file later if
- * it cannot be removed at exit. */
+/* Windows cannot replace a mapped file, but can rename it. Therefore rename the old file, then give
+ * its name to the new one. The new name of the old file is that of a temporary file of process
+ * getpid() + 1, which does not exist: if the old file cannot be removed at exit, spin_out_sweep()
+ * removes it later. */
 static bool replace_mapped(const wchar_t *from, const wchar_t *to)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -448,7 +451,7 @@ int posix_link(const char *from, const char *to)
 struct posix_dir {
     HANDLE find;
     WIN32_FIND_DATAW next;
-    bool ends; /* there is no next entry */
+    bool ends; /* there is no further entry */
     struct dirent entry;
 };
 
@@ -511,7 +514,8 @@ void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero
     return MAP_FAILED;
 }
 
-/* Decommits the pages. Releases the address range once all its pages are decommitted. */
+/* Decommit the pages, and release the address range once all its pages are decommitted. A mapped
+ * file is unmapped as a whole. */
 int munmap(void *at, size_t n)
 {
     MEMORY_BASIC_INFORMATION info, part;
@@ -531,8 +535,8 @@ int munmap(void *at, size_t n)
     return VirtualFree(info.AllocationBase, 0, MEM_RELEASE) ? 0 : fail();
 }
 
-/* VirtualUnlock() on pages that are not locked removes them from the working set. They are read
- * again on access. */
+/* MADV_DONTNEED removes pages from the working set, by VirtualUnlock() on pages that are not
+ * locked. The pages are read again on access. */
 int madvise(void *at, size_t n, int advice)
 {
     if (advice == MADV_DONTNEED)

@@ -35,7 +35,8 @@
 typedef int uid_t;
 struct posix_stat {
     uint64_t st_dev, st_ino, st_size;
-    /* st_mode: the only permission is "read only"; access control lists are ignored. */
+    /* The permissions in st_mode depend only on the file attribute "read only"; access control
+     * lists are ignored. */
     unsigned st_mode, st_nlink;
     uid_t st_uid; /* always 0 */
     struct timespec st_mtim;
@@ -48,7 +49,7 @@ struct posix_stat {
 int posix_stat(const char *path, struct posix_stat *out);
 int posix_lstat(const char *path, struct posix_stat *out);
 int posix_fstat(int fd, struct posix_stat *out);
-int posix_open(const char *path, int flags, ...); /* opened files can still be removed */
+int posix_open(const char *path, int flags, ...); /* files can be removed while they are open */
 int posix_access(const char *path, int mode);
 int posix_unlink(const char *path);
 int posix_rmdir(const char *path);
@@ -56,13 +57,14 @@ int posix_mkdir(const char *path, int mode);
 int posix_rename(const char *from, const char *to);
 int posix_link(const char *from, const char *to);
 char *posix_realpath(const char *path, char *none);
-ssize_t posix_readlink(const char *path, char *out, size_t n); /* works for "/proc/self/exe" only */
+/* Only "/proc/self/exe" is supported. */
+ssize_t posix_readlink(const char *path, char *out, size_t n);
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at);
 int posix_flock(int fd, int how);
 FILE *posix_fopen(const char *path, const char *mode);
-FILE *posix_open_memstream(char **text, size_t *n); /* *text is set by fclose() */
+FILE *posix_open_memstream(char **text, size_t *n); /* fclose() sets *text */
 FILE *posix_fmemopen(void *text, size_t n,
-                     const char *mode); /* text is set by fclose(); mode "w" only */
+                     const char *mode); /* fclose() writes to `text`; the mode must be "w" */
 int posix_fclose(FILE *file);
 #define stat posix_stat
 #define lstat posix_lstat
@@ -108,7 +110,7 @@ int statvfs(const char *folder, struct statvfs *out);
 
 enum { PROT_READ = 1, PROT_WRITE = 2, MAP_PRIVATE = 2, MAP_ANONYMOUS = 32, MADV_DONTNEED = 4 };
 #define MAP_FAILED ((void *)-1)
-/* Maps files read-only. */
+/* Maps anonymous memory for reading and writing, or a file for reading only. */
 void *mmap(void *none, size_t n, int protection, int flags, int fd, int64_t zero);
 int munmap(void *at, size_t n); /* a file can only be unmapped as a whole */
 int madvise(void *at, size_t n, int advice);
@@ -122,11 +124,11 @@ int sched_getaffinity(int self, size_t n, cpu_set_t *out);
 #define CPU_COUNT(set) __builtin_popcountll(*(set))
 
 struct rusage {
-    long long ru_maxrss; /* KiB */
+    long long ru_maxrss; /* peak memory of the process, in KiB */
 };
 enum { RUSAGE_SELF };
 int getrusage(int self, struct rusage *out);
-/* Windows has no such limits. */
+/* Windows has none of the limits below: getrlimit() and setrlimit() always fail. */
 struct rlimit {
     uint64_t rlim_cur, rlim_max;
 };
@@ -142,13 +144,14 @@ enum { RLIMIT_AS, RLIMIT_CORE };
 #define WIFSIGNALED(how) ((how) != 0)
 #define geteuid() 0
 int posix_kill(pid_t pid, int zero);
-/* Runs the program and exits with its exit code. */
+/* Runs the program as a child process, waits for it and exits with its exit code. */
 intptr_t posix_execv(const char *path, char *const *argv);
 #define kill posix_kill
 #define execv posix_execv
-#define execvp posix_execv /* all callers pass an existing path */
+#define execvp posix_execv /* without a search: all callers pass an existing path */
 
-/* SIGINT is Ctrl-C, SIGTERM Ctrl-Break, SIGBUS an in-page error of a mapped file. */
+/* SIGINT is raised by Ctrl-C, SIGTERM by Ctrl-Break, and SIGBUS by an in-page error of a mapped
+ * file. */
 enum { SIGHUP = 101, SIGBUS, SIGPIPE, SIGXFSZ, SA_SIGINFO = 1, SA_RESTART };
 typedef struct {
     void *si_addr;
@@ -167,12 +170,13 @@ int sigaction(int number, const struct sigaction *in, struct sigaction *none);
 #define sigdelset(set, number) ((void)(set))
 #define pthread_sigmask(how, set, old) ((void)(set), (void)(old))
 #define signal posix_signal
-/* Accepts SIG_DFL only: other signals do not occur. */
+/* Does nothing, and returns SIG_DFL. Signals other than these three do not occur. */
 void (*posix_signal(int number, void (*how)(int)))(int);
 int pause(void);
 
 enum { RTLD_NOW = 2, RTLD_LOCAL = 0 };
-void *dlopen(const char *path, int flags); /* "libzstd.so.1" loads libzstd.dll beside the program */
+/* For "libzstd.so.1", loads libzstd.dll beside the program. */
+void *dlopen(const char *path, int flags);
 void *dlsym(void *object, const char *name);
 int dlclose(void *object);
 const char *dlerror(void);
