@@ -142,8 +142,9 @@ enum spin_column {
     SPIN_COL_QUATS | SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH
 };
 
-/* A structure of arrays: each column is NULL or has n rows. The struct owns its memory: zero it,
- * call spin_splats_reserve() as often as needed, free it once. */
+/* A structure of arrays: each column is NULL or has n rows. The struct owns its memory. The caller
+ * zeroes it first, calls spin_splats_reserve() as often as needed, and frees it at the end, also
+ * after a failure. */
 struct spin_splats {
     size_t n;               /* rows */
     size_t capacity;        /* rows that each allocated column can hold */
@@ -268,7 +269,7 @@ struct spin_view {
     int number;        /* frame number from the file name, or -1 */
     double time;       /* in the data set's unit (panoptic: equals dataset_frame) */
     int camera_id;     /* the data set's number of the camera */
-    bool test;         /* held out */
+    bool test;         /* true: the view is held out from trainings, for measuring */
     char *path;        /* image file, absolute or relative to the working directory */
     char *mask;        /* image that is 0 outside the foreground; NULL: none */
 };

@@ -24,8 +24,8 @@ struct spin_import_options {
     /* Precision of the stored 4D splats: 0 lossless, 1 half, 2 compact (see enum
      * spin_precision). */
     unsigned precision;
-    bool sync; /* flush the bundle to the disk (fsync) before renaming it */
-    bool full; /* describe only: read every frame instead of at most 16 */
+    bool sync; /* true: the bundle is flushed to the disk (fsync) before it is renamed */
+    bool full; /* true: a description reads every frame instead of at most 16 */
     /* Folder for PNGs of the points drawn over the data set's images, or NULL. */
     const char *check_cameras;
     const char *const *plugin_pairs; /* see struct spin_plugin_values */
@@ -35,7 +35,7 @@ struct spin_import_options {
  * are those of --json, see the manuals of the commands. Of several ranks only rank 0 returns the
  * report. */
 
-/* Import a foreign run as a bundle, or only describe it. */
+/* Imports a run of another method as a bundle, or only describes the run. */
 spin_status spin_import(const struct spin_import_options *o, char **report);
 
 /* Describes the contents of a bundle and how they were made. Reads only meta.json and the headers
@@ -57,10 +57,11 @@ struct spin_eval_options {
     int n_test_cameras;
     struct spin_range range;
     double image_scale;
-    bool source;        /* measure the source instead of the retrained splats */
+    bool source;        /* true: the source is measured instead of the retrained splats */
     const char *images; /* folder for rendered images, or NULL */
     enum spin_dynamic_from dynamic;
-    /* Score only the pixels inside the data set's masks or the images' alpha. */
+    /* True: only the pixels inside the masks of the data set, or inside the alpha of its images,
+     * are measured. */
     bool mask;
     /* report: HTML page to write, or NULL. log: log of spin-retrain --log that the page shows, or
      * NULL. */
@@ -92,7 +93,7 @@ struct spin_export_options {
     struct spin_range range;
     bool source, force;
     bool sync;  /* flush files to the disk (fsync) before renaming them */
-    bool check; /* read back the output and compare */
+    bool check; /* true: the output is read back and compared with the bundle */
     /* What to keep: "5000" splats per frame, "50%" of the splats, as many as fit into a total of
      * "2MB", or as few as reach a PSNR of "40dB" against all splats; NULL: all. */
     const char *decimate;
@@ -153,7 +154,7 @@ struct spin_convert_options {
     const char *from;             /* importer; NULL: detect */
     const char *data, *data_from; /* data set; NULL: the only one in or beside the run */
     int n_frames;                 /* see struct spin_import_options */
-    bool no_retrain;              /* otherwise the clip is retrained if there is a data set */
+    bool no_retrain;              /* false: the clip is retrained if there is a data set */
     const char *preset;           /* preset of the retraining; NULL: the default */
     int iterations;               /* iterations of the retraining; 0: those of the preset */
     const char *device;

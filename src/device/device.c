@@ -1,5 +1,5 @@
-/* Opens a device by name, and provides a device that counts the memory of a plan. No other file
- * lists the devices. */
+/* Opens a device by name, and provides a device that only counts the memory that a plan needs. No
+ * other file lists the devices. */
 #include "device/device.h"
 
 #include "base/base.h"
@@ -15,7 +15,7 @@ extern const struct spin_device_ops spin_cpu_v4_ops;
 struct path {
     const char *name, *title;
     const struct spin_device_ops *op;
-    int (*here)(void); /* whether this machine supports the path */
+    int (*here)(void); /* returns whether this machine supports the path */
 };
 
 static int always(void) { return 1; }
@@ -35,7 +35,7 @@ static int has_v4(void)
 }
 #endif
 
-/* The SIMD paths, the best first. */
+/* The SIMD paths, from the fastest to the slowest. */
 static const struct path paths[] = {
 #ifdef SPIN_CPU_PATHS_3
     {"v4", "avx-512", &spin_cpu_v4_ops, has_v4},
@@ -87,8 +87,8 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
     return out->op->open(out, n_threads);
 }
 
-/* Opens the GPU if it works, else the CPU; only the CPU if SPIN_CPU is set. Logs the choice and its
- * reason once, at level 0 if a GPU is present but unusable, otherwise at level 1. */
+/* Opens the GPU if it works, otherwise the CPU. If SPIN_CPU is set, the GPU is not tried. Logs the
+ * choice and its reason once: at level 0 if a GPU is present but unusable, otherwise at level 1. */
 static spin_status open_auto(int n_threads, struct spin_device *out)
 {
     static bool said;

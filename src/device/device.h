@@ -45,8 +45,8 @@ enum {
     SPIN_RESIDUAL = 11,
     /* Values of a track: displacement [3], then those of a residual. */
     SPIN_TRACK = 3 + SPIN_RESIDUAL,
-    /* Motion of a track that is a 4D splat: velocity [3], and of its Gaussian window the centre
-     * in time and 1 / sigma. */
+    /* Motion of a track that is a 4D splat: its velocity [3], the centre in time of its Gaussian
+       window, and 1 / sigma of that window. */
     SPIN_MOTION = 5,
     /* Side of a tile in pixels. Another size changes the results, see docs/method.md 4.2. */
     SPIN_TILE = 16,
@@ -55,11 +55,14 @@ enum {
 
 /* Geometry of the hash grid (host memory; verbs copy it if they need it later). */
 struct spin_grid {
-    int n_levels, n_features;             /* features per level: 1, 2, 4 or 8 */
-    float scale[SPIN_MAX_LEVELS][4];      /* vertex k of an axis is at the coordinate k / scale */
-    uint32_t res[SPIN_MAX_LEVELS][4];     /* number of vertices per axis */
+    /* number of levels; number of features per level: 1, 2, 4 or 8 */
+    int n_levels, n_features;
+    /* for each axis: vertex k is at the coordinate k / scale */
+    float scale[SPIN_MAX_LEVELS][4];
+    uint32_t res[SPIN_MAX_LEVELS][4];     /* number of vertices on each axis */
     uint32_t offset[SPIN_MAX_LEVELS + 1]; /* first row of each level; [n_levels]: number of rows */
-    uint8_t hashed[SPIN_MAX_LEVELS];      /* 1 if a level has more vertices than rows */
+    /* 1 if a level has more vertices than rows, so that vertices share rows by hashing */
+    uint8_t hashed[SPIN_MAX_LEVELS];
 };
 
 /* Lazy Adam, for a large hash table of which an iteration reads only a small part. The table is
@@ -68,14 +71,15 @@ struct spin_grid {
  * steps that it missed are applied at once (spin_adam_skip). Lines begin at the first hashed level,
  * since the dense levels before it are small and are updated in every step. */
 enum { SPIN_LINE = 16 };
-/* Created by lazy_adam_enable(); the device appends private data. */
+/* The state of lazy Adam for one table. It is created by lazy_adam_enable(), and the device appends
+ * private data. */
 struct spin_lazy_adam {
     /* [n_lines] last Adam step of each line, or done + 1 if the current step updates the line */
     float SPIN_DEV *last;
     size_t n_lines;
     int64_t done; /* number of completed steps */
 };
-/* The first level that is divided into lines; n_levels if there is none. */
+/* Returns the first level that is divided into lines; n_levels if there is none. */
 static inline int spin_lazy_level(const struct spin_grid *grid)
 {
     int level = 0;
@@ -89,7 +93,9 @@ static inline int spin_lazy_level(const struct spin_grid *grid)
  * The time is appended as the last coordinate. */
 struct spin_scene_transform {
     float centre[3], inv_radius;
-    bool raw; /* an ablation: no contraction; points outside the unit cube get zero features */
+    /* For an ablation: true omits the contraction, and points outside the unit cube get features of
+     * 0. */
+    bool raw;
 };
 
 /* Four heads of three linear layers each, which all have the same input z. The parameters of head k
@@ -100,42 +106,46 @@ struct spin_scene_transform {
 enum { SPIN_HEAD_SCALE, SPIN_HEAD_ROTATION, SPIN_HEAD_SH, SPIN_HEAD_OPACITY, SPIN_HEADS };
 struct spin_heads {
     int n_in, hidden;
-    int n_out[SPIN_HEADS];         /* number of outputs: 3 4 48 1 */
-    size_t offset[SPIN_HEADS + 1]; /* floats; [SPIN_HEADS] = total */
-    bool relu;                     /* an ablation: ReLU instead of GELU */
+    int n_out[SPIN_HEADS]; /* number of outputs: 3 4 48 1 */
+    /* in floats; offset[SPIN_HEADS] is the number of all parameters */
+    size_t offset[SPIN_HEADS + 1];
+    bool relu; /* for an ablation: true uses ReLU instead of GELU */
 };
 
 /* A camera in the form that the verbs use. */
 struct spin_camera_f32 {
     int width, height, tiles_x, tiles_y;
     float fx, fy, cx, cy;
-    float r[9], t[3];       /* w2c */
-    float centre[3];        /* camera centre in world coordinates */
-    float limit_x, limit_y; /* 1.3 times the tangent of half the field of view */
-    float z_near;           /* splats at this depth or nearer are culled */
-    /* Antialiasing: reduce the opacity of splats smaller than a pixel by the factor by which the
-     * dilation increases their area. spin_camera_f32_from() sets false. */
+    float r[9], t[3]; /* rotation and translation from world to camera */
+    float centre[3];  /* camera centre in world coordinates */
+    /* limits of x/z and y/z in the Jacobian: 1.3 times the tangent of half the field of view */
+    float limit_x, limit_y;
+    float z_near; /* splats at this depth or nearer are not drawn */
+    /* True: the opacity of splats smaller than a pixel is reduced by the factor by which the
+     * dilation increases their area. spin_camera_f32_from() sets this to false. */
     bool antialias;
 };
 struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera);
 
-/* One projected Gaussian: 64 bytes. radius_px 0 = culled; all other fields are then undefined. */
+/* A projected splat, in 64 bytes. If radius_px is 0, the splat is not drawn, and all other members
+ * are undefined. */
 struct spin_splat2d {
-    float u_px, v_px; /* integer coordinates are pixel centres */
+    float u_px, v_px; /* centre; integer coordinates are pixel centres */
     float conic[3];   /* elements a, b, c of the inverse covariance [a b; b c] */
     float opacity;
     float colour[3];
     float depth;
     int32_t radius_px;
-    uint16_t x0, y0, x1, y1; /* rectangle of tiles, half open */
-    /* Index of the splat's first (splat, tile) pair, if the pairs of the view are ordered by splat.
-     * Set by tile_count. */
+    uint16_t x0, y0, x1, y1; /* rectangle of tiles: columns [x0, x1), rows [y0, y1) */
+    /* Index that the splat's first (splat, tile) pair has if the pairs of the view are ordered by
+     * splat. Set by tile_count(). */
     uint32_t first_intersection;
-    /* bits 0..2: this colour channel was clamped at 0; bits 3, 4: x, y was clamped in the
-     * Jacobian */
+    /* Bit c of bits 0 to 2: colour channel c was clamped at 0. Bit 3: x was clamped in the
+     * Jacobian. Bit 4: y was. */
     uint32_t flags;
-    /* Numbers of columns and rows of tiles at the left, top, right and bottom of the rectangle that
-     * get no pair, since alpha is below 1/255 everywhere. Set by tile_count. */
+    /* Numbers of columns or rows of tiles at the left, top, right and bottom of the rectangle that
+     * get no pair, since the splat's alpha is below 1/255 everywhere in them. Set by tile_count().
+     */
     uint8_t tile_cull[4];
 };
 
@@ -150,8 +160,10 @@ struct spin_splat2d_grad {
 
 /* The list of splats of every tile of every view, front to back. */
 struct spin_tiles {
-    uint64_t n_intersections; /* host; total of all views, set by tile_count */
-    /* [n_intersections] splats, sorted by tile, then depth, then index */
+    /* in host memory: number of pairs of all views, set by tile_count() */
+    uint64_t n_intersections;
+    /* [n_intersections] splat of each pair; pairs are sorted by tile, then depth, then index of the
+     * splat. */
     uint32_t SPIN_DEV *intersections;
     uint32_t SPIN_DEV *start; /* [n_views][max_tiles + 1] indices into intersections */
 };
@@ -161,11 +173,13 @@ struct spin_tiles {
 #define SPIN_NO_TRACK UINT32_MAX
 struct spin_tracks_f32 {
     size_t n;
-    /* [SPIN_TRACK n] in groups: displacement [n][3], then the groups of residual(). */
+    /* [SPIN_TRACK n], stored in groups: displacement [n][3], then the groups that residual()
+     * describes. */
     const float SPIN_DEV *values;
-    float SPIN_DEV *d_values; /* same layout as values */
-    /* [n][SPIN_MOTION], in the unit of a frame's t. NULL: the tracks have neither motion nor a
-     * Gaussian window. Splats of tracks with motion have no residual values of their own. */
+    float SPIN_DEV *d_values; /* gradient, in the layout of `values` */
+    /* [n][SPIN_MOTION], in the time unit of a frame's t. If this is NULL, the tracks have neither
+     * motion nor a Gaussian window. Splats of tracks with motion have no residual values of their
+     * own. */
     const float SPIN_DEV *motion;
 };
 
@@ -173,79 +187,84 @@ struct spin_tracks_f32 {
 enum { SPIN_MAX_FRAMES = 8, SPIN_MAX_VIEWS = 32 };
 struct spin_frame_batch {
     int n_frames;
-    /* Rows of attributes have only SPIN_ATTR_NARROW floats, with the opacity last. Only possible
-     * on the CPU, without a field, and with a single SH coefficient. */
+    /* True: rows of attributes have only SPIN_ATTR_NARROW floats, with the opacity last. This is
+     * possible only on the CPU, without a field, and with a single SH coefficient. */
     bool narrow;
-    size_t n; /* splats of all frames */
+    size_t n; /* number of splats of all frames */
     struct spin_frame_of_batch {
-        size_t first, n;             /* rows of the frame in the arrays [n]: first, number */
+        /* first row and number of rows of the frame in arrays of all frames */
+        size_t first, n;
         float t;                     /* time, 0..1 */
         const float SPIN_DEV *means; /* [n][3] */
-        float SPIN_DEV *d_means;     /* same layout as means */
-        /* [SPIN_RESIDUAL n], or NULL: see residual() */
+        float SPIN_DEV *d_means;     /* gradient, in the layout of `means` */
+        /* [SPIN_RESIDUAL n] residual values in the layout of residual(); NULL: none */
         const float SPIN_DEV *residual;
-        float SPIN_DEV *d_residual; /* same layout, or NULL: residuals are not trained */
-        /* [n][sh_width] SH coefficients beyond the first, or NULL: see residual() */
+        /* gradient in the same layout; NULL: residual values are not trained */
+        float SPIN_DEV *d_residual;
+        /* [n][sh_width] SH coefficients beyond the first, which residual() adds; NULL: none */
         const float SPIN_DEV *sh;
-        float SPIN_DEV *d_sh; /* same layout, or NULL: sh is not trained */
+        float SPIN_DEV *d_sh; /* gradient in the same layout; NULL: `sh` is not trained */
         size_t sh_width;      /* 9, 24 or 45: SH degree 1, 2 or 3 */
-        /* For regularise_back(): derivatives of the loss with respect to each of the three scales
-         * and to the opacity of an active splat. */
+        /* For regularise_back(): derivatives of the loss with respect to each of the three scales,
+         * and with respect to the opacity, of an active splat. */
         float d_scale, d_opacity;
 
-        /* For tracks(). The first n_own_means splats have positions of their own, and the first
-         * n_own_residual have residual values of their own; the other splats use only the values of
-         * their track. */
-        const uint32_t SPIN_DEV *track;     /* [n] index of a track, or SPIN_NO_TRACK */
+        /* The following members are for tracks(). The first n_own_means splats have positions of
+         * their own, and the first n_own_residual splats have residual values of their own; the
+         * other splats use only the values of their track. */
+        const uint32_t SPIN_DEV *track;     /* [n] index of each splat's track, or SPIN_NO_TRACK */
         const float SPIN_DEV *own_means;    /* [n_own_means][3] */
-        const float SPIN_DEV *own_residual; /* [SPIN_RESIDUAL n_own_residual] in groups */
+        const float SPIN_DEV *own_residual; /* [SPIN_RESIDUAL n_own_residual], in groups */
         size_t n_own_means, n_own_residual;
-        /* [n_own_means][4] unit quaternions that rotate the displacement and rotation of each
-         * splat's track (math/turn.h); NULL: no rotation */
+        /* [n_own_means][4] unit quaternions, each of which rotates the displacement and the
+         * rotation that a splat gets from its track (math/turn.h); NULL: no rotation. */
         const float SPIN_DEV *turn;
 
-        /* For densify_stats(); may be NULL. */
-        float SPIN_DEV *gradient; /* [n] sum of gradient lengths */
-        uint32_t SPIN_DEV *seen;  /* [n] number of views */
+        /* The following members are for densify_stats() and may be NULL. */
+        float SPIN_DEV *gradient; /* [n] sum of the lengths of each splat's gradients */
+        uint32_t SPIN_DEV *seen;  /* [n] number of views that each splat is visible in */
     } frame[SPIN_MAX_FRAMES];
 };
-/* Number of floats in a row of attributes. */
+/* Returns the number of floats in a row of attributes. */
 static inline size_t spin_attr_width(const struct spin_frame_batch *frames)
 {
     return frames->narrow ? SPIN_ATTR_NARROW : SPIN_ATTR;
 }
 
-/* Rows of a frame batch with a nonzero gradient. */
+/* The active rows of a frame batch: those with a nonzero gradient. */
 struct spin_active {
-    uint32_t SPIN_DEV *row; /* [n] ascending */
+    uint32_t SPIN_DEV *row; /* [n] indices of the active rows, ascending */
     uint32_t SPIN_DEV *n;   /* [1] number of rows */
-    size_t most;            /* capacity of `row`: at least the n of the frame batch */
+    /* capacity of `row`, at least the number of splats of the frame batch */
+    size_t most;
 };
 
-/* The views of an iteration. In arrays [n_views][3][max_pixels] the image of view k is planar,
- * [3][h][w], and begins at [k]. */
+/* The views of an iteration. In arrays [n_views][3][max_pixels], the image of view k begins at
+ * element [k] and is planar, [3][h][w]. */
 struct spin_view_batch {
     int n_views;
     size_t max_pixels, max_tiles;
     float background[3];
     struct spin_view_of_batch {
-        int frame; /* index in the frame batch */
-        /* Rows of the view in splat2d, one for every splat of the frame: first, number. */
+        int frame; /* index of the view's frame in the frame batch */
+        /* First row and number of rows of the view in splat2d, which has one row for every splat of
+         * the frame. */
         size_t first, n;
         struct spin_camera_f32 camera;
-        float weight;       /* factor of this view's loss in the gradient */
+        float weight;       /* factor by which the gradient of this view's loss is multiplied */
         uint32_t image;     /* index of the input image in struct spin_images */
         int exposure, lens; /* rows of the camera and of its lens in the exposure parameters */
         int value;          /* row of the view in the values of loss() and measure() */
     } view[SPIN_MAX_VIEWS];
 };
 
-/* Input images. Image k begins at k times the size of an image of max_pixels pixels, and its rows
- * have no padding. */
+/* The input images. Each has the space of max_pixels pixels, so image k begins at k times this
+ * size. Rows have no padding. */
 struct spin_images {
-    const uint8_t SPIN_DEV *rgb8; /* [][h][w][3], bytes of 255 times the value; NULL: see f32 */
+    const uint8_t SPIN_DEV *rgb8; /* [][h][w][3], bytes of 255 times the value; NULL: f32 is used */
     const float SPIN_DEV *f32;    /* [][3][h][w], used if rgb8 is NULL */
-    /* One bit per pixel, lowest bit first, (max_pixels + 7) / 8 bytes per image; or NULL. */
+    /* A mask for each image, with one bit per pixel, lowest bit first, in (max_pixels + 7) / 8
+     * bytes; NULL: there are no masks. */
     const uint8_t SPIN_DEV *mask;
     size_t max_pixels;
     /* mask_weight[b] is the weight in loss() of a pixel whose mask bit is b. Without a mask all
@@ -253,9 +272,9 @@ struct spin_images {
     float mask_weight[2];
 };
 
-/* Values of one view from loss(). */
+/* The values that loss() computes for one view: the loss and its parts. */
 enum { SPIN_LOSS, SPIN_LOSS_L1, SPIN_LOSS_SSIM, SPIN_LOSS_VALUES };
-/* Values of one view from measure(). */
+/* The values that measure() computes for one view. */
 enum {
     SPIN_MEASURE_SQUARES,  /* sum of squared differences over all pixels and channels */
     SPIN_MEASURE_RED,      /* the same sum for the red channel; the next two: green and blue */
@@ -265,7 +284,8 @@ enum {
     SPIN_MEASURE_VALUES
 };
 
-/* Parameters p, their gradients g, and Adam's moments m and v. step counts from 1. */
+/* A group of parameters p with their gradients g, the moments m and v of Adam, and the number of
+ * the Adam step, counted from 1. */
 struct spin_param_group {
     float SPIN_DEV *p, *g, *m, *v; /* [n] */
     size_t n;
@@ -292,7 +312,7 @@ enum {
     SPIN_OP_MLP_BACK,
     SPIN_OP_GRID_BACK,
     SPIN_OP_ADAM,
-    SPIN_OP_CLEAR, /* also copies within device memory */
+    SPIN_OP_CLEAR, /* setting to zero, and copying within device memory */
     SPIN_OP_NONZERO_GRAD,
     SPIN_N_OPS
 };
@@ -303,27 +323,28 @@ enum {
             "clear", "nonzero_grad"                                                                \
     }
 
-/* Memory from host_reserve(). Initialise the struct to zero. */
+/* Host memory from host_reserve(). The caller initialises the struct to zero. */
 struct spin_host_memory {
     void *at;
     size_t bytes;
-    bool pinned; /* page-locked */
+    bool pinned; /* whether the memory is page-locked */
 };
 
-/* An array to all-reduce in place. */
+/* An array that sum() all-reduces in place. */
 struct spin_device_sum {
     void SPIN_DEV *at;
     size_t n;
-    bool counts; /* the elements are uint32_t; false: float */
+    bool counts; /* true: the elements are uint32_t; false: float */
 };
-/* Identifies an all-reduce link between the GPUs of all ranks; created by rank 0. */
+/* Identifies an all-reduce link between the GPUs of all ranks. Rank 0 creates it with link_name().
+ */
 struct spin_link_name {
     char text[128];
 };
 
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */
-    /* After a failure, d->description is empty unless a GPU is present. */
+    /* Opens the device. After a failure, d->description is empty if no GPU is present. */
     spin_status (*open)(struct spin_device *d, int n_threads);
     void (*close)(struct spin_device *d);
 
@@ -334,93 +355,96 @@ struct spin_device_ops {
     void (*release)(struct spin_device *d, void SPIN_DEV *block); /* NULL is allowed */
     void (*zero)(struct spin_device *d, void SPIN_DEV *block, size_t bytes);
     void (*upload)(struct spin_device *d, void SPIN_DEV *to, const void *host, size_t bytes);
-    /* Waits for all verbs queued before, then copies (now). */
+    /* Waits for all verbs that were queued before, then copies device memory to the host (now). */
     spin_status (*download)(struct spin_device *d, void *host, const void SPIN_DEV *from,
                             size_t bytes);
-    /* Waits for all verbs queued before (now). */
+    /* Waits for all verbs that were queued before (now). */
     spin_status (*wait)(struct spin_device *d);
     /* Reserves host memory for transfers to and from the device, 64-byte aligned (now). For a GPU
-     * the memory is page-locked if possible, which avoids a staging copy. upload() does not copy
-     * from such memory before it returns: the contents must not change before the next wait() or
+     * the memory is page-locked if possible, which avoids a staging copy. upload() may return
+     * before it has copied such memory, so the contents must not change before the next wait() or
      * download(). Fails only if out of memory. */
     spin_status (*host_reserve)(struct spin_device *d, size_t bytes, struct spin_host_memory *out);
     void (*host_release)(struct spin_device *d, struct spin_host_memory *memory);
-    /* Host address of device memory; NULL: the host cannot access it. */
+    /* Returns the host address of device memory; NULL if the host cannot access it. */
     void *(*host_view)(struct spin_device *d, void SPIN_DEV *at);
-    /* to [n][to_stride] = from [n][from_stride], the first width values of each row. Any 4-byte
-     * values; `to` and `from` must not overlap. */
+    /* Copies the first `width` values of each row of `from` [n][from_stride] to `to`
+     * [n][to_stride]. The values may be of any 4-byte type; `to` and `from` must not overlap. */
     void (*copy_rows)(struct spin_device *d, size_t n, size_t width, const float SPIN_DEV *from,
                       size_t from_stride, float SPIN_DEV *to, size_t to_stride);
     /* All-reduce between the GPUs of all ranks, without the host. The four functions are NULL in a
      * build without NCCL.
      *
-     * link_ready() fails if no link is possible here; about: the library ("NCCL 2.28.9").
-     * link_name() creates the name of a link and is called by rank 0 only. All ranks call link() to
-     * join, each with a GPU of its own (now). sum() all-reduces every array of the list after the
-     * verbs queued before (now). While sum() waits, it calls listen(); if listen() fails, the link
-     * is closed and sum() returns the error of listen(). close() also closes the link, and may only
-     * be called when all ranks have finished their last sum(). */
+     * link_ready() fails if no link is possible on this machine, and sets `about` to the name of
+     * the library ("NCCL 2.28.9"). link_name() creates the name of a link and is called by rank 0
+     * only. All ranks call link() to join, each with a GPU of its own (now). sum() waits for the
+     * verbs that were queued before, then all-reduces every array of the list (now). While sum()
+     * waits, it calls listen(); if listen() fails, the link is closed and sum() returns the error
+     * of listen(). close() also closes the link, and may only be called when all ranks have
+     * finished their last sum(). */
     spin_status (*link_ready)(struct spin_device *d, char about[32]);
     spin_status (*link_name)(struct spin_device *d, struct spin_link_name *out);
     spin_status (*link)(struct spin_device *d, const struct spin_link_name *name, int rank,
                         int n_ranks);
     spin_status (*sum)(struct spin_device *d, const struct spin_device_sum *sum, size_t n,
                        spin_status (*listen)(void));
-    /* Bytes that can still be reserved (now). 0 from a GPU means that it did not report its
-     * memory. */
+    /* Returns the number of bytes that can still be reserved (now). A GPU that does not report its
+     * memory returns 0. */
     size_t (*memory_available)(struct spin_device *d);
-    /* Seconds spent in the verbs of one operation (SPIN_OP_...) since the last call for this
-     * operation. */
+    /* Returns the seconds spent in the verbs of operation `op` (SPIN_OP_...) since the last call
+     * for this operation. */
     double (*clock)(struct spin_device *d, int op);
 
     /* ---- Tracks ---- */
 
-    /* means [n][3] =, residual [SPIN_RESIDUAL n] = the splat's own values plus those of the track.
-     * The motion of the track displaces the mean, and its Gaussian window fades the opacity, by the
-     * frame's t. In residual the block of each frame starts at the frame's first row. */
+    /* Sets means [n][3] and residual [SPIN_RESIDUAL n] to the sum of each splat's own values and
+     * those of its track. At the frame's time t, the motion of the track displaces the mean, and
+     * the Gaussian window of the track reduces the opacity. In `residual` the block of each frame
+     * starts at the frame's first row. */
     void (*tracks)(struct spin_device *d, const struct spin_frame_batch *frames,
                    const struct spin_tracks_f32 *tracks, float SPIN_DEV *means,
                    float SPIN_DEV *residual);
-    /* d_values += the frames' d_means and, unless NULL, d_residual. */
+    /* The adjoint of tracks(): adds d_means and, unless NULL, d_residual of all frames to d_values.
+     */
     void (*tracks_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                         const struct spin_tracks_f32 *tracks);
 
     /* ---- Field ---- */
 
-    /* x_u [n][4] = contract(means), t */
+    /* Sets x_u [n][4] to the means, contracted to the unit cube, and the time t of the frame. */
     void (*contract)(struct spin_device *d, const struct spin_scene_transform *transform,
                      const struct spin_frame_batch *frames, float SPIN_DEV *x_u);
-    /* d_means += adjoint of contract(), from d_x_u[.][0..2] */
+    /* The adjoint of contract(): adds to d_means the gradient that follows from d_x_u[.][0..2]. */
     void (*contract_back)(struct spin_device *d, const struct spin_scene_transform *transform,
                           const struct spin_frame_batch *frames, const struct spin_active *active,
                           const float SPIN_DEV *d_x_u);
 
-    /* z [n][levels * features] = the features of the table, interpolated at x_u */
+    /* Sets z [n][levels * features] to the features of the table, interpolated at x_u. */
     void (*grid)(struct spin_device *d, const struct spin_grid *grid, const float SPIN_DEV *table,
                  size_t n, const float SPIN_DEV *x_u, float SPIN_DEV *z);
-    /* d_table [rows][features] += and d_x_u [active][4] = adjoint of grid(), with d_x_u[.][3] = 0.
-     * d_x_u may be NULL. */
+    /* The adjoint of grid(): adds to d_table [rows][features] and, unless d_x_u is NULL, sets d_x_u
+     * [active][4], with d_x_u[.][3] = 0. */
     void (*grid_back)(struct spin_device *d, const struct spin_grid *grid,
                       const float SPIN_DEV *table, const struct spin_active *active,
                       const float SPIN_DEV *x_u, const float SPIN_DEV *d_z, float SPIN_DEV *d_table,
                       float SPIN_DEV *d_x_u);
 
-    /* raw [n][SPIN_ATTR] = heads(z [n][n_in]) */
+    /* Sets raw [n][SPIN_ATTR] to the outputs of the heads for the inputs z [n][n_in]. */
     void (*mlp)(struct spin_device *d, const struct spin_heads *heads, const float SPIN_DEV *param,
                 size_t n, const float SPIN_DEV *z, float SPIN_DEV *raw);
-    /* d_param += and d_z [active][n_in] = adjoint of mlp(). Activations are recomputed from z. */
+    /* The adjoint of mlp(): adds to d_param and sets d_z [active][n_in]. Activations are recomputed
+     * from z. */
     void (*mlp_back)(struct spin_device *d, const struct spin_heads *heads,
                      const float SPIN_DEV *param, const struct spin_active *active,
                      const float SPIN_DEV *z, const float SPIN_DEV *d_raw, float SPIN_DEV *d_param,
                      float SPIN_DEV *d_z);
 
-    /* residual: raw [n][SPIN_ATTR] += the residual and sh of each frame. The residual
-     * [SPIN_RESIDUAL n] consists of four groups: log scale [n][3], rotation [n][4], first SH
-     * coefficient [n][3], opacity [n]; sh contains further SH coefficients. Frames whose residual
-     * is NULL are unchanged.
-     * residual_set: raw = the same values, without a field; SH coefficients beyond those of sh are
-     * unchanged.
-     * residual_back: d_residual +=, d_sh +=. */
+    /* residual() adds the residual values and sh of each frame to raw [n][SPIN_ATTR]. The residual
+     * values [SPIN_RESIDUAL n] consist of four groups: log scale [n][3], rotation [n][4], first SH
+     * coefficient [n][3], opacity [n]; sh contains further SH coefficients. The rows of a frame
+     * whose residual is NULL stay unchanged. residual_set() is for splats without a field: it sets
+     * `raw` to these values instead; SH coefficients beyond those of sh stay unchanged.
+     * residual_back() is the adjoint, which adds to d_residual and d_sh. */
     void (*residual)(struct spin_device *d, const struct spin_frame_batch *frames,
                      float SPIN_DEV *raw);
     void (*residual_set)(struct spin_device *d, const struct spin_frame_batch *frames,
@@ -428,90 +452,93 @@ struct spin_device_ops {
     void (*residual_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                           const struct spin_active *active, const float SPIN_DEV *d_raw);
 
-    /* attr [n][SPIN_ATTR] = activate(raw) */
+    /* Sets attr [n][SPIN_ATTR] to the activated `raw`. */
     void (*activate)(struct spin_device *d, const struct spin_frame_batch *frames,
                      const float SPIN_DEV *raw, float SPIN_DEV *attr);
-    /* d_raw [active][SPIN_ATTR] = adjoint of d_attr [n][SPIN_ATTR] */
+    /* The adjoint of activate(): sets d_raw [active][SPIN_ATTR], given d_attr [n][SPIN_ATTR]. */
     void (*activate_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                           const struct spin_active *active, const float SPIN_DEV *raw,
                           const float SPIN_DEV *d_attr, float SPIN_DEV *d_raw);
 
-    /* d_attr of active rows += the frame's d_scale, for each of the three scales, and d_opacity */
+    /* Adds the frame's d_scale and d_opacity to d_attr of active rows: d_scale for each of the
+     * three scales, d_opacity for the opacity. */
     void (*regularise_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                             const struct spin_active *active, float SPIN_DEV *d_attr);
 
-    /* active = rows whose d_attr or d_means is not all zero (NaN counts as nonzero). d_means may be
-     * NULL. */
+    /* Sets `active` to the rows that have a nonzero value in d_attr or in the frame's d_means,
+     * which may be NULL. NaN counts as nonzero. */
     void (*nonzero_grad)(struct spin_device *d, const struct spin_frame_batch *frames,
                          const float SPIN_DEV *d_attr, const struct spin_active *active);
 
     /* ---- Rasteriser ---- */
 
-    /* splat2d = the projections of the splats of each view; sh_degree: 0..3 */
+    /* Sets splat2d to the projections of the splats of each view. sh_degree is 0..3. */
     void (*project)(struct spin_device *d, const struct spin_view_batch *views,
                     const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                     int sh_degree, struct spin_splat2d SPIN_DEV *splat2d);
-    /* d_attr [n][SPIN_ATTR] += and d_means += adjoint of project() */
+    /* The adjoint of project(): adds to d_attr [n][SPIN_ATTR] and to d_means of the frames. */
     void (*project_back)(struct spin_device *d, const struct spin_view_batch *views,
                          const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                          int sh_degree, const struct spin_splat2d SPIN_DEV *splat2d,
                          const struct spin_splat2d_grad SPIN_DEV *d_splat2d,
                          float SPIN_DEV *d_attr);
 
-    /* Statistics for densification: for every splat visible in a view, gradient of its frame += the
-     * length of the gradient of the loss with respect to its centre in normalised device
-     * coordinates, and seen += 1. */
+    /* Updates the statistics for densification. For every splat that is visible in a view, adds to
+     * `gradient` of its frame the length of the gradient of the loss with respect to the splat's
+     * centre in normalised device coordinates, and adds 1 to `seen`. */
     void (*densify_stats)(struct spin_device *d, const struct spin_view_batch *views,
                           const struct spin_frame_batch *frames,
                           const struct spin_splat2d SPIN_DEV *splat2d,
                           const struct spin_splat2d_grad SPIN_DEV *d_splat2d);
 
-    /* tile_count sets first_intersection and tile_cull of every splat, and tiles->n_intersections
-     * (now); it fails if a view has more than SPIN_MAX_PAIRS pairs. The caller then provides
-     * tiles->intersections with this capacity, and tile_fill fills the list; it fails only if out
-     * of memory. */
+    /* tile_count() sets first_intersection and tile_cull of every splat, and tiles->n_intersections
+     * (now). It fails if a view has more than SPIN_MAX_PAIRS pairs. The caller then provides
+     * tiles->intersections with a capacity of n_intersections, and tile_fill() fills this list.
+     * tile_fill() fails only if out of memory. */
     spin_status (*tile_count)(struct spin_device *d, const struct spin_view_batch *views,
                               struct spin_splat2d SPIN_DEV *splat2d, struct spin_tiles *tiles);
     spin_status (*tile_fill)(struct spin_device *d, const struct spin_view_batch *views,
                              const struct spin_splat2d SPIN_DEV *splat2d,
                              const struct spin_tiles *tiles);
 
-    /* image =, final_transmittance [n_views][max_pixels] =, last_contributor (same shape) = 1 + the
-     * index of the pixel's last contributor in the list of the tile */
+    /* Sets image, final_transmittance [n_views][max_pixels], and last_contributor of the same
+     * shape, which is 1 plus the index, in the list of the tile, of the last splat that contributes
+     * to the pixel; 0 if none does. */
     void (*blend)(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                   float SPIN_DEV *image, float SPIN_DEV *final_transmittance,
                   int32_t SPIN_DEV *last_contributor);
-    /* depth [n_views][2][max_pixels] =: expected and median depth along the camera axis,
-     * math/blend.h */
+    /* Sets depth [n_views][2][max_pixels] to the expected and the median depth along the camera
+     * axis (math/blend.h). */
     void (*depth)(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                   float SPIN_DEV *depth);
-    /* d_splat2d = adjoint of blend(), from d_image */
+    /* The adjoint of blend(): sets d_splat2d, given d_image. */
     void (*blend_back)(struct spin_device *d, const struct spin_view_batch *views,
                        const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                        const float SPIN_DEV *final_transmittance,
                        const int32_t SPIN_DEV *last_contributor, const float SPIN_DEV *d_image,
                        struct spin_splat2d_grad SPIN_DEV *d_splat2d);
 
-    /* values [view.value][SPIN_LOSS_VALUES] = the loss and its parts; d_image = view.weight times
-     * the gradient of the loss (d_image may be NULL). The loss is (1 - lambda) L1 + lambda
-     * (1 - SSIM), where L1 and SSIM are means over the pixels, weighted by images->mask_weight. The
-     * weights are at least 0 and not all 0. */
+    /* Sets values [view.value][SPIN_LOSS_VALUES] to the loss and its parts and, unless d_image is
+     * NULL, d_image to view.weight times the gradient of the loss. The loss is (1 - lambda) L1 +
+     * lambda (1 - SSIM), where L1 and SSIM are means over the pixels, weighted by
+     * images->mask_weight. The weights are at least 0 and not all 0. */
     void (*loss)(struct spin_device *d, const struct spin_view_batch *views,
                  const struct spin_images *images, float lambda_dssim, const float SPIN_DEV *image,
                  double SPIN_DEV *values, float SPIN_DEV *d_image);
-    /* values [view.value][SPIN_MEASURE_VALUES] = the differences of image from the input image;
-     * image is first clamped to 0..1 in place. The mask only selects the pixels of
+    /* Sets values [view.value][SPIN_MEASURE_VALUES] to the differences of `image` from the input
+     * image. `image` is first clamped to 0..1 in place. The mask only selects the pixels of
      * SPIN_MEASURE_OUTSIDE and SPIN_MEASURE_INSIDE; it is not a weight. */
     void (*measure)(struct spin_device *d, const struct spin_view_batch *views,
                     const struct spin_images *images, float SPIN_DEV *image,
                     double SPIN_DEV *values);
 
-    /* Applies exposure and lens falloff of the cameras (math/exposure.h): out = f(image), where out
-     * may be image. The parameters are rows of SPIN_EXPOSURE floats. For a camera these are log
-     * gain r g b and offset r g b, for a lens c1 r g b and c2 r g b.
-     * exposure_back: d_image is updated in place, d_exposure +=. */
+    /* exposure() applies the exposure of each camera and the falloff of its lens to `image` and
+     * writes the result to `out`, which may be `image` (math/exposure.h). The parameters are rows
+     * of SPIN_EXPOSURE floats: for a camera log gain r g b and offset r g b, for a lens c1 r g b
+     * and c2 r g b. exposure_back() is the adjoint: it updates d_image in place and adds to
+     * d_exposure. */
     void (*exposure)(struct spin_device *d, const struct spin_view_batch *views,
                      const float SPIN_DEV *exposure, const float SPIN_DEV *image,
                      float SPIN_DEV *out);
@@ -525,7 +552,7 @@ struct spin_device_ops {
 
     /* One Adam step for all groups, math/adam.h: updates p, m and v, and sets g to zero. */
     void (*adam)(struct spin_device *d, int n_groups, const struct spin_param_group *group);
-    /* *count += the number of values that are NaN or infinite */
+    /* Adds to *count the number of values that are NaN or infinite. */
     void (*not_finite)(struct spin_device *d, size_t n, const float SPIN_DEV *values,
                        uint32_t SPIN_DEV *count);
 
@@ -549,8 +576,8 @@ struct spin_device_ops {
 };
 
 /* clang-format off */
-/* The members of spin_device_ops after clock, in this order. Every device uses this list to declare
- * its functions, which have the same names, and to fill its table. */
+/* The members of spin_device_ops after `clock`, in this order. Every device uses this list to
+ * declare its functions, which have these names, and to fill its table. */
 #define SPIN_DEVICE_VERBS(verb)                                                                    \
     verb(tracks) verb(tracks_back) verb(contract) verb(contract_back) verb(grid) verb(grid_back)   \
     verb(mlp) verb(mlp_back) verb(residual) verb(residual_set) verb(residual_back)                 \
@@ -562,23 +589,27 @@ struct spin_device_ops {
     verb(lazy_adam_flush)
 /* clang-format on */
 
-enum { SPIN_EXPOSURE = 6 }; /* floats in a row of exposure parameters */
+enum { SPIN_EXPOSURE = 6 }; /* number of floats in a row of exposure parameters */
 
 struct spin_device {
     const struct spin_device_ops *op;
-    const char *path;     /* SIMD path: "base", "v3", "v4"; results differ in the last bits */
+    /* SIMD path of the CPU: "base", "v3" or "v4", whose results differ in the last bits */
+    const char *path;
     void *state;          /* private to the device */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
-    char card[40];        /* a unique id of the GPU */
-    int frames_at_once, views_at_once; /* batch size that suits the device's caches and memory */
-    bool is_host; /* device memory is host memory, so the plan adds both requirements up */
-    /* Set by the caller at any time: compute sums in a fixed order or in integers, so that the same
-     * calls give the same bits. The CPU is always deterministic. */
+    char card[40];        /* unique id of the GPU */
+    /* numbers of frames and views in a batch that suit the device's caches and memory */
+    int frames_at_once, views_at_once;
+    /* true: device memory is host memory, so the plan adds the needs of device and host */
+    bool is_host;
+    /* The caller may set this at any time. True: sums are computed in a fixed order or in integers,
+     * so that the same calls give the same bits. The CPU always does so. */
     bool deterministic;
 };
 
-/* name: "auto" (cuda if available, else cpu), "cpu", "cuda". The environment variable SPIN_CPU =
- * base, v3 or v4 selects the CPU's SIMD path. */
+/* Opens the device called `name`: "cpu", "cuda", or "auto" for cuda if that is available, else cpu.
+ * The environment variable SPIN_CPU, which may be base, v3 or v4, selects the SIMD path of the CPU.
+ */
 spin_status spin_device_open(const char *name, int n_threads, struct spin_device *out);
 void spin_device_close(struct spin_device *d);
 
@@ -588,8 +619,8 @@ void spin_device_close(struct spin_device *d);
 struct spin_counting_device {
     struct spin_device device;
     struct spin_device_ops op;
-    size_t bytes; /* reserved so far */
+    size_t bytes; /* number of bytes reserved so far */
 };
-/* Initialises a counting device with the batch sizes and the lazy Adam of device `as`. It need not
- * be closed. */
+/* Initialises a counting device. It has the batch sizes of device `as`, and supports lazy Adam if
+ * `as` does. A counting device need not be closed. */
 void spin_device_count(struct spin_counting_device *c, const struct spin_device *as);

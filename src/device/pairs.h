@@ -1,12 +1,12 @@
-/* The (splat, tile) pairs of one splat: one pair per tile of a rectangle, row by row. Pair k of a
- * splat has the index first_intersection + k. */
+/* Finds the (splat, tile) pairs of one splat. There is one pair for each tile of a rectangle, row
+ * by row. Pair k of a splat has the index first_intersection + k. */
 #pragma once
 
 #include "device/device.h"
 #include "math/portable.h"
 
 struct spin_pair_rect {
-    int x0, y0, x1, y1; /* tiles, half open */
+    int x0, y0, x1, y1; /* columns [x0, x1) and rows [y0, y1) of tiles */
 };
 
 SPIN_FN struct spin_pair_rect spin_pair_rect(const struct spin_splat2d *s)

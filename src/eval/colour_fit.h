@@ -15,8 +15,8 @@ struct spin_colour_sums {
     } of[3];
 };
 
-/* Computes the sums of a view. image: rendered image, clamped to 0..1 here; truth: ground truth.
- * Both [3][plane]. */
+/* Computes the sums of a view from the rendered image, which this function clamps to 0..1, and the
+ * ground truth, both [3][plane]. */
 void spin_colour_sums(int camera, size_t plane, const float *image, const float *truth,
                       struct spin_colour_sums *out);
 /* Sets psnr [n_views] to the PSNR of each view after the fit, which is common to all views of a

@@ -21,7 +21,8 @@ struct spin_quality {
 };
 
 struct spin_eval_view {
-    int frame, camera; /* frame number of the source; camera_id */
+    /* `frame` is the number of the frame in the source, `camera` the camera_id of the view */
+    int frame, camera;
     struct spin_quality q;
 };
 
@@ -29,9 +30,10 @@ struct spin_eval_report {
     struct spin_quality mean;
     struct spin_eval_view *view; /* [n_views] */
     size_t n_views;
-    int n_frames;                   /* number of measured frames */
-    int n_bundle_frames;            /* number of all frames of the bundle, as in storage */
-    bool trained, refined;          /* which attributes were measured; both false: the source's */
+    int n_frames;        /* number of measured frames */
+    int n_bundle_frames; /* number of all frames of the bundle, as in storage */
+    /* whether retrained or refined attributes were measured; both false: those of the source */
+    bool trained, refined;
     enum spin_dynamic_from dynamic; /* origin of the dynamic regions; OFF: not measured */
     const char *subject;   /* "masks" or "alpha": only this mask was measured; NULL: whole images */
     uint64_t left_out;     /* number of splats that cannot be rendered, over all frames */
@@ -54,7 +56,7 @@ struct spin_metrics {
     const struct spin_pair *pairs; /* sorted by frame */
     size_t n_pairs;
     const float *background; /* [3] */
-    bool opposite;           /* also measure psnr_opposite */
+    bool opposite;           /* true: psnr_opposite is measured too */
     /* [clip->n_frames] during training: number of splats of each frame; NULL: not in training. */
     const size_t *live_counts;
     struct spin_dynamic_mask *dynamic; /* dynamic regions; NULL: not measured */

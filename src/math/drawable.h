@@ -23,7 +23,7 @@ enum spin_undrawable {
     SPIN_ROWS_NOT_FINITE,  /* a value is NaN or infinite */
     SPIN_ROWS_NO_ROTATION, /* the rotation has length zero */
     SPIN_ROWS_TOO_LARGE,   /* a log scale is above the limit */
-    SPIN_ROWS_REASONS      /* the splat is not omitted */
+    SPIN_ROWS_REASONS      /* number of reasons; as a result: the splat is not omitted */
 };
 
 /* Returns 0 if all n values are finite, otherwise NaN. x * 0 is 0 for finite x and NaN for others,

@@ -38,7 +38,7 @@ struct spin_player {
     double SPIN_DEV *values;        /* [SPIN_MEASURE_VALUES] */
     float SPIN_DEV *depth;          /* [2][pixels]; NULL until depth is requested */
     float *staging;                 /* host [2][capacity][SPIN_ATTR] */
-    bool weighs;                    /* reserve the buffers of spin_player_weigh() */
+    bool weighs;                    /* true: the buffers of spin_player_weigh() are reserved */
     size_t capacity, pixels, tiles; /* capacities: splats; pixels and tiles of an image */
     struct spin_splats splats;      /* host copy of the current frame, as far as it was read */
     struct spin_frame_batch now;    /* the current frame */

@@ -1,7 +1,7 @@
-/* Draws points over images and finds outlying cameras. Each point is a square in its colour, the
- * nearest on top; the image behind is darkened, so that a mismatch shows as a double image.
- * Outliers are found by the median and the median absolute deviation, which tolerate up to half of
- * the views being wrong. */
+/* Draws points over images and finds outlying cameras. Each point is drawn as a square of its own
+ * colour, and near points cover far ones. The image behind the points is darkened, so that a
+ * mismatch shows as a double image. Outliers are found by the median and the median absolute
+ * deviation (MAD), which tolerate that up to half of the views are wrong. */
 #include "run/camera_check.h"
 
 #include <float.h>
@@ -10,14 +10,14 @@
 #include "math/sh.h"
 
 #define DARKEN 0.45f
-/* The radius of a square is 1 pixel for every so many pixels of image width, rounded down; a radius
- * of 0 is a single pixel. */
+/* The radius of a square, in pixels, is the image width divided by this number, rounded down. A
+ * square of radius 0 is a single pixel. */
 #define PIXELS_PER_RADIUS 900
 
 struct canvas {
     int width, height;
     float *image; /* [3][h][w] */
-    float *depth; /* [h][w] depth of the points drawn */
+    float *depth; /* [h][w] depth of the nearest point drawn at each pixel */
 };
 
 static float clamp01(float value) { return value > 0 ? (value < 1 ? value : 1) : 0; }
@@ -56,8 +56,8 @@ static void draw_square(struct canvas *canvas, int u, int v, float depth, const 
     }
 }
 
-/* Draws every stride-th point, and counts the points in front of the camera and inside its image.
- * If canvas is NULL, only counts. */
+/* Draws every stride-th point on the canvas, and sets *out to the shares of these points that are
+ * in front of the camera and inside its image. If canvas is NULL, nothing is drawn. */
 static void draw_points(struct canvas *canvas, const struct spin_camera *camera,
                         const struct spin_splats *s, size_t stride,
                         struct spin_camera_overlay_share *out)
@@ -101,7 +101,8 @@ spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct 
     return spin_image_save(path, width, height, image, false);
 }
 
-/* Number of views of one frame of the data set, and the index of the first. */
+/* Returns the number of views of frame `row` of the data set, which are adjacent, and sets *first
+ * to the index of the first of them. */
 static size_t find_views(const struct spin_views *views, int row, size_t *first)
 {
     size_t n = 0;
@@ -126,13 +127,14 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
 
 /* ---- Outlying cameras ------------------------------------------------------------------------ */
 
-/* Points projected per view, evenly spaced. */
+/* About this many points, evenly spaced in the list of points, are projected into each view. */
 #define POINTS 4096
-/* With fewer views an outlier cannot be identified. */
+/* No view is called an outlier if there are fewer views than this: the median would prove little.
+ */
 #define LEAST_VIEWS 4
-/* A view is an outlier if its share of the points is below the median by more than DEVIATIONS
- * standard deviations, estimated from the MAD, and by more than LEAST_GAP, since the shares of
- * correct cameras also differ. */
+/* A view is an outlier if its share of the points is below the median of all views by more than
+ * DEVIATIONS standard deviations, estimated from the MAD. It must also be below by more than
+ * LEAST_GAP, since the shares of correct cameras differ too. */
 #define DEVIATIONS 6
 #define LEAST_GAP 0.25
 
@@ -147,7 +149,8 @@ static double median(double *values, size_t n)
     return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
 }
 
-/* Median of one share over all views, and the limit below which a view is an outlier. */
+/* Computes, for share[which], its median over all views and the limit below which a view is an
+ * outlier. */
 static void find_limit(const struct look *look, size_t n, int which, double *values, double *middle,
                        double *limit)
 {
@@ -159,14 +162,14 @@ static void find_limit(const struct look *look, size_t n, int which, double *val
     *limit = *middle - fmax(LEAST_GAP, DEVIATIONS * 1.4826 * median(values, n));
 }
 
-/* Whether view a of a camera is worse than view b of the same camera: an outlier is worse than
- * other views; otherwise the view with fewer points inside is worse. */
+/* Returns whether view a of a camera is worse than view b of the same camera. If only one of them
+ * is an outlier, that one is worse; otherwise the one with fewer points inside its image. */
 static bool is_lower(const struct spin_camera_share *a, const struct spin_camera_share *b)
 {
     return a->apart != b->apart ? a->apart : a->inside < b->inside;
 }
 
-/* Adds a view to the list of cameras, which contains the worst view of each. */
+/* Adds a view to the list of cameras, which contains each camera with its worst view so far. */
 static void add_camera(const struct spin_views *views, const struct spin_camera_share *one,
                        struct spin_camera_shares *out)
 {
@@ -180,7 +183,8 @@ static void add_camera(const struct spin_views *views, const struct spin_camera_
     out->n += k == out->n;
 }
 
-/* Measures every view of the given data set frames; returns the number of views. */
+/* Computes the shares of every view of the given data set frames, and returns the number of these
+ * views. */
 static size_t measure_views(const struct spin_views *views, const int *rows, int n_rows,
                             const struct spin_splats *s, struct look *look)
 {

@@ -20,15 +20,18 @@ spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct 
 size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
                                   size_t *index);
 
-/* One camera, in the view where it has the fewest points. */
+/* One camera, with the shares of its worst view, which is the one with the fewest points inside its
+ * image. */
 struct spin_camera_share {
     size_t view;             /* index into views->view */
     double in_front, inside; /* see struct spin_camera_overlay_share */
-    bool apart;              /* outlier: far fewer points than in other views */
+    /* True if this view is an outlier: it contains far fewer points than the views of all cameras
+     * do in the median. */
+    bool apart;
 };
 
 struct spin_camera_shares {
-    struct spin_camera_share *camera; /* [n], each camera_id once */
+    struct spin_camera_share *camera; /* [n], one entry for each camera_id */
     size_t n;
     double in_front, inside; /* medians over all views */
 };

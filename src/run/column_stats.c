@@ -1,4 +1,4 @@
-/* Collects minimum, median and maximum of every attribute over the frames that are read. */
+/* Computes minimum, median and maximum of every attribute over the frames that are read. */
 #include "run/column_stats.h"
 
 #include <float.h>
@@ -6,12 +6,13 @@
 #include "base/base.h"
 #include "scene/columns.h"
 
-/* Number of sampled values of each series, for its median. */
+/* The median of a series is computed from a sample of at most this many of its values. */
 #define SAMPLE 65536
 
-/* The series. Positions have one per axis, since a single axis may be wrong; SH has one for the
- * view-independent part and one for the rest. Each splat contributes the values first to
- * first + n - 1 of its row in the column; if n is 0, all values from first on. */
+/* The series: the sets of values that get a minimum, median and maximum each. Positions have one
+ * series per axis, since a single axis may be wrong; SH has one for the view-independent part and
+ * one for all other coefficients. Each splat contributes the values first to first + n - 1 of its
+ * row in the column; if n is 0, all values from first on. */
 static const struct {
     const char *name;
     unsigned column;
@@ -102,7 +103,8 @@ void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
     }
 }
 
-/* Convert stored values, which are logarithms and logits, to scales and opacities. */
+/* These functions convert stored values, which are logarithms and logits, to scales and opacities.
+ */
 static double exponential(double x) { return exp(x); }
 static double sigmoid(double x) { return 1 / (1 + exp(-x)); }
 

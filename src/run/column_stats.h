@@ -3,7 +3,7 @@
 
 #include "io/json.h"
 
-struct spin_series; /* private: one attribute or axis */
+struct spin_series; /* private: statistics of one attribute or axis */
 
 struct spin_column_stats {
     struct spin_series *series; /* [number of series] */
@@ -15,7 +15,7 @@ spin_status spin_column_stats_open(struct spin_column_stats *d, int n_frames);
 void spin_column_stats_frame(struct spin_column_stats *d, unsigned columns,
                              const struct spin_splats *s);
 /* Sets two members of the report: "ranges", with an entry for each attribute that was added, and
- * "finite", which is false if any value is NaN or infinite. A median is that of a sample of at most
- * 65,536 values, spread over the frames. */
+ * "finite", which is false if any value is NaN or infinite. Each median is computed from a sample
+ * of at most 65,536 values, spread over the frames. */
 void spin_column_stats_ranges(struct spin_column_stats *d, spin_json *report);
 void spin_column_stats_close(struct spin_column_stats *d);

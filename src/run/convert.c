@@ -1,14 +1,15 @@
-/* spin_convert(): converts a run to a format for viewers by the other calls: import, retrain,
- * export.
+/* spin_convert(): converts a run to a format for viewers. It calls spin_import(), spin_retrain()
+ * and spin_export() in turn.
  *
  * For the output clip.html, these files are written beside it:
  *
- *     clip.import.spin  the imported clip, until everything is done
+ *     clip.import.spin  the imported clip; after the export deleted, or renamed if not retrained
  *     clip.spin.part    the checkpoint, while the training is unfinished
  *     clip.spin         the final clip, which is kept
  *
- * After an interruption the same call continues from them. A format of 4D splats needs two
- * trainings: first of frames, kept as clip.tracks.spin, then of 4D splats made from these frames.
+ * After an interruption, the same call continues from these files. If the format stores 4D splats,
+ * two trainings are needed: the first trains frames with tracks, which are kept as
+ * clip.tracks.spin; the second trains 4D splats that are made from these frames.
  */
 #include <sys/stat.h>
 
@@ -24,13 +25,20 @@
 struct convert {
     const struct spin_convert_options *o;
     const char *to;
-    char *output, *bundle; /* paths that are written */
+    char *output, *bundle; /* paths of the final output and of the final bundle */
     char *tracks;          /* path of the retrained frames if `to` stores 4D splats, else NULL */
-    char *import; /* the bundle to export or retrain; the input itself if that is a bundle */
-    char *beside; /* data set found beside the run, not named by the user; or NULL */
+    /* Path of the bundle to retrain, or to export if it is not retrained. If the input is a bundle,
+     * this is the input itself. */
+    char *import;
+    /* Path of the data set that was found beside the run; NULL if none was found or the user named
+     * one. */
+    char *beside;
     bool imports;
-    bool has_data, is_trained; /* the bundle `import` has a data set, was retrained */
-    bool is_tracks; /* `import` was trained with tracks, so 4D splats can be made of its frames */
+    bool has_data,
+        /* whether the bundle `import` has a data set; whether it was retrained before */
+        is_trained;
+    /* Whether `import` was trained with tracks, so that 4D splats can be made of its frames. */
+    bool is_tracks;
     spin_json *report;
 };
 
@@ -44,7 +52,8 @@ static spin_status append_text(const char *text, size_t n, const char *ending, c
     return SPIN_OK;
 }
 
-/* Length of a path without the extension of its last component and without trailing slashes. */
+/* Returns the length of a path without trailing slashes and without the extension of its last
+ * component. */
 static size_t stem_length(const char *path, bool has_ending)
 {
     size_t n = strlen(path);
@@ -72,8 +81,8 @@ static spin_status name_output(struct convert *c)
                        &c->output);
 }
 
-/* Whether an exporter is to get 4D splats: if it accepts nothing else, or is TSOG, which would
- * store every splat of every frame. */
+/* Returns whether an exporter is to get 4D splats: if it accepts nothing else, or if it is 'tsog',
+ * since a file of that format with frames instead would store every splat of every frame. */
 static bool stores_4d(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -118,7 +127,7 @@ static bool is_same_folder(const char *a, const char *b)
            one.st_dev == other.st_dev && one.st_ino == other.st_ino;
 }
 
-/* Checks the output before the training, to fail early. */
+/* Checks before the training that the output can be written, to fail early. */
 static spin_status check_output(const struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -170,7 +179,8 @@ static spin_status check_bundle(const struct convert *c)
 
 /* ---- The steps ------------------------------------------------------------------------------- */
 
-/* Adds the report of another call as a member of this one; takes ownership of text. */
+/* Adds the report `text`, returned by spin_import(), spin_retrain() or spin_export(), to the report
+ * of spin_convert() as a member with this key. Takes ownership of `text`. */
 static spin_status add_report(struct convert *c, const char *key, char *text)
 {
     spin_json *document = NULL;
@@ -197,8 +207,8 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
-/* Imports the run, with the data set that the user names or that is found beside the run. If the
- * latter does not fit, warns and imports without it. */
+/* Imports the run, with the data set that the user names or, if there is none, the data set that is
+ * found beside the run. If a data set that was found does not fit, warns and imports without it. */
 static spin_status import_run(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
@@ -220,8 +230,8 @@ static spin_status import_run(struct convert *c)
     return import_from(c, NULL);
 }
 
-/* Whether to retrain. A trained clip is not retrained, unless 4D splats are to be made from frames
- * that were trained with tracks. */
+/* Returns whether to retrain. A clip that was already retrained is only retrained again to make 4D
+ * splats from its frames, which requires that these were trained with tracks. */
 static bool retrains(const struct convert *c)
 {
     return c->has_data && !c->o->no_retrain && (!c->is_trained || (c->tracks && c->is_tracks));
@@ -250,8 +260,9 @@ static spin_status inspect_bundle(struct convert *c)
     return SPIN_OK;
 }
 
-/* Retrains the bundle `input` to `output`. Resumes an unfinished training; with --force, replaces
- * one that had other options. rows: train 4D splats. */
+/* Retrains the bundle `input` and writes the result to `output`. Resumes an unfinished training of
+ * this output; if that had other options, --force starts again from the beginning. If `rows` is
+ * true, 4D splats are trained, otherwise frames. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;
@@ -285,7 +296,8 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
 }
 
-/* Retrains to c->bundle. */
+/* Retrains the clip to c->bundle. If the format stores 4D splats, trains frames with tracks first,
+ * unless the clip is already trained. */
 static spin_status retrain_clip(struct convert *c)
 {
     bool frames = !c->is_trained;
@@ -315,7 +327,8 @@ static spin_status export_bundle(struct convert *c, const char *bundle)
     return add_report(c, "export", text);
 }
 
-/* The imported clip becomes the result, or is removed if the retrained clip includes it. */
+/* Renames the imported clip to the final bundle if it was not retrained; otherwise removes it,
+ * since the retrained clip includes it. */
 static spin_status keep_or_remove_import(struct convert *c, bool retrained)
 {
     if (!c->imports || spin_rank() > 0)

@@ -3,11 +3,14 @@
 
 #include "spin.h"
 
-/* Writes one line, ending in "\n", about the data sets in the input's folder, in its parent or
- * beside it; "" if there are none. It is unknown whether the run was trained on them. */
+/* Writes one line, ending in "
+", about the data sets in the folder of the input, in its parent folder or beside it; writes "" if
+there are none. The line leaves open whether the run was trained on one of them, which is unknown.
+*/
 void spin_data_hint(const char *input, char *text, size_t n_text);
-/* Allocated path of the data set, if spin_data_hint() finds exactly one; else NULL. */
+/* Returns the path of the data set, allocated, if spin_data_hint() would find exactly one;
+ * otherwise NULL. */
 char *spin_data_beside(const char *input);
-/* Whether transforms_train.json or transforms.json of the folder stores focal lengths as fl_x
- * instead of angles. */
+/* Returns whether transforms_train.json or transforms.json in this folder stores focal lengths as
+ * "fl_x", not as an angle of view. */
 bool spin_data_has_focal(const char *folder);

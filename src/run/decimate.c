@@ -5,15 +5,18 @@
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
-    VIEWS = 32,    /* views per frame, if each frame has its own weights */
-    LOOKS = 400,   /* approximate number of views in all frames, if frames share splats */
-    PICTURES = 16, /* views by which the loss is measured */
-    AROUND = 8,    /* views on the orbit that replaces missing cameras */
-    SIDE = 400,    /* width and height of such a view, in pixels */
-    TRIES = 9,     /* writes to reach a size */
-    HALVINGS = 8,  /* bisections to reach a loss */
+    VIEWS = 32,    /* number of views that determine weights in each frame, if frames do not share
+                      their rows */
+    LOOKS = 400,   /* number of such views in all frames together, approximately, if frames share
+                      their rows */
+    PICTURES = 16, /* number of views in which the loss is measured */
+    AROUND = 8,   /* number of views on the orbit that replaces the cameras of a clip without any */
+    SIDE = 400,   /* width and height of a view on that orbit, in pixels */
+    TRIES = 9,    /* largest number of outputs that are written to reach a given size */
+    HALVINGS = 8, /* number of bisections to reach a given loss */
 };
-/* What identifies a splat in several frames: nothing, its row, its 4D splat or its track. */
+/* How a splat of one frame is recognised in other frames: not at all, by its row, by its 4D splat
+ * or by its track. */
 enum { NOTHING, ROWS, FOUR_D, TRACKS };
 #define NONE UINT32_MAX
 
@@ -58,7 +61,8 @@ static double time_of(const struct spin_decimation *d, int f)
     return d->clip->bundle.meta.frame[d->clip->frame[f]].time;
 }
 
-/* Maps the rows of frame f to 4D splats; NULL if frames are exported. */
+/* Sets *out to an allocated array with the index of the 4D splat of each row of frame f; or to NULL
+ * if frames are exported instead of 4D splats. */
 static spin_status rows_of(const struct spin_decimation *d, int f, size_t n, uint32_t **out)
 {
     size_t k = 0;
@@ -73,8 +77,9 @@ static spin_status rows_of(const struct spin_decimation *d, int f, size_t n, uin
     return SPIN_OK;
 }
 
-/* Reads frame f into d->splats and marks the rows to draw in *mark: all that count, or the kept
- * ones. */
+/* Reads frame f into d->splats, and marks in *mark the rows to draw: if `kept` is true those that
+ * the decimation keeps, otherwise all that the row filter keeps. *row is set as by rows_of(). The
+ * caller frees both arrays. */
 static spin_status read_frame(struct spin_decimation *d, int f, bool kept, unsigned char **mark,
                               uint32_t **row)
 {
@@ -105,8 +110,8 @@ out:
 
 /* ---- Weights --------------------------------------------------------------------------------- */
 
-/* Opacity times the product of the two largest axes: the area of a splat seen from its largest
- * side. */
+/* Returns the opacity of a splat times the product of its two largest scales, which is proportional
+ * to its area when seen from its largest side. */
 static float size_of(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;
@@ -123,7 +128,7 @@ static int n_views(const struct spin_decimation *d)
     return d->sharing == NOTHING || n > VIEWS ? VIEWS : n > 1 ? n : 1;
 }
 
-/* Finds the training views [*first, *first + *n) of frame f. */
+/* Finds the views of frame f, d->pairs[*first] to d->pairs[*first + *n - 1]. */
 static void find_views(const struct spin_decimation *d, int f, size_t *first, size_t *n)
 {
     *first = 0;
@@ -133,7 +138,8 @@ static void find_views(const struct spin_decimation *d, int f, size_t *first, si
         ++*n;
 }
 
-/* Contribution of a splat in pixels if the camera were turned towards it. */
+/* Estimates the contribution, in pixels, that a splat would have if the camera were turned towards
+ * it and nothing hid it. */
 static float shown_by(const struct spin_camera *camera, const struct spin_splats *s, size_t i)
 {
     const float *p = s->means + 3 * i;
@@ -149,8 +155,9 @@ static float shown_by(const struct spin_camera *camera, const struct spin_splats
                        2 * M_PI * camera->fx * camera->fy / square * (double)size_of(s, i));
 }
 
-/* Weight of a splat that is outside all of these views: the largest contribution it would have if
- * one of their cameras were turned towards it. 0 if one view contains it. */
+/* Returns the weight of a splat that is outside all of these views: the largest contribution that
+ * it would have if one of their cameras were turned towards it. Returns 0 if at least one of the
+ * views contains the splat. */
 static float unseen_weight(const struct spin_decimation *d, const struct spin_pair *pair, size_t n,
                            size_t i)
 {
@@ -167,8 +174,9 @@ static float unseen_weight(const struct spin_decimation *d, const struct spin_pa
     return most;
 }
 
-/* Weights of the splats in d->part: the maximum over the views. The mean loses 0.5 to 1.8 dB more
- * on court when half or 70 % of the splats are kept (tests/bench/README.md). */
+/* Sets the weights of the splats in d->part: for each splat the maximum over the views. With the
+ * mean over the views instead, the loss is 0.5 to 1.8 dB larger on the clip 'court' if half or 70 %
+ * of the splats are kept (tests/bench/README.md). */
 static spin_status weigh(struct spin_decimation *d, int f, float *weight)
 {
     size_t first, n, wanted = (size_t)n_views(d);
@@ -182,7 +190,7 @@ static spin_status weigh(struct spin_decimation *d, int f, float *weight)
     wanted = wanted < n ? wanted : n;
     SPIN_TRY(spin_alloc(d->part.n, sizeof *seen, (void **)&seen));
     SPIN_TRY(spin_player_show_splats(&d->drawing, &d->part));
-    for (size_t k = 0; k < wanted; k++) { /* rotate the choice of views from frame to frame */
+    for (size_t k = 0; k < wanted; k++) { /* each frame uses other views than the frame before it */
         size_t at = first + (k * n / wanted + (size_t)f) % n;
 
         SPIN_TRY(spin_player_draw(&d->drawing, &d->clip->views.view[d->pairs[at].view].camera,
@@ -219,8 +227,9 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
     return SPIN_OK;
 }
 
-/* 4D splats that exist during the clip and that the filter keeps count, even if they are visible
- * only between frames. */
+/* Returns whether 4D splat i exists at some time between the first and the last frame of the clip.
+ * Such a splat takes part in the decimation if the row filter keeps it, even if no frame shows it.
+ */
 static bool exists_in_clip(const struct spin_decimation *d, size_t i)
 {
     const double *span = d->splats_4d->spans + 2 * i;
@@ -236,9 +245,9 @@ static spin_status begin_4d(struct spin_decimation *d)
     return SPIN_OK;
 }
 
-/* ---- What is one splat ----------------------------------------------------------------------- */
+/* ---- Splats that several frames share -------------------------------------------------------- */
 
-/* Whether row i is the same splat in all frames. */
+/* Returns whether all frames have the same rows: row i is the same splat in each of them. */
 static bool keeps_rows(const struct spin_decimation *d)
 {
     const struct spin_clip *c = d->clip;
@@ -262,7 +271,8 @@ static int find_sharing(const struct spin_decimation *d)
     return d->frames->tracks.values ? TRACKS : NOTHING;
 }
 
-/* Sets the 4D splat or track of each row of frame f; NONE for a single-frame splat. */
+/* Sets item[i] to the index of the 4D splat or track that row i of frame f belongs to, or to NONE
+ * for a single-frame splat. */
 static spin_status read_items(const struct spin_decimation *d, int f, size_t n, uint32_t *item)
 {
     struct spin_bundle *b = (struct spin_bundle *)(uintptr_t)&d->clip->bundle;
@@ -284,15 +294,16 @@ static spin_status read_items(const struct spin_decimation *d, int f, size_t n, 
     return SPIN_OK;
 }
 
-/* ---- Choosing -------------------------------------------------------------------------------- */
+/* ---- The choice of splats -------------------------------------------------------------------- */
 
-/* A row that counts, for sorting. */
+/* A row that takes part in the decimation, as an element of the sorted list. */
 struct entry {
     float weight;
     uint32_t item, set, row;
 };
 
-/* Descending weight; rows of the same splat are adjacent. */
+/* Orders entries by descending weight, and entries of equal weight so that those of the same splat
+ * are adjacent. */
 static int by_weight(const void *a, const void *b)
 {
     const struct entry *x = a, *y = b;
@@ -321,7 +332,7 @@ static size_t add_entries(const struct spin_decimation *d, int s, const uint32_t
     return n;
 }
 
-/* Gives rows of the same splat their mean weight. */
+/* Replaces the weights of all entries of the same splat by their mean. */
 static spin_status take_means(struct entry *entry, size_t n)
 {
     uint32_t n_items = 0;
@@ -353,7 +364,8 @@ static size_t most_of(const struct spin_decimate_set *set, enum spin_decimate_un
     return n < (double)set->n_counted ? (size_t)n : set->n_counted;
 }
 
-/* Greedy, from the largest weight: keeps a splat if none of its frames exceeds the limit. */
+/* Visits the splats by descending weight, and keeps each splat whose frames all have capacity for
+ * one more. The capacity of a frame follows from `unit` and `amount`. */
 static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t n,
                           enum spin_decimate_unit unit, double amount)
 {
@@ -376,7 +388,8 @@ static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t
     }
 }
 
-/* Chooses among the sets from `first` to `end` - 1, independently of other sets. */
+/* Chooses which splats to keep in the sets `first` to `end` - 1; other sets have no influence on
+ * the choice. */
 static spin_status choose_sets(struct spin_decimation *d, int first, int end,
                                enum spin_decimate_unit unit, double amount)
 {
@@ -483,10 +496,11 @@ void spin_decimation_close(struct spin_decimation *d)
     spin_player_close(&d->drawing);
 }
 
-/* ---- What is left ---------------------------------------------------------------------------- */
+/* ---- The splats that remain ------------------------------------------------------------------ */
 
-/* For rows that do not correspond to those of the clip: keeps the largest, as many as the clip
- * keeps in that frame. */
+/* Marks all but the `most` largest of the remaining rows as decimated. This is used for rows that
+ * do not correspond to those of the clip; `most` is the number of splats that the clip keeps in the
+ * same frame. */
 static spin_status drop_smallest(const struct spin_splats *all, size_t most, unsigned char *reason)
 {
     SPIN_FREED struct entry *entry = NULL;
@@ -503,8 +517,9 @@ static spin_status drop_smallest(const struct spin_splats *all, size_t most, uns
     return SPIN_OK;
 }
 
-/* Rows of refined frames differ from the source's, and a training with densification adds and sorts
- * rows, so an equal number of rows does not prove that they correspond. */
+/* Returns whether row i of a retrained frame is row i of the same imported frame. Refined frames
+ * have other rows than the imported ones, and a training with densification adds and sorts rows, so
+ * an equal number of rows does not prove that they correspond. */
 static bool preserves_rows(const struct spin_decimation *d)
 {
     const struct spin_bundle *b = &d->clip->bundle;
@@ -539,7 +554,9 @@ size_t spin_decimation_count(const struct spin_decimation *d, int f)
 
 /* ---- The loss -------------------------------------------------------------------------------- */
 
-/* View k of a clip without cameras, from a circle around its centre, with y down. */
+/* Returns camera k of those that replace the cameras of a clip without any: they stand on a circle
+ * around the median position of the splats and look at its centre. The y axis of the scene is taken
+ * to point down. */
 static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera *out)
 {
     double angle = 6.283185307179586 * k / AROUND, c = cos(angle), sn = sin(angle);
@@ -572,7 +589,8 @@ static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera 
     return SPIN_OK;
 }
 
-/* Reads the splats of frame f that are drawn, all or the kept ones, into d->part. */
+/* Reads the splats of frame f that are drawn into d->part: if `kept` is true only those that the
+ * decimation keeps. */
 static spin_status read_part(struct spin_decimation *d, int f, bool kept)
 {
     SPIN_FREED unsigned char *mark = NULL;
@@ -590,7 +608,8 @@ static spin_status draw(struct spin_decimation *d, int f, bool kept,
     return spin_player_draw(&d->drawing, camera, d->background, image);
 }
 
-/* Adds the squared error of one view; a blank view does not count. */
+/* Adds to *sum the squared error that the decimation causes in one view, and to *n the number of
+ * values. A view that shows no splat is skipped. */
 static spin_status add_picture(struct spin_decimation *d, int f, const struct spin_camera *camera,
                                double *sum, double *n, int *n_pictures)
 {
@@ -623,7 +642,8 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     size_t n_pictures = d->n_pairs == 0 ? AROUND : d->n_pairs < PICTURES ? d->n_pairs : PICTURES;
 
     *out = (struct spin_decimated){.by_views = d->n_pairs > 0};
-    /* With filters, rows shared by all frames may be dropped in some frames only. */
+    /* If a filter may drop a row that all frames share in some frames only, the counts are those of
+     * the whole clip and not of each frame. */
     out->in_all = d->splats_4d || (d->n_sets == 1 && d->filter->varies);
     for (int s = 0; s < d->n_sets; s++) {
         out->before += (double)d->set[s].n_counted;
@@ -648,7 +668,7 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     return SPIN_OK;
 }
 
-/* ---- Looking for a loss, or a size ----------------------------------------------------------- */
+/* ---- The search for a given loss or size ----------------------------------------------------- */
 
 spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibels)
 {
@@ -671,8 +691,8 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
     return spin_decimation_choose(d, SPIN_DECIMATE_SHARE, high);
 }
 
-/* Writes with this share to a temporary folder beside the output, removes it and sets *bytes to its
- * size. */
+/* Keeps this share of the splats, writes the output to a temporary folder beside its final path,
+ * removes that folder and sets *bytes to the size of the files in it. */
 static spin_status try_share(struct spin_decimation *d, double share, const char *output,
                              spin_decimation_write_fn write, void *context, uint64_t *bytes)
 {
@@ -688,7 +708,7 @@ static spin_status try_share(struct spin_decimation *d, double share, const char
     snprintf(folder, n + sizeof suffix, "%.*s%s", (int)n, output, suffix);
     SPIN_TRY(spin_path_join(folder, spin_path_name(output), &path));
     SPIN_TRY(spin_folder_make(folder));
-    spin_log_set_level(-2); /* messages are for the final write */
+    spin_log_set_level(-2); /* only the final write prints messages */
     status = write(context, path);
     spin_log_set_level(level);
     *bytes = spin_out_remove(folder);
@@ -699,7 +719,8 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached)
 {
-    double low = 1e-12, high = 1, n_low, n_high; /* low: one splat per frame */
+    double low = 1e-12, high = 1, n_low,
+           n_high; /* `low` is so small that one splat per frame is kept */
     uint64_t n;
 
     SPIN_TRY(try_share(d, high, output, write, context, reached));

@@ -1,13 +1,14 @@
 /* --decimate: drops the splats of a clip that contribute least.
  *
- * A splat's weight at one time is its total blending contribution (sum of alpha times transmittance
- * over the pixels) in one training view; the maximum over some of the frame's training views is
- * used. Without cameras it is opacity times size. Each frame keeps its own best N splats, but
- * splats shared by several frames (the same row of all frames, a track, a 4D splat) are kept or
- * dropped as one, by their mean weight over those frames. If 4D splats are exported as such, the
- * best N rows are kept, by the sum of their weights over the clip.
+ * The weight of a splat in one frame is its contribution to an image (the sum over pixels of alpha
+ * times transmittance); of several training views of the frame, the one with the largest
+ * contribution counts. Without cameras, the weight is opacity times size. Each frame keeps the N
+ * splats of largest weight. Splats that several frames share (the same row of all frames, a track,
+ * a 4D splat) are kept in all of them or dropped from all of them, by their mean weight over those
+ * frames. If 4D splats are exported as such, the N rows with the largest sum of weights over all
+ * frames are kept.
  *
- * Splats that the row filter drops for another reason do not count. */
+ * Splats that the row filter drops for another reason are not counted among the N. */
 #pragma once
 
 #include "render/player.h"
@@ -22,7 +23,9 @@ enum spin_decimate_unit {
 
 struct spin_decimate_goal {
     enum spin_decimate_unit unit;
-    double amount; /* splats per frame; a share, 0..1; bytes of the whole output; dB */
+    /* In this unit: a number of splats per frame, a share from 0 to 1, the size of the whole output
+     * in bytes, or the PSNR in dB between images with all splats and with those kept. */
+    double amount;
 };
 /* Parses "5000", "50%", "2MB" (B, kB, MB, GB: powers of 1000) or "40dB". */
 spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out);
@@ -30,8 +33,10 @@ spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out
 /* The splats of one frame, or of all frames if frames share their rows. */
 struct spin_decimate_set {
     size_t n, n_counted, n_kept;
-    float *weight;       /* [n] weight of a row; negative: does not count */
-    unsigned char *keep; /* [n] */
+    /* [n], the weight of each row; negative if the row does not take part since the row filter
+     * drops it. */
+    float *weight;
+    unsigned char *keep; /* [n], 1 if the decimation keeps the row, else 0 */
 };
 
 struct spin_decimation {
@@ -39,7 +44,7 @@ struct spin_decimation {
     const struct spin_clip *clip;
     struct spin_player *frames;             /* reads the splats of the clip */
     const struct spin_splats_4d *splats_4d; /* 4D splats to export as such, or NULL */
-    struct spin_row_filter *filter;         /* judges the rows before decimation */
+    struct spin_row_filter *filter;         /* drops rows before the decimation */
     const float *background;
 
     /* Private. */
@@ -47,37 +52,44 @@ struct spin_decimation {
     int sharing;
     struct spin_decimate_set *set; /* [n_sets] */
     int n_sets;
-    struct spin_pair *pairs; /* training views, sorted by frame */
+    struct spin_pair
+        /* Training views, or all views if no view is for training; sorted by frame. */
+        *pairs;
     size_t n_pairs;
     struct spin_splats splats, part;
 };
 
-/* Computes all weights; the inputs above must be set. Close d also after a failure. */
+/* Computes all weights. The inputs above must be set. The caller closes d even if this fails. */
 spin_status spin_decimation_open(struct spin_decimation *d);
 void spin_decimation_close(struct spin_decimation *d);
-/* Chooses the splats to keep: at most `amount` in each frame (in total for 4D splats), or this
- * share of those that count, at least one. */
+/* Chooses the splats to keep: with SPIN_DECIMATE_SPLATS at most `amount` in each frame, or in the
+ * clip if 4D splats are exported; with SPIN_DECIMATE_SHARE this share of the splats that the row
+ * filter keeps, but at least one. */
 spin_status spin_decimation_choose(struct spin_decimation *d, enum spin_decimate_unit unit,
                                    double amount);
-/* Chooses the smallest share whose PSNR against all splats is at least `decibels`. */
+/* Chooses the smallest share of splats whose images, compared with those of all splats, have a PSNR
+ * of at least `decibels`. */
 spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibels);
-/* Chooses the largest share for which write() makes an output of at most `bytes` bytes. write()
- * gets a temporary path, removed afterwards, whose last component is that of `output`. *n_tries:
- * number of writes; *reached: bytes of the chosen share. SPIN_E_UNSUPPORTED if even one splat per
- * frame is too large. */
+/* Chooses the largest share of splats for which write() makes an output of at most `bytes` bytes.
+ * write() gets a temporary path, removed afterwards, whose last component is that of `output`. Sets
+ * *n_tries to the number of calls of write(), and *reached to the size in bytes of the output with
+ * the chosen share. Fails with SPIN_E_UNSUPPORTED if the output is too large even with one splat
+ * per frame. */
 typedef spin_status (*spin_decimation_write_fn)(void *context, const char *output);
 spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes,
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached);
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out);
 
-/* Sets the reason of the rows of frame f that are not kept to SPIN_ROW_DECIMATE, if it is
- * SPIN_ROW_KEPT before. source: *all are the imported splats of a retrained clip: their kept rows
- * are those of the retrained frame if the training preserved the source's rows, otherwise as many
- * of the largest. */
+/* Sets the reason of each row of frame f that is not kept from SPIN_ROW_KEPT to SPIN_ROW_DECIMATE;
+ * other reasons stay. If `source` is true, *all are the imported splats of a retrained clip. If the
+ * training preserved their rows, the same rows are kept as in the retrained frame; otherwise the
+ * largest splats are kept, and as many of them as in the retrained frame. */
 spin_status spin_decimation_drop(struct spin_decimation *d, int f, const struct spin_splats *all,
                                  bool source, unsigned char *reason);
-/* The same for 4D splats; rows that exist outside the clip only are dropped too. */
+/* Sets the reason of each 4D splat that is not kept from SPIN_ROW_KEPT to SPIN_ROW_DECIMATE. A 4D
+ * splat that exists only before the first or after the last frame gets this reason in any case. */
 void spin_decimation_drop_4d(const struct spin_decimation *d, unsigned char *reason);
-/* Number of kept splats of frame f; without filters that vary between frames. */
+/* Returns the number of kept splats of frame f. Valid only if no filter drops a row in some frames
+ * only. */
 size_t spin_decimation_count(const struct spin_decimation *d, int f);

@@ -1,5 +1,5 @@
-/* spin_bundle_describe() and spin_bundle_views(): contents of a bundle, from meta.json and the
- * headers of its arrays. */
+/* spin_bundle_describe() and spin_bundle_views() report the contents of a bundle, from meta.json
+ * and the headers of its arrays. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "scene/clip.h"
@@ -21,7 +21,8 @@ static spin_json *text_of(const spin_json *object, const char *key)
     return spin_json_text_value(text ? text : "");
 }
 
-/* Adds the members that source, refinement and training have in common. */
+/* Adds to the object `to` the members that the source, the refinement and the training have in
+ * common. */
 static void add_splats(spin_json *to, const struct spin_bundle *b, enum spin_splat_source from,
                        unsigned columns, int64_t sh_degree, bool antialias)
 {
@@ -44,7 +45,7 @@ static void add_splats(spin_json *to, const struct spin_bundle *b, enum spin_spl
     spin_json_set(to, "attributes", spin_column_names(columns));
 }
 
-/* Description of the network, or null. */
+/* Returns the description of the network; null if there is none. */
 static spin_json *field_json(const spin_json *field)
 {
     int64_t rows = 0, levels = integer_of(field, "levels");
@@ -58,7 +59,7 @@ static spin_json *field_json(const spin_json *field)
                      (json_int_t)integer_of(field, "hidden"), "rows", (json_int_t)rows);
 }
 
-/* Adds a refinement or a training as recorded in meta.json. */
+/* Adds a refinement or a training to the report, as recorded in meta.json under `name`. */
 static void add_stage(spin_json *root, const struct spin_bundle *b, const char *name,
                       enum spin_splat_source from, unsigned columns, int64_t sh_degree)
 {

@@ -1,4 +1,5 @@
-/* Maps file name extensions to exporters, and suggests one of these extensions for others. */
+/* Maps the extension of an output to an exporter. If no exporter writes a given extension, an error
+ * suggests one that is similar. */
 #include <strings.h>
 
 #include "base/base.h"
@@ -21,7 +22,8 @@ static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
                                          {".webm", "video"}};
 enum { N_ENDINGS = sizeof endings / sizeof *endings };
 
-/* Extensions that no exporter writes; what to write instead; its exporter. */
+/* Each row: extensions that no exporter writes; what to write instead; the exporter that writes it.
+ */
 static const char *const kin[][3] = {
     {"gif mov avi mkv m4v ogv mpg mpeg apng", ".mp4", "video"},
     {"exr", "a folder with --to images --format exr", "images"},
@@ -46,7 +48,7 @@ const char *spin_exporter_for(const char *output)
     return NULL;
 }
 
-/* Row of kin for an extension without its dot; -1 if there is none. */
+/* Returns the row of `kin` that lists an extension, given without its dot; -1 if none does. */
 static int find_kin(const char *ending)
 {
     for (int k = 0; k < N_KIN; k++)
@@ -64,8 +66,8 @@ const char *spin_exporter_nearest(const char *ending)
 {
     size_t length = strlen(ending);
     const char *best = NULL;
-    /* The edit distance must be below `least`: short extensions may contain one typing error, long
-     * ones two. */
+    /* A known extension is suggested if its edit distance is below `least`: one typing error is
+     * assumed in a short extension, and up to two in a long one. */
     int least = length < 6 ? 2 : 3, k = find_kin(ending + 1);
 
     if (k >= 0)
@@ -101,7 +103,8 @@ const struct spin_exporter *spin_exporter_named(const char *name)
     return found;
 }
 
-/* The longest known extension of `output`, with its dot; NULL if it has none. */
+/* Returns the longest known extension that `output` ends in, with its dot; NULL if it ends in none.
+ */
 static const char *known_ending(const char *output)
 {
     const char *dot = strrchr(spin_path_name(output), '.');

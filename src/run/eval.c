@@ -12,7 +12,7 @@
 
 struct eval {
     const struct spin_eval_options *o;
-    struct spin_compare *compare; /* collects the images of a comparison, or NULL */
+    struct spin_compare *compare; /* receives the images of a comparison; NULL: no comparison */
     struct spin_eval_report *report;
     struct spin_clip clip;
     struct spin_image_cache pixels;
@@ -20,12 +20,13 @@ struct eval {
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
-    struct spin_lenses lenses; /* lenses learned in the training that is measured */
-    bool has_source;           /* `source` is open, to compare with the imported splats */
+    struct spin_lenses lenses; /* lenses that the training of the measured splats has learned */
+    /* whether `source` is open, which renders the imported splats for a comparison */
+    bool has_source;
     enum spin_splat_source from;
     struct spin_pair *pairs;
     size_t n_pairs;
-    struct spin_output_folder images; /* of --images, on rank 0 */
+    struct spin_output_folder images; /* folder of --images; open on rank 0 only */
 };
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -64,8 +65,9 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
-/* All views are rendered with the mean exposure, since no exposure is learned for test cameras. The
- * scores of training cameras are therefore too low. */
+/* Warns if cameras with a learned exposure are measured. All views are rendered with the mean
+ * exposure, since no exposure is learned for test cameras, so the scores of these cameras are too
+ * low. */
 static void warn_exposures(const struct eval *e)
 {
     const spin_json *cameras = spin_json_get(spin_training_of(&e->clip.bundle, e->from), "cameras");
@@ -113,7 +115,8 @@ static spin_status open_players(struct eval *e)
     return SPIN_OK;
 }
 
-/* Loads the weights before anything is rendered, so that errors are reported early. */
+/* Loads the weights of the LPIPS networks before anything is rendered, so that errors are reported
+ * early. */
 static spin_status open_lpips(struct eval *e)
 {
     const struct spin_eval_options *o = e->o;
@@ -135,7 +138,8 @@ static spin_status open_lpips(struct eval *e)
 
 /* ---- The report ------------------------------------------------------------------------------ */
 
-/* Checks the page and the log before the work, to fail early. */
+/* Checks before any view is measured that the page of --report can be written and that the file of
+ * --log exists, to fail early. */
 static spin_status check_report(const struct spin_eval_options *o)
 {
     if (o->log && !o->report)
@@ -150,7 +154,7 @@ static spin_status check_report(const struct spin_eval_options *o)
     return o->report ? spin_output_check_file(o->report, o->force) : SPIN_OK;
 }
 
-/* Writes the page, after measuring the source if there is one to compare with. */
+/* Writes the page of --report. If the imported splats are compared too, they are measured first. */
 static spin_status write_report(struct eval *e, const struct spin_metrics *after)
 {
     struct spin_eval_report before = {.n_views = e->n_pairs,
@@ -195,7 +199,7 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
 
 /* ---- Measuring ------------------------------------------------------------------------------- */
 
-/* Sums the number of dropped splats over all ranks. */
+/* Sums the number of splats that could not be drawn over all ranks. */
 static spin_status sum_left_out(struct eval *e)
 {
     SPIN_FREED uint64_t *n = NULL;
@@ -260,8 +264,9 @@ static spin_status run_eval(struct eval *e)
         bool flat;
 
         SPIN_TRY(spin_borders_are_flat(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &flat));
-        /* Over the opposite background, holes in the scene become visible; but so does the
-         * background itself if the images show a subject in front of a flat colour. */
+        /* Rendering over the opposite background too makes holes in the scene visible. If the
+         * images show a subject in front of a flat colour, that background would count as a hole,
+         * so it is not done then. */
         m.opposite = !flat;
     }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
@@ -304,7 +309,7 @@ spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_com
     spin_lenses_free(&e.lenses);
     spin_image_cache_close(&e.pixels);
     spin_clip_close(&e.clip);
-    spin_output_folder_abandon(&e.images); /* an empty one */
+    spin_output_folder_abandon(&e.images); /* removes the folder if it is empty */
     free(e.pairs);
     if (status != SPIN_OK)
         spin_eval_report_free(report);

@@ -1,4 +1,5 @@
-/* spin_export(): from the player, through the row filter, to the exporter. */
+/* spin_export(): gets each frame from the player, applies the row filter and passes the frame to
+ * the exporter. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "run/decimate.h"
@@ -25,20 +26,23 @@ struct export
     struct spin_device device;
     struct spin_player player;
     struct spin_renderer *renderer;
-    struct spin_splats splats, received; /* of this rank; received from another */
+    /* the frame of this rank; a frame received from another rank */
+    struct spin_splats splats, received;
     struct spin_row_filter filter;
     struct spin_scene_move move;
-    struct spin_decimation decimation; /* used with --decimate */
-    const char *output; /* current output: the final path, or a temporary one of --decimate */
-    bool checks;        /* whether the current output is read back */
+    struct spin_decimation decimation; /* set if --decimate is given */
+    /* path of the current output: the final path, or a temporary one of --decimate */
+    const char *output;
+    bool checks; /* whether the current output is read back and compared */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     int *source_index, *numbers;
     char *data;                             /* path of the data set recorded in the bundle */
     double *times;                          /* [n_frames] */
     const struct spin_splats_4d *splats_4d; /* 4D splats to write instead of frames, or NULL */
-    const struct spin_splats_4d *final_4d;  /* those of them that are written, moved */
-    double n_written;                       /* splats written so far, in all frames */
+    /* those of splats_4d that remain after the row filter, scaled and translated */
+    const struct spin_splats_4d *final_4d;
+    double n_written; /* splats written so far, in all frames */
     void *self;
 };
 
@@ -69,15 +73,16 @@ static double clip_stride(const struct spin_clip *clip)
                : (double)(info[clip->frame[n - 1]].number - info[clip->frame[0]].number) / (n - 1);
 }
 
-/* Frame rate of the exported frames: --range with a step lowers it. */
+/* Returns the frame rate of the exported frames, which is lower than that of the clip if --range
+ * has a step. */
 static double clip_fps(const struct spin_clip *clip)
 {
     const struct spin_frame_info *first = &clip->bundle.meta.frame[clip->frame[0]];
     const struct spin_frame_info *last = &clip->bundle.meta.frame[clip->frame[clip->n_frames - 1]];
     double span = last->time - first->time, fps = clip->bundle.meta.fps / clip_stride(clip);
 
-    /* Times that advance by one per frame, also where --range skips frames, are frame numbers and
-     * not seconds. */
+    /* If the times advance by 1 from each frame of the clip, or from each exported frame, to the
+     * next, they are frame numbers and not seconds. */
     if (clip->n_frames < 2 || span <= 0 || span == clip->n_frames - 1 ||
         span == last->number - first->number)
         return fps;
@@ -92,7 +97,8 @@ static void report_rows(struct export *x)
     x->report->filtered = spin_row_filter_n_filtered(&x->filter);
 }
 
-/* Each rank computes one frame of the round, and rank 0 writes them in order. */
+/* Exports up to one frame per rank, from frame `first` on: each rank computes one of them, and rank
+ * 0 writes them in order. */
 static spin_status write_round(struct export *x, int first, int n)
 {
     unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -116,7 +122,8 @@ static spin_status write_round(struct export *x, int first, int n)
         x->n_written += (double)splats->n;
         x->report->splats_mean =
             x->n_written /
-            (first + r + 1); /* a preliminary mean, which the exporter may overwrite */
+            /* mean over the frames so far; an exporter that drops more splats replaces it */
+            (first + r + 1);
         info.n = splats->n;
         SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
     }
@@ -169,7 +176,7 @@ static spin_status read_again(void *context, int frame, const struct spin_splats
     return spin_scene_move_frame(&x->move, out);
 }
 
-/* Finds the 4D splats of the clip for exporters that accept them. */
+/* Sets x->splats_4d to the 4D splats of the clip if it has any and the exporter accepts them. */
 static spin_status find_4d(struct export *x)
 {
     struct spin_bundle *bundle = &x->clip.bundle;
@@ -191,7 +198,8 @@ static spin_status find_4d(struct export *x)
         x->o->to);
 }
 
-/* Filters and moves the 4D splats, and counts how many each frame shows. */
+/* Applies the row filter to the 4D splats, scales and translates those that remain, and counts how
+ * many of these each frame shows. */
 static spin_status make_final_4d(struct export *x)
 {
     x->final_4d = x->splats_4d;
@@ -293,7 +301,7 @@ static spin_status begin_export(struct export *x)
 
 /* ---- Decimation ------------------------------------------------------------------------------ */
 
-/* Reports existing output before the work. */
+/* Fails before any frame is read if the output exists and may not be overwritten. */
 static spin_status check_output(const struct spin_export_options *o)
 {
     if (spin_path_is_folder(o->output))
@@ -345,8 +353,8 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
     return SPIN_OK;
 }
 
-/* Exports have no lens falloff and the colours of the mean camera, since both are properties of the
- * cameras and not of the scene. */
+/* Logs that the export omits the learned exposures and the lens falloff: colours are those of the
+ * mean camera, without falloff. Exposure and falloff belong to the cameras and not to the scene. */
 static spin_status say_lens(const struct export *x)
 {
     size_t n_cameras =
@@ -431,7 +439,9 @@ static spin_status run_export(struct export *x)
         SPIN_TRY(decimate(x, &goal));
     SPIN_TRY(begin_export(x));
     if (x->report->decimated.n_tries > 0 &&
-        x->report->bytes > 0) /* of the final output, whose size may depend on its path */
+        /* size of the final output, which may differ from that of a trial if a file contains its
+           own path */
+        x->report->bytes > 0)
         x->report->decimated.reached = x->report->bytes;
     return SPIN_OK;
 }
@@ -482,7 +492,7 @@ static spin_json *check_json(const struct spin_export_check *c)
     spin_json_set_number(j, "place_pixels", c->place_pixels);
     spin_json_set(j, "sh_lost", json_integer((json_int_t)c->sh_lost));
     spin_json_set(j, "rendered", c->rendered < 0 ? json_null() : json_integer(c->rendered));
-    spin_json_set_number(j, "psnr", c->psnr); /* null: infinite or not measured */
+    spin_json_set_number(j, "psnr", c->psnr); /* null if the PSNR is infinite or was not measured */
     return j;
 }
 
@@ -503,7 +513,8 @@ static spin_json *decimated_json(const struct spin_decimated *d)
     return j;
 }
 
-/* The number of dropped splats by reason, those above 0. */
+/* Returns an object with the number of dropped splats for each reason, without reasons that dropped
+ * none. */
 static spin_json *dropped_json(const struct spin_export_report *r)
 {
     static const char *const keys[SPIN_ROW_REASONS] = {

@@ -1,4 +1,4 @@
-/* spin_import(): import a run of another method as a bundle, or only describe it. */
+/* spin_import(): imports a run of another method as a bundle, or only describes the run. */
 #include <float.h>
 
 #include "base/base.h"
@@ -18,49 +18,53 @@
 #include "scene/probe.h"
 #include "scene/splats_4d.h"
 
-/* A description reads this many frames, evenly spaced, unless all are requested. */
+/* A description, which is an import without output, reads this many frames, evenly spaced, unless
+ * the user requests all. */
 #define DESCRIBED_FRAMES 16
-/* At most this many frames are sampled, even if a file claims to have more: 36 minutes at 30 frames
- * per second. */
+/* If a file states its number of frames, at most this many are sampled by default: 36 minutes at 30
+ * frames per second. The file may be wrong. */
 #define MOST_OWN 65536
 /* --check-cameras draws CHECKED_VIEWS views of each of CHECKED_FRAMES frames. */
 #define CHECKED_FRAMES 3
 #define CHECKED_VIEWS 4
-/* --check-cameras also draws one view of at most this many outliers: cameras with far fewer points
- * in their images than the others. */
+/* --check-cameras also draws one view each of at most this many outliers, which are cameras with
+ * far fewer points in their images than other cameras have. */
 #define CHECKED_APART 4
 struct import {
     const struct spin_import_options *o;
     spin_json *report; /* printed by --json, see spin-import(1) */
     const struct spin_importer *importer;
-    const char *input; /* path of the run: o->input, or a folder below it */
-    char *below;       /* owns `input` if that is a folder below o->input; else NULL */
+    const char *input; /* path of the run: o->input, or a folder inside o->input */
+    char *below;       /* the allocated `input` if that is a folder inside o->input; else NULL */
     struct spin_plugin_values values;
     void *self;
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
     struct spin_bundle_writer writer;
-    bool stores, writing; /* stores: there is an output bundle; writing: this process writes it */
+    /* `stores`: a bundle is written, not only a description; `writing`: this rank writes it. */
+    bool stores, writing;
     struct spin_splats splats;
     const struct spin_splats_4d *four_d; /* 4D splats of the source, or NULL */
-    bool keeps_4d;                       /* the bundle stores four_d instead of frames */
+    bool keeps_4d;                       /* true: the bundle stores four_d instead of frames */
     struct spin_views views;             /* views of the data set, if there is one */
     char *data;                          /* absolute path of the data set, or NULL */
-    int n_own;  /* number of frames that a continuous run states; 0: unknown or not needed */
-    int *rows;  /* [n_frames] data set frame of each frame */
+    /* Number of frames that are sampled from a continuous run if the user names none; 0 if it is
+     * unknown or not needed. */
+    int n_own;
+    int *rows;  /* [n_frames] index of the data set frame that belongs to each frame */
     int *index; /* [n_frames] index of each frame in the importer */
     struct spin_column_stats describe;
-    float low[3], high[3]; /* bounds of the positions */
+    float low[3], high[3]; /* bounding box of the positions */
 
-    /* Frame i is read while frame i - 1 is written, so that an import takes as long as the slower
-     * of the two. */
+    /* Frame i is read while frame i - 1 is written, so that an import takes only as long as reading
+     * or writing, whichever is slower. */
     struct spin_pool *pool;
-    int step;                   /* the frame being read */
+    int step;                   /* index of the frame being read */
     struct spin_splats slot[2]; /* frame i is in slot i % 2 */
     struct {
         spin_status status;
         char why[1024]; /* the error text, which is thread-local */
-    } done[2];          /* results of task 0, reading, and of task 1, writing */
+    } done[2];          /* results of task 0, which reads, and of task 1, which writes */
 };
 
 /* Reads frame i of the import, in the order of im->index, from the importer. */
@@ -71,8 +75,8 @@ static spin_status source_frame(struct import *im, int i, unsigned columns, stru
 
 /* ---- The data set ---------------------------------------------------------------------------- */
 
-/* Closes the data set of an exported clip, with a warning. The user did not request this data set,
- * so the import continues without it. */
+/* Closes the data set that spin-export recorded beside an exported clip, with a warning. The user
+ * did not request this data set, so the import continues without it. */
 static void drop_data(struct import *im)
 {
     spin_warn("not using the data set of the exported clip: %s", spin_last_error());
@@ -90,7 +94,7 @@ static spin_status open_data(struct import *im)
     SPIN_FREED char *from = NULL, *path = NULL;
     spin_status status = SPIN_OK;
 
-    if (!o->data && !im->sequence.continuous) /* the data set recorded by spin-export */
+    if (!o->data && !im->sequence.continuous) /* the data set that spin-export recorded */
         SPIN_TRY(spin_exported_data(im->input, &path, &from));
     if (o->data)
         SPIN_TRY(spin_foreign_missing(o->data));
@@ -112,10 +116,12 @@ static spin_status open_data(struct import *im)
     return status;
 }
 
-/* Chooses the frames of a continuous run if the user did not: as many as the run states; else one
- * for each integer, if the run's times are frame numbers; else those of the only data set beside
- * the run, whose images are not used. Failing that, 4D splats get 30 frames per unit of time, as if
- * the unit were a second, or 61 frames if that would be fewer or the range is implausibly long. */
+/* Chooses the frames of a continuous run if the user did not choose any. If the run states its
+ * number of frames, that many are sampled. Otherwise, if the run's times are frame numbers, one
+ * frame is sampled for each number. Otherwise, if exactly one data set is beside the run, the times
+ * of its frames are used, but not its images. Otherwise, 4D splats get 30 frames per unit of time,
+ * as if the unit were a second; but 61 frames if the range is at most 2 or at least 10,000 units
+ * long. */
 static void choose_default_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -157,8 +163,9 @@ static void choose_default_frames(struct import *im)
     }
 }
 
-/* If a data set stores focal lengths as fl_x, Realtime-4DGS assumes a field of view of -1. It then
- * rasterises with wrong footprints, and the splats grow too large in training. */
+/* Adds a note to imports from Realtime-4DGS if the data set stores focal lengths as "fl_x". That
+ * method then assumes a field of view of -1, so it rasterises with wrong footprints, and the splats
+ * grow too large in training. */
 static void note_focal(struct import *im)
 {
     SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
@@ -198,8 +205,9 @@ static spin_status attach_data(struct import *im)
 
 /* ---- Which frames ---------------------------------------------------------------------------- */
 
-/* Warns about sample times outside the trained range, where a continuous method extrapolates
- * without an error. A margin of a tenth of the range allows for the next frame or two. */
+/* Warns if the sample times lie outside the time range of the training by more than a tenth of it.
+ * A continuous method extrapolates there without an error. The margin allows for one or two frames
+ * after the last one. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {
@@ -215,7 +223,8 @@ static void warn_outside(const struct spin_sequence_info *t, const struct spin_f
                   t->time_first, t->time_last, odd);
 }
 
-/* Sample times of a continuous method: from --times, evenly spaced, or those of the data set. */
+/* Lists the frames of a continuous method. Their times come from --times; or are evenly spaced if
+ * the number of frames is known; or are those of the data set. */
 static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -283,7 +292,7 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
     return SPIN_OK;
 }
 
-/* Lists all frames and keeps those in the range. */
+/* Lists all frames and keeps those in the range of --range. */
 static spin_status choose_frames(struct import *im)
 {
     SPIN_FREED struct spin_frame_info *all = NULL;
@@ -307,8 +316,8 @@ static spin_status choose_frames(struct import *im)
     return SPIN_OK;
 }
 
-/* The frames of a bundle must have different times. A description may have two frames at the same
- * time, for a static scene. */
+/* Checks that the frames have different times, which a bundle requires. A description may have two
+ * frames at the same time: the two ends of the time range of a static scene. */
 static spin_status check_times(const struct import *im)
 {
     spin_status status = SPIN_OK;
@@ -322,7 +331,7 @@ static spin_status check_times(const struct import *im)
 
 /* ---- Points over images ---------------------------------------------------------------------- */
 
-/* Index of the kth of `most` items that are evenly spaced over 0..n-1, including both ends. */
+/* Returns the kth of `most` indices that are evenly spaced from 0 to n - 1 inclusive. */
 static int spread_index(int k, int most, int n)
 {
     return most > 1 ? (int)((int64_t)k * (n - 1) / (most - 1)) : 0;
@@ -349,13 +358,14 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     return SPIN_OK;
 }
 
-/* A number from the report on the ith camera that was drawn. */
+/* Returns the number that the report states under `key` for the ith camera that was drawn. */
 static double camera_value(const spin_json *cameras, size_t i, const char *key)
 {
     return json_number_value(spin_json_get(spin_json_at(cameras, i), key));
 }
 
-/* Warns if few points project into the images: the axes or the data set are then probably wrong. */
+/* Warns if few points project into the images, since the axes or the data set are then probably
+ * wrong. */
 static void warn_few_points(const spin_json *cameras)
 {
     size_t n = spin_json_length(cameras);
@@ -391,7 +401,8 @@ static bool is_drawn(const spin_json *cameras, int number, int camera)
     return false;
 }
 
-/* Reports every camera, warns of outliers and draws the first few of them. */
+/* Adds every camera to the report, warns of outliers and draws a view of each of the first few
+ * outliers. */
 static spin_status report_shares(struct import *im, const struct spin_camera_shares *shares)
 {
     spin_json *list = spin_json_array();
@@ -471,8 +482,8 @@ static void widen_bounds(struct import *im, const struct spin_splats *s)
     }
 }
 
-/* Checks that the importer's frame() filled the requested columns, with capacity for n rows: a
- * plug-in may violate the interface. */
+/* Checks that the importer's frame() has set all requested columns and that each has the capacity
+ * for n rows. An importer may be a plug-in that violates the interface. */
 static spin_status check_frame(const struct import *im, int i, unsigned wanted,
                                const struct spin_splats *s)
 {
@@ -490,7 +501,7 @@ static spin_status check_frame(const struct import *im, int i, unsigned wanted,
     return SPIN_OK;
 }
 
-/* Refuses scales that overflow a float, although their logarithms, which files store, do not. */
+/* Fails if a scale overflows a float. Files store its logarithm, which need not overflow. */
 static spin_status check_scales(const struct import *im, int i, const struct spin_splats *s)
 {
     size_t n = 0, first = 0;
@@ -508,8 +519,8 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
                           (double)s->log_scales[first], n);
 }
 
-/* Reads `columns` of frame i of the bundle; without any, the frame is the same as frame 0. Rank
- * `rank` reads the frame and sends it to rank 0. */
+/* Reads `columns` of frame i from the importer, on rank `rank`, which sends them to rank 0. If
+ * `columns` is empty, all columns are static and frame i has the splats of frame 0. */
 static spin_status read_frame(struct import *im, int i, int rank, unsigned columns,
                               struct spin_splats *out)
 {
@@ -586,7 +597,8 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
     return status;
 }
 
-/* Stores the 4D splats rounded to --precision, and returns the rounded copy in *s for counting. */
+/* Stores the 4D splats rounded to --precision, and sets *s to the rounded copy, whose splats per
+ * frame are counted. */
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
@@ -602,8 +614,8 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
     return spin_splats_4d_settle(s, &n_dropped, NULL);
 }
 
-/* Stores the 4D splats instead of frames, which are slices of them, and counts the splats of each
- * frame. */
+/* Stores the 4D splats instead of frames, and counts the splats of each frame, which is a slice of
+ * the 4D splats. */
 static spin_status store_4d(struct import *im)
 {
     struct spin_bundle_meta *meta = &im->meta;
@@ -626,7 +638,8 @@ static spin_status store_4d(struct import *im)
     SPIN_TRY(spin_splats_4d_counts(s, times, n, counts));
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
-    /* The bounds are those of the centres, each at the splat's own time. */
+    /* The bounding box is that of the centres, each taken at the time of the centre of its splat's
+     * Gaussian window. */
     for (size_t i = 0; i < s->n; i++)
         for (size_t c = 0; c < 3; c++) {
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
@@ -635,14 +648,15 @@ static spin_status store_4d(struct import *im)
     return SPIN_OK;
 }
 
-/* Reports the number of splats per frame: over all frames if the importer counted them, otherwise
- * over the frames that were read. */
+/* Reports minimum, maximum and mean of the number of splats per frame: over all frames if the
+ * importer has counted the splats of each, otherwise over the frames that were read. */
 static void count_splats(struct import *im, const int *read, int n_read)
 {
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    /* The importer's counts do not apply to stored 4D splats, since rounding may drop rows. */
+    /* The importer's counts do not apply if the bundle stores 4D splats, since rounding may drop
+     * some of these. */
     bool stored = im->keeps_4d && im->stores;
     bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
@@ -794,7 +808,8 @@ static spin_status check_frame_times(const struct spin_import_options *o)
     return spin_misuse("--frame-times is '%s', expected auto, data, unit or count", o->frame_times);
 }
 
-/* Checks the result of the importer's open(): a plug-in may violate the interface. */
+/* Checks what the importer's open() has returned, since an importer may be a plug-in that violates
+ * the interface. */
 static spin_status check_sequence(const struct import *im)
 {
     const struct spin_sequence_info *t = &im->sequence;
@@ -810,8 +825,8 @@ static spin_status check_sequence(const struct import *im)
     return SPIN_OK;
 }
 
-/* Gets the 4D splats of the source, if any, and decides whether the bundle stores them: yes, unless
- * the user requests positions only or sampled frames. */
+/* Gets the 4D splats of the source, if any, and decides whether the bundle stores these: it does
+ * unless the user requests positions only, or frames with --frames or --times. */
 static spin_status find_4d(struct import *im)
 {
     const struct spin_import_options *o = im->o;

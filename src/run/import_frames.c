@@ -4,8 +4,8 @@
 
 /* ---- Times of a data set's frames ------------------------------------------------------------ */
 
-/* Whether the data set stores no times: its frames then have the times 0, 1, 2, ..., which extend
- * beyond the time range of the method. */
+/* Returns whether the data set probably stores no times: its frames have the times 0, 1, 2, ...,
+ * and these extend beyond the time range of the method. */
 static bool rows_are_counted(const struct spin_sequence_info *t, const struct spin_frame_info *all,
                              int n)
 {
@@ -16,7 +16,8 @@ static bool rows_are_counted(const struct spin_sequence_info *t, const struct sp
     return n > 1 && n - 1 > t->time_last + 0.1 * (t->time_last - t->time_first);
 }
 
-/* Sets the times for a method whose times are frame numbers, counted from the first frame. */
+/* Sets the time of each frame for a method whose times are frame numbers: to the number of the
+ * frame minus that of the first frame, or to the index of the frame if `numbered` is false. */
 static void set_counted_times(struct spin_sequence_info *t, bool numbered,
                               struct spin_frame_info *all, int n)
 {
@@ -35,8 +36,8 @@ static void set_counted_times(struct spin_sequence_info *t, bool numbered,
                   all[n - 1].time);
 }
 
-/* Adds a note if the times cover less than half of the method's range or extend far beyond it, as
- * their unit is then probably another. */
+/* Adds a note if the times cover less than half of the method's time range or extend far beyond it.
+ * Data set and method then probably use different units of time. */
 static void note_different_range(struct spin_sequence_info *t, const struct spin_frame_info *all,
                                  int n)
 {
@@ -96,8 +97,8 @@ static const spin_json *entry_of(const spin_json *frames, int number)
     return NULL;
 }
 
-/* Applies sequence.json to the frames. Pass 0 checks all entries and pass 1 sets the values, so
- * nothing is set unless all frames match. */
+/* Applies sequence.json to the frames, and returns whether it lists all of them. Pass 0 checks all
+ * entries and pass 1 sets the values, so that either all values are set or none. */
 static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
                            struct spin_bundle_meta *meta)
 {
@@ -132,8 +133,8 @@ static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame,
     return true;
 }
 
-/* Loads sequence.json from the folder of exported frames. *root is NULL unless spin-export wrote
- * that file. */
+/* Loads sequence.json from the folder of exported frames. Sets *root to NULL if the file does not
+ * exist or was not written by spin-export. */
 static spin_status open_sequence(const char *input, char **path, spin_json **root)
 {
     const char *generator;

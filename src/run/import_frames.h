@@ -5,17 +5,18 @@
 #include "scene/bundle_meta.h"
 
 /* Sets the times of all n frames by a rule of --frame-times: "data", "unit", "count", or "auto"
- * (also NULL). Initially all[i].time is the data set's own time. A rule is necessary since methods
- * do not store the times of their frames, and read the same data set differently: most use
- * i/(n-1), some i/n. numbered: frames have numbers from file names. Assumptions are added to the
- * notes of `t`. */
+ * (also NULL). The caller sets all[i].time to the time that the data set stores for frame i. A rule
+ * is necessary since methods do not store the times of their frames, and assign different times to
+ * the frames of the same data set: most use i/(n-1) for frame i of n, some i/n. `numbered` states
+ * whether the numbers of the frames come from file names. Adds a note to `t` about each assumption.
+ */
 void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info *t,
                       struct spin_frame_info *all, int n);
 
-/* Applies sequence.json, if it is in the folder `input`, to the n frames found there. If the file
- * lists all of them, sets the time of each frame, its index in the exported clip, place[n], and the
- * members n_source_frames, numbered, pair, fps and identity of meta. Otherwise the file is ignored
- * with a warning. Fails with SPIN_E_MEMORY only. */
+/* Applies sequence.json to the n frames found in the folder `input`, if that folder contains the
+ * file. If the file lists all of these frames, sets the time of each frame; place[i], the index of
+ * frame i in the exported clip; and the members n_source_frames, numbered, pair, fps and identity
+ * of meta. Otherwise ignores the file with a warning. Fails only with SPIN_E_MEMORY. */
 spin_status spin_exported_frames(const char *input, struct spin_frame_info *frame, int n,
                                  int *place, struct spin_bundle_meta *meta);
 

@@ -1,4 +1,4 @@
-/* The renderer that exporters receive (struct spin_renderer of spin.h). */
+/* Defines struct spin_renderer of spin.h, the renderer that exporters receive. */
 #pragma once
 
 #include "render/player.h"

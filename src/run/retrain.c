@@ -1,7 +1,9 @@
-/* spin_retrain(): retrains a bundle. The stages in order: plan, refinement, frames, loop, output.
+/* spin_retrain(): retrains a bundle. The stages are, in this order: plan, refinement, frames, loop,
+ * output.
  *
- * The results of an iteration depend on the options, the seed and the checkpoint only, so a resumed
- * training ends with the same bits as an uninterrupted one, with any number of threads. */
+ * The result of an iteration depends only on the options, the seed and the state before it, which
+ * the checkpoint stores. A resumed training therefore ends with the same bits as an uninterrupted
+ * one, whatever the number of threads. */
 #include "base/base.h"
 #include "spin_run.h"
 #include "io/output.h"
@@ -18,29 +20,31 @@
 #include "train/rows_4d.h"
 #include "train/test_views.h"
 
-/* --learn-exposure auto learns exposures if the cameras' colours differ by more than least_spread,
- * or if the brightness at the corners differs from that at the centre by more than least_falloff;
- * both are fractions. */
+/* With --learn-exposure auto, exposures are learned if the colours of the cameras differ by more
+ * than the fraction least_spread, or if the brightness at the corners of their images differs from
+ * that at the centre by more than the fraction least_falloff. */
 static const double least_spread = 0.05, least_falloff = 0.05;
 
-/* Owns the objects of a training; each stage gets those that it needs. */
+/* Owns the objects of a training. Each stage receives the objects that it needs. */
 struct run {
     struct spin_plan plan;
     struct spin_device device;
     struct spin_photos photos;
     struct spin_refinement refinement;
     struct spin_tracks tracks;
-    struct spin_rows_4d rows; /* used by --method 4d */
+    struct spin_rows_4d rows; /* set with --method 4d only */
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;
     struct spin_code_paths code_paths;
     struct spin_checkpoint checkpoint;
     struct spin_step_log step_log;
-    struct spin_output_lock lock; /* of the output */
+    struct spin_output_lock lock; /* prevents a second training of the same output */
     struct spin_watch watch;
-    struct spin_look look; /* differences between cameras; look.spread is NaN if not measured */
-    bool resume;           /* continue from the checkpoint */
+    /* Differences in colour and brightness between the cameras; look.spread is NaN if they were not
+     * measured. */
+    struct spin_look look;
+    bool resume; /* whether the training continues from a checkpoint */
 };
 
 static bool trains_4d(const struct run *r) { return r->plan.o->method == SPIN_METHOD_4D; }
@@ -48,7 +52,7 @@ static bool trains_clip(const struct run *r) { return r->plan.o->method != SPIN_
 
 /* ---- Before the work ------------------------------------------------------------------------- */
 
-/* Output complete: delete intermediate files. */
+/* Deletes the checkpoint and other intermediate files once the output is complete. */
 static void delete_intermediate_files(const struct run *r)
 {
     remove(r->plan.part);
@@ -73,7 +77,7 @@ static spin_status check_output(const struct run *r, bool *done)
             delete_intermediate_files(r);
             return SPIN_OK;
         }
-        return spin_output_check_file(o->output, false); /* reports the existing file */
+        return spin_output_check_file(o->output, false); /* fails since the file exists */
     }
     if ((part || parts) && !o->resume && !o->force)
         return spin_fail(SPIN_E_IO,
@@ -86,8 +90,8 @@ static spin_status check_output(const struct run *r, bool *done)
     return SPIN_OK;
 }
 
-/* Checks that checkpoint and output fit on the disk at the same time. With tracks, the number of
- * splats to store is not known yet, but is at least that of the largest frame. */
+/* Checks that the checkpoint and the output fit on the disk together. With tracks, the number of
+ * splats to store is not known yet, but it is at least that of the largest frame. */
 static spin_status check_disk(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -108,7 +112,8 @@ static spin_status check_disk(const struct run *r)
              (spin_plan_has_residual(p) ? 3 + SPIN_RESIDUAL : 3);
     if (p->o->method == SPIN_METHOD_NETWORK)
         floats += p->field.n_table + p->field.n_heads;
-    /* The checkpoint stores the values and Adam's two moments, the output the values. */
+    /* The checkpoint stores three floats for each parameter, its value and the two moments of Adam;
+     * the output stores the value. */
     bytes = 4 * floats * sizeof(float);
     SPIN_TRY(spin_path_folder(p->o->output, &folder));
     room = spin_path_free_bytes(folder);
@@ -143,7 +148,7 @@ static spin_status check_outputs(struct run *r)
     return o->watch ? spin_watch_begin(&r->watch) : SPIN_OK;
 }
 
-/* Refuses ranks with different SIMD paths, since their results would differ in the last bits. */
+/* Fails if ranks use different SIMD paths, since their results would differ in the last bits. */
 static spin_status check_paths(const struct run *r)
 {
     char(*path)[16];
@@ -182,8 +187,8 @@ static void log_recipe(const struct spin_plan *p)
                  spin_text_count(o->iterations, "iteration", count), frames, about);
 }
 
-/* Redirects log and previews to the page's folder and evaluates twenty times, unless the user
- * chooses otherwise. */
+/* Sets options for --watch, except those that the user has set: log and previews are written to the
+ * folder of the page, and the training evaluates twenty times. */
 static spin_status prepare_watch(struct run *r)
 {
     struct spin_retrain_options *o = &r->plan.report->options;
@@ -215,11 +220,11 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
     SPIN_TRY(check_paths(r));
     spin_code_paths_begin(&r->code_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
-    /* Otherwise the points are examined later, when the frames are loaded. */
+    /* In all other cases the points are examined later, when the frames are loaded. */
     return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_look(&r->plan) : SPIN_OK;
 }
 
-/* Brightness at the corners of the images, relative to the centre. */
+/* Returns the brightness at the corners of the images, relative to the centre. */
 static double corner_brightness(const struct run *r) { return spin_lenses_corner(&r->plan.lenses); }
 
 static bool has_falloff(const struct spin_lens *lens)
@@ -229,8 +234,9 @@ static bool has_falloff(const struct spin_lens *lens)
     return memcmp(lens->falloff, none, sizeof none) != 0;
 }
 
-/* Resolves auto to on or off. A training would fit a falloff to anything in the scene that
- * resembles one, so with auto the lenses are learned only if a falloff was measured. */
+/* Resolves --learn-exposure auto to on or off. The falloff of the lenses is then learned only if a
+ * falloff was measured, since a training would fit one to anything in the scene that resembles it.
+ */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
@@ -266,7 +272,8 @@ static const char *rejection_text(enum spin_look_why why)
     return text[why];
 }
 
-/* Describes the measured differences between cameras, or why the measurement is rejected. */
+/* Describes the measured differences between cameras, and the reason if a measurement was rejected.
+ */
 static void describe_differences(const struct run *r, bool on, char text[400])
 {
     const struct spin_look *look = &r->look;
@@ -308,8 +315,8 @@ static void log_exposure(const struct run *r)
         spin_log(r->look.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
 }
 
-/* Opens the images and computes what the training derives from them: exposures, backdrop, keys of
- * refined frames, and the fingerprint of all inputs. */
+/* Opens the images and computes what the training derives from these: exposures, the backdrop, the
+ * cache key of each frame to refine, and the fingerprint of all inputs. */
 static spin_status open_inputs(struct run *r)
 {
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
@@ -354,7 +361,7 @@ static spin_status measure_source(struct run *r)
     return SPIN_OK;
 }
 
-/* Finds tracks. Refined frames have none, since they share no splats. */
+/* Finds tracks with --tracks. Frames that were refined have none, since they share no splats. */
 static spin_status find_tracks(struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -411,7 +418,7 @@ static spin_status open_trainer(struct run *r, bool resume)
     return spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 }
 
-/* Initialises hash table and heads. */
+/* Initialises the hash table and the heads of the network. */
 static spin_status init_network(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;
@@ -493,7 +500,7 @@ static spin_status train_network(struct run *r)
     log_plan(r);
     SPIN_TRY(measure_source(r));
     if (spin_rank() == 0)
-        remove(r->plan.clip_of_state); /* left by an earlier interrupt */
+        remove(r->plan.clip_of_state); /* the partial clip that an earlier interrupt left */
     c->saved_s = spin_now_s();
     c->start_s = c->saved_s - r->plan.report->refine_seconds;
     c->refine_s += r->plan.report->refine_seconds;
@@ -503,7 +510,7 @@ static spin_status train_network(struct run *r)
     return SPIN_OK;
 }
 
-/* --method frames: the refined frames are the result. */
+/* With --method frames, uses the refined frames as the result of the training. */
 static spin_status use_refined_frames(struct run *r)
 {
     struct spin_retrain_report *report = r->plan.report;
@@ -546,8 +553,8 @@ static spin_status run_stages(struct run *r)
     return SPIN_OK;
 }
 
-/* After an interrupt, writes the result so far as a clip beside the checkpoint, where
- * spin_bundle_open() finds it, so that users can view it. */
+/* After an interrupt, writes the result so far as a bundle beside the checkpoint.
+ * spin_bundle_open() finds this bundle there, so that users can view the result. */
 static void write_partial_clip(struct run *r)
 {
     struct spin_retrain_options o = *r->plan.o;
@@ -569,7 +576,8 @@ static spin_status save_after_failure(struct run *r, spin_status failed)
     struct spin_checkpoint *c = &r->checkpoint;
     const char *go_on = spin_options_continue(r->plan.o);
     bool shared = r->plan.o->cache && !r->plan.o->resume;
-    bool lost = false, said = c->failed; /* said: the failure was to save the checkpoint */
+    /* `said`: the failure itself was that the checkpoint could not be saved */
+    bool lost = false, said = c->failed;
     char why[1024], kept[1024] = "";
 
     snprintf(why, sizeof why, "%s", spin_last_error());

@@ -1,5 +1,5 @@
-/* --crop, --min-views, --floaters, --backdrop, --min-opacity and --max-scale of spin-export, and
- * the rows that no viewer can draw. */
+/* Implements --crop, --min-views, --floaters, --backdrop, --min-opacity and --max-scale of
+ * spin-export, and drops the rows that no viewer can draw. */
 #include "run/row_filter.h"
 
 #include "base/base.h"
@@ -8,7 +8,8 @@
 #include "run/decimate.h"
 #include "train/knn.h"
 
-/* Splats whose neighbours are within this many standard deviations are not floaters. */
+/* A splat is no floater if the RMS distance to its nearest neighbours is at most this many times
+ * its largest scale. */
 #define REACH 3.0
 #define BLOCK 4096 /* rows per task */
 
@@ -34,7 +35,8 @@ static bool is_undrawable(int reason)
            reason == SPIN_ROW_TOO_LARGE;
 }
 
-/* Whether an option of that name drops the row; --decimate has its own report. */
+/* Returns whether the reason is an option of spin-export other than --decimate, which has its own
+ * report. */
 static bool is_filtered(int reason)
 {
     return reason != SPIN_ROW_KEPT && reason != SPIN_ROW_DECIMATE && !is_undrawable(reason);
@@ -138,8 +140,8 @@ uint64_t spin_row_filter_n_undrawable(const struct spin_row_filter *f)
     return sum_of(f, is_undrawable);
 }
 
-/* Prints "3 by --crop, 5 by --floaters", or without "by --", for the reasons that `counts`
- * selects. */
+/* Prints the number of rows for each reason that `counts` selects, such as "3 by --crop, 5 by
+ * --floaters". `by` is the text between number and reason, "by --" in this example. */
 static void print_reasons(const uint64_t *n_by, bool (*counts)(int reason), const char *by,
                           char text[256])
 {
@@ -165,8 +167,8 @@ void spin_row_filter_log(const struct spin_row_filter *f)
                  spin_text_count((long long)f->n_seen, "splat", count), n > 0 ? ": " : "", text);
 }
 
-/* Adds the rows of a frame, or 4D splats if number is -1, to the statistics, and warns of those
- * that cannot be drawn. */
+/* Adds the rows of the frame with this number to the statistics, or the 4D splats if number is -1,
+ * and warns of rows that cannot be drawn. */
 static void count_rows(struct spin_row_filter *f, const unsigned char *reason, size_t n, int number)
 {
     uint64_t n_by[SPIN_ROW_REASONS] = {0}, n_undrawable = 0;
@@ -189,7 +191,7 @@ static void count_rows(struct spin_row_filter *f, const unsigned char *reason, s
 
 /* ---- Options that choose a part of the scene ------------------------------------------------- */
 
-/* The rows being judged. */
+/* The rows to which the options are applied. */
 struct rows {
     size_t n;
     const float *place, *log_scale;
@@ -234,8 +236,9 @@ static void drop_unseen(struct spin_row_filter *f, int frame, const struct rows 
     }
 }
 
-/* Among the remaining rows: drops a row if the RMS distance to its three nearest neighbours exceeds
- * F times the median, and its own reach. */
+/* Drops each remaining row whose RMS distance to its three nearest neighbours is both more than F
+ * times the median of this distance (--floaters F) and more than REACH times the largest scale of
+ * its splat. */
 static spin_status drop_floaters(struct spin_row_filter *f, const struct rows *rows)
 {
     size_t n = 0;
@@ -268,7 +271,7 @@ static spin_status drop_floaters(struct spin_row_filter *f, const struct rows *r
     return SPIN_OK;
 }
 
-/* Initialises rows->reason. */
+/* Initialises rows->reason, and applies the options that judge a row by its position. */
 static spin_status judge_places(struct spin_row_filter *f, int frame, const struct rows *rows)
 {
     for (size_t i = 0; i < rows->n; i++) {
@@ -281,7 +284,7 @@ static spin_status judge_places(struct spin_row_filter *f, int frame, const stru
     return f->o->floaters > 0 ? drop_floaters(f, rows) : SPIN_OK;
 }
 
-/* The tracks of the backdrop are the last ones. */
+/* Drops the rows of the backdrop, whose tracks are the last ones of the clip. */
 static spin_status drop_backdrop(struct spin_row_filter *f, int frame, const struct rows *rows)
 {
     size_t first = f->tracks.n - f->tracks.n_backdrop;
@@ -296,13 +299,13 @@ static spin_status drop_backdrop(struct spin_row_filter *f, int frame, const str
     return SPIN_OK;
 }
 
-/* ---- Rows that cannot be drawn, or hardly ---------------------------------------------------- */
+/* ---- Undrawable, large and nearly transparent rows ------------------------------------------- */
 
 struct drawable {
     const struct spin_row_filter *f;
     const struct spin_splats *s;
     unsigned char *reason;
-    float limit; /* of the log scale */
+    float limit; /* the largest permitted log scale */
 };
 
 static void judge_block(void *context, size_t first, size_t end)
@@ -326,7 +329,8 @@ static void judge_block(void *context, size_t first, size_t end)
     spin_bundle_rest_rows(s, first, end - first, SPIN_COL_ATTRIBUTES);
 }
 
-/* The size of the scene is that of the rows that remain so far. */
+/* Drops undrawable rows and applies --min-opacity and --max-scale. The size of the scene, which
+ * limits the scales, is that of the rows that remain so far. */
 static void judge_attributes(const struct spin_row_filter *f, const struct spin_splats *s,
                              unsigned char *reason)
 {
@@ -348,7 +352,8 @@ static int number_of(const struct spin_row_filter *f, int frame)
     return f->clip->bundle.meta.frame[f->clip->frame[frame]].number;
 }
 
-/* source: the rows are those of the imported frame, which the backdrop is not part of. */
+/* Sets the reason of each row of a frame. If `source` is true, these are rows of an imported frame;
+ * --backdrop then has no effect, since only a training adds a backdrop. */
 static spin_status judge(struct spin_row_filter *f, int frame, const struct spin_splats *s,
                          bool source)
 {
@@ -371,7 +376,8 @@ spin_status spin_row_filter_judge(struct spin_row_filter *f, int frame, const st
     return judge(f, frame, s, false);
 }
 
-/* Marks the remaining rows with 1. */
+/* Sets *mark to an allocated array with 1 for each row that remains and 0 for each that is dropped,
+ * and *n_kept to the number of rows that remain. */
 static spin_status mark_kept(const unsigned char *reason, size_t n, size_t *n_kept,
                              unsigned char **mark)
 {
@@ -405,7 +411,8 @@ spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
     return SPIN_OK;
 }
 
-/* Compares the rows that remain of a frame with those of the first one. */
+/* Clears f->same_rows if a frame and the first frame differ in the number of rows or in which of
+ * the rows remain. */
 static spin_status compare_with_first(struct spin_row_filter *f, size_t n)
 {
     if (f->n_first == SIZE_MAX) {
@@ -443,7 +450,8 @@ spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
 
 /* ---- 4D splats ------------------------------------------------------------------------------- */
 
-/* Finds the frame in which each row is judged, or -1 if no frame shows it. */
+/* Sets frame[i] to the frame in which 4D splat i is judged, which is the one nearest to its own
+ * time among those that show it; or to -1 if no frame shows it. */
 static void find_frames(const struct spin_row_filter *filter, const struct spin_splats_4d *s,
                         int *frame)
 {
@@ -463,7 +471,8 @@ static void find_frames(const struct spin_row_filter *filter, const struct spin_
     }
 }
 
-/* Judges the rows assigned to this frame, among all rows that the frame shows. */
+/* Judges the positions of the 4D splats that are assigned to this frame. For --floaters, their
+ * neighbours are searched among all 4D splats that the frame shows. */
 static spin_status judge_slice(struct spin_row_filter *f, const struct spin_splats_4d *s, int frame,
                                const int *frame_of, struct spin_splats *slice)
 {

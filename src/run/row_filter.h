@@ -1,10 +1,10 @@
-/* Decides which splats spin-export leaves out, for all exporters. Between the player and the
- * exporter, each frame, or the 4D splats of the clip, passes through one filter, which gives every
- * row it drops a reason (enum spin_row_reason of spin.h); if several apply, the first of the enum
- * counts. Exporters receive the remaining rows.
+/* Decides which splats spin-export omits, for all exporters. Each frame, or the 4D splats of the
+ * clip, passes through one filter on its way from the player to the exporter. The filter gives
+ * every row that it drops a reason (enum spin_row_reason of spin.h). If several reasons apply, the
+ * first of them in the enum is given. Exporters receive the remaining rows.
  *
- * Filters use the units and axes of the imported scene. Scaling and moving follow
- * (run/scene_move.h). */
+ * The options of the filter use the units and axes of the imported scene, since --scale and
+ * --translate are applied after it (run/scene_move.h). */
 #pragma once
 
 #include "base/pool.h"
@@ -17,61 +17,71 @@ struct spin_decimation;
 struct spin_row_filter {
     const struct spin_export_options *o;
     const struct spin_clip *clip;
-    struct spin_decimation *decimation; /* the rows chosen by --decimate; NULL: no limit */
-    bool varies;                        /* options may drop a row in some frames only */
-    /* Statistics of all frames since spin_row_filter_restart(), or of the 4D splats. */
+    /* chooses the rows of --decimate; NULL without that option */
+    struct spin_decimation *decimation;
+    /* True if the options may drop a row in some frames and keep it in others. */
+    bool varies;
+    /* Statistics of the 4D splats, or of all frames that were counted since spin_row_filter_open()
+     * or the last spin_row_filter_restart(). */
     uint64_t n_seen, n_by[SPIN_ROW_REASONS];
-    bool same_rows; /* the counted frames have the same rows, and the same of them remain */
-    /* An enum spin_row_reason for each row of the frame judged last, and for each 4D splat; NULL
-     * before. */
+    /* True if all counted frames have the same number of rows, and the same of these rows remain in
+     * each. */
+    bool same_rows;
+    /* `reason` has an enum spin_row_reason for each row of the frame that was judged last;
+     * `reason_4d` has one for each 4D splat. Each is NULL before the first judgement. */
     unsigned char *reason, *reason_4d;
 
     /* Private. */
     struct spin_pool *pool;
     float min_logit;
-    double max_scale; /* in diagonals of the frame's bounding box; INFINITY: no limit */
+    /* largest permitted scale, in diagonals of the frame's bounding box; INFINITY: no limit */
+    double max_scale;
     struct spin_bundle_tracks tracks; /* opened with --backdrop off */
     uint32_t *track;                  /* [rows of the frame] */
-    unsigned char *first_kept; /* [n_first] whether the first counted frame keeps each row */
+    unsigned char *first_kept; /* [n_first], 1 if the first counted frame keeps the row, else 0 */
     size_t n_first;
     struct spin_splats kept;
     struct spin_splats_4d kept_4d;
 };
 
-/* renders: the exporter renders images, like spin-eval with splats of any size, unless --max-scale
- * is given. Options and clip stay the caller's and must outlive the filter. Close a filter that was
- * zeroed before, also after a failure. */
+/* `renders` states whether the exporter renders images. Such an exporter gets splats of any size,
+ * as in spin-eval, whereas others get no splats larger than the scene; --max-scale sets the limit
+ * for both. Options and clip remain property of the caller and must outlive the filter. The caller
+ * zeroes the filter before this call, and closes it even if this call fails. */
 spin_status spin_row_filter_open(struct spin_row_filter *f, const struct spin_export_options *o,
                                  const struct spin_clip *clip, bool renders);
 void spin_row_filter_close(struct spin_row_filter *f);
-/* Resets the statistics, before the frames are written again. */
+/* Resets the statistics. Called before the frames are written again. */
 void spin_row_filter_restart(struct spin_row_filter *f);
 
-/* Sets f->reason for the rows of a frame, 0..n_frames-1 of the clip, with all attribute columns, or
- * f->reason_4d for 4D splats, once; --decimate is not applied. A 4D row is judged at its position
- * in the frame that shows it and is nearest to its own time; a row that no frame shows is judged by
- * --crop only, at its own time. */
+/* Set f->reason for the rows of frame `frame` of the clip (0..n_frames-1), whose splats must have
+ * all attribute columns; or f->reason_4d for 4D splats, in the first call only. --decimate is not
+ * applied. The position of a 4D splat is judged in one frame: the frame nearest to its own time
+ * among those that show it. If no frame shows the splat, --crop judges its position at its own
+ * time, and --min-views and --floaters do not apply. */
 spin_status spin_row_filter_judge(struct spin_row_filter *f, int frame,
                                   const struct spin_splats *s);
 spin_status spin_row_filter_judge_4d(struct spin_row_filter *f, const struct spin_splats_4d *s);
 
-/* Replaces *splats, a frame, by its remaining rows: the same pointer if all remain, otherwise a
- * copy that the next call overwrites. Counts the others, and warns of those that cannot be drawn.
- */
+/* Replaces *splats, the rows of a frame, by the rows that remain. If all remain, the pointer stays
+ * unchanged; otherwise it points to a copy that the next call overwrites. Counts the dropped rows,
+ * and warns of rows that cannot be drawn. */
 spin_status spin_row_filter_frame(struct spin_row_filter *f, int frame,
                                   const struct spin_splats **splats);
-/* The same without counts and warnings, for frames that are read again. */
+/* Like spin_row_filter_frame(), but without counts and warnings, for frames that are read again. */
 spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
                                    const struct spin_splats **splats);
-/* Copies the remaining rows of `all`, the imported splats of a retrained frame, whose rows may
- * differ; without counts and warnings. */
+/* Copies to *out the rows that remain of `all`, which are the imported splats of a frame. The rows
+ * of the retrained frame may differ from these. There are no counts and no warnings. */
 spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
                                    const struct spin_splats *all, struct spin_splats *out);
-/* The same for 4D splats, counted. */
+/* Replaces *splats_4d by the 4D splats that remain, like spin_row_filter_frame(), and counts the
+ * dropped ones. */
 spin_status spin_row_filter_4d(struct spin_row_filter *f, const struct spin_splats_4d **splats_4d);
 
-/* The rows dropped by options other than --decimate; those that cannot be drawn. */
+/* These return the number of rows that options other than --decimate have dropped, and the number
+ * of rows that were dropped because they cannot be drawn. */
 uint64_t spin_row_filter_n_filtered(const struct spin_row_filter *f);
 uint64_t spin_row_filter_n_undrawable(const struct spin_row_filter *f);
-/* Logs how many rows each option dropped; warns if none is left. */
+/* Logs how many rows each option dropped, and warns if no row remains. */
 void spin_row_filter_log(const struct spin_row_filter *f);

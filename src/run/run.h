@@ -1,4 +1,5 @@
-/* spin_retrain(), spin_eval() and spin_export() with reports as C structs instead of JSON. */
+/* Variants of spin_retrain(), spin_eval() and spin_export() that report in C structs instead of
+ * JSON. */
 #pragma once
 
 #include "spin_run.h"
@@ -8,7 +9,7 @@
 spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report);
 spin_status spin_export_clip(const struct spin_export_options *o,
                              struct spin_export_report *report);
-/* Free the report with spin_eval_report_free(). */
+/* Measures the clip like spin_eval(). The caller frees the report with spin_eval_report_free(). */
 spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report);
 /* Like spin_evaluate(), but rank 0 also adds images of the measured views to *compare. */
 spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_compare *compare,

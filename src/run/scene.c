@@ -1,4 +1,4 @@
-/* The calls of spin.h that read and render the clip of a bundle. */
+/* Implements the functions of spin.h that read and render the clip of a bundle. */
 #include "base/base.h"
 #include "io/file.h"
 #include "run/renderer.h"
@@ -11,7 +11,8 @@ void spin_set_verbosity(int level) { spin_log_set_level(level); }
 struct spin_scene {
     struct spin_bundle bundle;
     struct spin_device device;
-    struct spin_player player; /* of the trained splats; opened when first needed */
+    /* player of the trained splats, which is opened when it is first needed */
+    struct spin_player player;
     bool is_trained, device_open, player_open;
 };
 

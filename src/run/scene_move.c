@@ -92,7 +92,8 @@ spin_status spin_scene_move_views(struct spin_scene_move *m, const struct spin_c
         struct spin_view view = from->view[v];
         double *w = view.camera.w2c;
 
-        for (int r = 0; r < 3; r++) /* solve R (s p + t) + w' = s (R p + w) for w' */
+        /* solve R (s p + t) + w' = s (R p + w), for all points p, for w' */
+        for (int r = 0; r < 3; r++)
             w[4 * r + 3] = m->scale * w[4 * r + 3] - w[4 * r] * m->translate[0] -
                            w[4 * r + 1] * m->translate[1] - w[4 * r + 2] * m->translate[2];
         view.camera.z_near = m->scale * spin_camera_near(&view.camera);

@@ -1,28 +1,30 @@
-/* --scale and --translate of spin-export, which move what the row filter leaves: frames, 4D splats
- * and the cameras of the data set alike. */
+/* Implements --scale and --translate of spin-export. These transform the splats that remain after
+ * the row filter, in frames and in 4D splats, and the cameras of the data set. */
 #pragma once
 
 #include "spin_run.h"
 #include "scene/clip.h"
 
 struct spin_scene_move {
-    bool moves; /* false: the options change nothing */
+    bool moves; /* false: the options leave the scene unchanged */
     double scale;
     const double *translate;   /* [3], applied after the scale */
-    struct spin_splats splats; /* the frame moved last */
+    struct spin_splats splats; /* copy of the frame that was transformed last */
     struct spin_splats_4d splats_4d;
-    struct spin_views views; /* with transformed cameras */
+    struct spin_views views; /* the views of the clip with transformed cameras */
 };
 
-/* Options must outlive m. */
+/* Initialises m from the options, which must outlive m. */
 void spin_scene_move_open(struct spin_scene_move *m, const struct spin_export_options *o);
 void spin_scene_move_close(struct spin_scene_move *m);
 
-/* Moves splats in place. */
+/* Scales and translates these splats in place. */
 void spin_scene_move_rows(const struct spin_scene_move *m, struct spin_splats *splats);
-/* Replace *splats by a moved copy that is valid until the next call; the same if nothing moves. */
+/* Replace the pointer by one to a scaled and translated copy, which is valid until the next call.
+ * If the options leave the scene unchanged, the pointer stays unchanged too. */
 spin_status spin_scene_move_frame(struct spin_scene_move *m, const struct spin_splats **splats);
 spin_status spin_scene_move_4d(struct spin_scene_move *m, const struct spin_splats_4d **splats_4d);
-/* The views of the clip with their cameras transformed like the scene; NULL if there are none. */
+/* Sets *out to the views of the clip, with cameras that are transformed like the scene; or to NULL
+ * if the clip has no views. */
 spin_status spin_scene_move_views(struct spin_scene_move *m, const struct spin_clip *clip,
                                   const struct spin_views **out);

@@ -3,5 +3,6 @@
 
 #include "spin.h"
 
-/* Copies these columns from *splats of rank `from` to *splats of rank 0. Other ranks do nothing. */
+/* Copies these columns from *splats of rank `from` to *splats of rank 0. On other ranks the
+ * function does nothing. */
 spin_status spin_share_splats(struct spin_splats *splats, unsigned columns, int from);

@@ -1,17 +1,20 @@
-/* The record of a training in meta.json, and warnings if options differ from that training. */
+/* Finds the record of a training in meta.json, and warns if the options of a command differ from
+ * those of that training. */
 #pragma once
 
 #include "scene/clip.h"
 
-/* Record of the training that produced `from`; NULL if it was imported. */
+/* Returns the record of the training that produced the splats `from`; NULL if these were imported.
+ */
 const spin_json *spin_training_of(const struct spin_bundle *bundle, enum spin_splat_source from);
 /* Warns if the background differs from that of the training, since transparent regions then show
- * the wrong colour. what: verb for the message, such as "measures". */
+ * the wrong colour. `what` is the verb of the warning, such as "measures". */
 void spin_training_warn_background(const struct spin_bundle *bundle, enum spin_splat_source from,
                                    const float background[3], const char *what);
 /* Warns if the image scale differs from that of the training: scores are not comparable, and splats
  * trained on small images lack detail. */
 void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_source from,
                               double image_scale);
-/* Warns of test cameras that the training used. */
+/* Warns if some of the test cameras were used by the training, since their scores are then too
+ * high. */
 void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras);

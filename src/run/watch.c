@@ -1,5 +1,5 @@
-/* The page of --watch. It loads now.js as a script every few seconds, which works without a
- * server. */
+/* Writes the page of --watch. Every few seconds the page loads now.js as a script, which works
+ * without a web server. */
 #include "run/watch.h"
 
 #include "base/base.h"
@@ -85,7 +85,8 @@ static spin_status add_curves(const char *log, spin_json *now)
     return SPIN_OK;
 }
 
-/* Names of the newest previews: files whose name ends in this iteration. */
+/* Adds the names of the newest previews, which are the files whose names end in the number of this
+ * iteration. */
 static spin_status add_pictures(const struct spin_output *output, spin_json *now)
 {
     const char *folder = output->plan->o->preview;
@@ -103,7 +104,8 @@ static spin_status add_pictures(const struct spin_output *output, spin_json *now
     return SPIN_OK;
 }
 
-/* Writes the current splats as a bundle, and exports that as a page to play. */
+/* Writes the current splats as a bundle, and exports this bundle as a web page that plays the clip.
+ */
 static spin_status write_clip(const struct spin_watch *w, const struct spin_output *output)
 {
     struct spin_retrain_options o = *output->plan->o;

@@ -1,17 +1,20 @@
-/* Folder of --watch: a page that refreshes itself during the training, and its data. */
+/* Writes the folder of --watch: a page that refreshes itself during the training, and the data of
+ * this page. */
 #pragma once
 
 #include "train/output.h"
 
 struct spin_watch {
-    char *page, *now, *log, *pictures, *state, *clip; /* paths below the folder */
+    /* paths of files and folders inside the folder of --watch */
+    char *page, *now, *log, *pictures, *state, *clip;
 };
 
 spin_status spin_watch_open(struct spin_watch *w, const char *folder);
 void spin_watch_close(struct spin_watch *w);
-/* Writes the page before the first iteration. */
+/* Writes the page, still without data. Called before the first iteration. */
 spin_status spin_watch_begin(const struct spin_watch *w);
-/* Writes the clip so far as state.spin, a page to play it as clip.html, and curves and the newest
- * previews as now.js. log: path of the training log; done: the training is complete. */
+/* Writes the current state of the clip to state.spin, a page that plays this clip to clip.html, and
+ * the curves and the names of the newest previews to now.js. `log` is the path of the training log;
+ * `done` states whether the training is complete. */
 spin_status spin_watch_update(const struct spin_watch *w, const struct spin_output *output,
                               const char *log, bool done);

@@ -1,8 +1,9 @@
 /* Reads and writes *.spin bundles. man/spin-bundle.5 describes the format.
  *
- * The file is not trusted: meta.json defines which arrays must exist and their shapes, and
- * spin_bundle_open() checks the headers of all arrays. It does not read the values, so that a clip
- * of many gigabytes opens at once; they are read from the memory map, frame by frame. */
+ * The file is not trusted: meta.json defines which arrays must exist and what shapes they have, and
+ * spin_bundle_open() checks the headers of all arrays. It does not read their values, so that a
+ * clip of many gigabytes opens at once. The values are read later from the memory map, frame by
+ * frame. */
 #include "scene/bundle.h"
 
 #include "base/base.h"
@@ -10,7 +11,7 @@
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
 
-/* "GROUP/COLUMN", such as "source/means". */
+/* Sets `name` to "GROUP/COLUMN", such as "source/means". */
 static void series_name(const char *group, unsigned column, char name[64])
 {
     snprintf(name, 64, "%s/%s", group, spin_column_name(column));
@@ -24,7 +25,8 @@ struct group {
     unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
-    const size_t *n; /* [n_frames] splats per frame; NULL: meta.frame[].n */
+    /* [n_frames] number of splats of each frame; NULL: these numbers are in meta.frame[].n */
+    const size_t *n;
 };
 
 static struct group group_of(const struct spin_bundle *b, enum spin_splat_source from)
@@ -61,8 +63,8 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
                : spin_bundle_values_check(b, name, frame, 'f', n_dims, wanted);
 }
 
-/* Drops the mapped pages after every 16 headers: the kernel reads up to a megabyte around each
- * header. */
+/* Releases the mapped pages after every 16 headers, since the kernel reads up to a megabyte of the
+ * file around each header. */
 static void drop_pages(const struct spin_bundle *b, int n_looked_at)
 {
     const struct spin_map *map = &b->npz.zip.map;
@@ -140,8 +142,8 @@ static spin_status check_refined(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Reads "splats", the number of splats of every frame. It is present only if densification has
- * changed these numbers. */
+/* Reads "splats", the list with the number of splats of each frame. It is present only if
+ * densification has changed these numbers. */
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");
@@ -181,7 +183,8 @@ static spin_status check_trained(struct spin_bundle *b)
         SPIN_TRY(spin_bundle_values_check(b, "trained/heads", -1, 'f', 1, shape));
     }
     SPIN_TRY(read_trained_counts(b, trained));
-    if (spin_json_get(trained, "tracks")) /* spin_bundle_tracks_frame() checks arrays of tracks */
+    /* the arrays of tracks are checked later, by spin_bundle_tracks_frame() */
+    if (spin_json_get(trained, "tracks"))
         return SPIN_OK;
     own = spin_npz_has(&b->npz, "trained/residual/00000");
     for (int f = 0; f < b->meta.n_frames; f++) {
@@ -195,9 +198,9 @@ static spin_status check_trained(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Converts the JSON of a bundle below version 4, where "trained" was called "network". The keys
- * that "field" contains today were in "network" itself; "explicit": true meant that there is no
- * field. */
+/* Converts the JSON of a bundle below version 4 to that of version 4. "trained" was called
+ * "network" then, and the keys that "field" contains now were in "network" itself. If "explicit"
+ * was true, there was no field. */
 static void upgrade_meta(struct spin_bundle *b)
 {
     static const char *const series[] = {"per_unit", "xor_rows"};
@@ -237,7 +240,7 @@ static spin_status load_meta(struct spin_bundle *b)
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
-/* The path is a checkpoint: opens the clip that was saved beside the checkpoint instead. */
+/* Opens, in place of the checkpoint b->path, the clip that was saved beside it. */
 static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
@@ -293,7 +296,8 @@ void spin_bundle_close(struct spin_bundle *bundle)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Sets *out to a group. SPIN_E_NOT_FOUND if the frame or one of the columns does not exist. */
+/* Sets *out to the group of `from`. Fails with SPIN_E_NOT_FOUND if the frame or one of the columns
+ * does not exist. */
 static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_splat_source from,
                               unsigned columns, struct group *out)
 {
@@ -328,7 +332,7 @@ static spin_status read_group(struct spin_bundle *bundle, const struct group *gr
             continue;
         SPIN_TRY(find_column(bundle, group, column, frame, &v));
         spin_bundle_values_get(&v, 0, (size_t)v.count, *spin_column_of(out, column));
-        /* Drop the pages: frames are usually read once, in order. */
+        /* Release the mapped pages, since frames are usually read in order and only once. */
         if (v.floats && !(group->static_columns & column))
             spin_map_forget(&bundle->npz.zip.map, v.bytes, (size_t)v.count * sizeof *v.floats);
         spin_bundle_values_close(&v);
@@ -373,8 +377,8 @@ spin_status spin_bundle_splats_4d(struct spin_bundle *bundle, const struct spin_
     return spin_fail_reading(load_4d(bundle, &bundle->four_d), bundle->path);
 }
 
-/* Slices the 4D splats at the time of a frame, and checks that the number of visible splats is the
- * frame's number of splats in meta.json. */
+/* Slices the 4D splats at the time of a frame, and checks that the slice has as many splats as
+ * meta.json states for the frame. */
 static spin_status slice_frame(struct spin_bundle *b, int frame, unsigned columns,
                                struct spin_splats *out)
 {
@@ -459,7 +463,7 @@ void spin_bundle_rest_rows(const struct spin_splats *view, size_t first, size_t 
     struct spin_splats s = *view;
     size_t row = 11 + spin_column_width(SPIN_COL_SH, s.sh_degree);
 
-    /* madvise() briefly stalls all threads: do not use it for small frames. */
+    /* madvise() briefly stalls all threads, which is not worth it for small frames. */
     if (!s.mapped || row * sizeof(float) * s.n < (size_t)64 << 20)
         return;
     for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) {
@@ -511,7 +515,8 @@ spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned
         SPIN_TRY(find_column(bundle, &source, column, frame, &v));
         crc = spin_bundle_values_crc(&v);
         spin_bundle_values_close(&v);
-        *out = (*out ^ crc) * 0x01000193u + column; /* like FNV-1a, but by words */
+        /* like FNV-1a, but a word at a time instead of a byte */
+        *out = (*out ^ crc) * 0x01000193u + column;
     }
     return SPIN_OK;
 }
@@ -523,7 +528,7 @@ static bool begins_with(const char *text, const char *with)
     return strncmp(text, with, strlen(with)) == 0;
 }
 
-/* Members in source/ distinguish a bundle from SOG, which is a zip with a meta.json as well. */
+/* A zip with a meta.json may also be SOG, so a bundle must have members in source/ too. */
 bool spin_bundle_looks_like(const char *path)
 {
     struct spin_zip zip;
@@ -538,7 +543,8 @@ bool spin_bundle_looks_like(const char *path)
     return meta && source;
 }
 
-/* The sum to which a member's size must be added; NULL: none but the size of the file. */
+/* Returns the member of *bytes to which the size of zip member `name` is added; NULL if that size
+ * is only part of the size of the file. */
 static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
 {
     if (begins_with(name, "source/"))
@@ -556,8 +562,8 @@ static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
     return begins_with(name, "table") ? &bytes->table : &bytes->heads;
 }
 
-/* Size of a member before packing, including the byte planes that the file omits because all their
- * bytes are 0. */
+/* Returns the size of a zip member before packing, including the byte planes that the file omits
+ * because all their bytes are 0. */
 static uint64_t unpacked_size(const struct spin_bundle *bundle,
                               const struct spin_zip_member *member)
 {
@@ -620,7 +626,7 @@ spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *se
 {
     char name[80];
 
-    if (!values) /* the array has no rows */
+    if (!values) /* an array without rows may have no memory */
         values = "";
     if (w->packs)
         return spin_packer_put(&w->packer, &w->zip, series, frame, n_dims, shape, values);
@@ -647,7 +653,8 @@ static spin_status write_group(struct spin_bundle_writer *w, const char *group, 
             continue;
         n_dims = spin_column_shape(column, splats->n, splats->sh_degree, shape);
         series_name(group, column, name);
-        /* rgb columns probably come from 8-bit images: try to store them as multiples of 1/255. */
+        /* The values of column rgb probably come from 8-bit images, so the packer tries to store
+         * them as multiples of 1/255. */
         if (column == SPIN_COL_RGB && w->packs && index == 0)
             SPIN_TRY(spin_packer_units(&w->packer, name, 3, bytes));
         SPIN_TRY(spin_bundle_write_array(w, name, still ? -1 : index, "<f4", n_dims, shape,
@@ -674,7 +681,8 @@ static spin_status write_array_4d(struct spin_bundle_writer *w, const struct spi
         unit[c] = per_unit;
     if (per_unit > 0)
         SPIN_TRY(spin_packer_units(&w->packer, name, shape[1], unit));
-    /* The low bits of SH are noise, so packing would save at most a fifth. */
+    /* Such an array contains SH, whose low bits are noise, so packing would save at most a fifth of
+     * its size. */
     else if (w->packer.quick && shape[1] >= SPIN_WIDE)
         return spin_npz_write(&w->zip, name, "<f4", 2, shape, values);
     return spin_bundle_write_array(w, name, -1, "<f4", 2, shape, values);

@@ -21,13 +21,13 @@
 #include "scene/columns.h"
 #include "scene/splats_4d.h"
 
-/* Frames that were refined one by one. The number and order of splats differ from those of the
- * source. If the bundle has a network, the network was trained on the refined frames. */
+/* Frames that were refined one by one. Their splats differ from those of the source in number and
+ * order. If the bundle has a network, the network was trained on the refined frames. */
 struct spin_bundle_refined {
-    unsigned columns; /* 0: no refined frames */
-    int sh_degree;    /* -1: no column sh */
-    bool antialias;   /* splats must be drawn antialiased */
-    size_t *n;        /* [n_frames] splats per frame */
+    unsigned columns; /* columns of the refined frames; 0: there are no refined frames */
+    int sh_degree;    /* degree of column sh; -1: there is no such column */
+    bool antialias;   /* whether splats must be drawn antialiased, as they were trained */
+    size_t *n;        /* [n_frames] number of splats of each refined frame */
 };
 
 /* An open array. */
@@ -36,20 +36,25 @@ struct spin_bundle_values {
     uint64_t shape[SPIN_NPY_MAX_DIMS];
     uint64_t count; /* product of shape */
     const float
-        *floats; /* the values in the memory map; NULL: packed or unaligned, must be copied */
+        /* The values in the memory map. NULL if they are packed or unaligned, so that they must be
+           copied with spin_bundle_values_get(). */
+            *floats;
     /* Private. */
     const unsigned char *bytes; /* byte planes, or plain values */
     void *owned;
     int n_planes;   /* number of byte planes; 0: plain values */
-    bool columns;   /* planes are stored column by column */
+    bool columns;   /* true: planes are stored column by column; false: row by row */
     uint64_t width; /* values per row */
-    bool whole;     /* words are integers k, which decode to k / per_unit[column] */
+    /* true: words are integers k, which decode to k / per_unit[column]; false: floats */
+    bool whole;
     float per_unit[SPIN_UNITS];
-    const uint32_t *key; /* words of frame 0, with which the first n_key words are XORed */
+    /* words of frame 0 of the series, with which the first n_key words of this frame are XORed */
+    const uint32_t *key;
     uint64_t n_key;
 };
 
-/* Cache of decoded frames 0 of packed series, from which later frames differ. */
+/* Cache of the decoded frame 0 of each packed series. Later frames of a series are stored as
+ * differences from it. */
 struct spin_bundle_keys {
     struct spin_bundle_key *key;
     size_t n, capacity;
@@ -64,10 +69,12 @@ struct spin_bundle {
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
     size_t
-        *trained_n; /* [n_frames] splats per retrained frame; NULL: not changed by densification */
+        /* [n_frames] number of splats of each retrained frame; NULL if densification has not
+           changed these numbers. */
+            *trained_n;
     struct spin_bundle_keys keys;
-    struct spin_splats_4d four_d; /* private; read by spin_bundle_splats_4d() */
-    bool told_not_finite;         /* the warning about splats that cannot be drawn was printed */
+    struct spin_splats_4d four_d; /* private; loaded by spin_bundle_splats_4d() */
+    bool told_not_finite;         /* true: no further warning about splats that cannot be drawn */
 };
 
 /* Size of a bundle by purpose, in bytes: packed as in the file, or unpacked. */
@@ -80,32 +87,34 @@ struct spin_bundle_bytes {
     uint64_t table, heads; /* the network: hash table, heads */
 };
 
-/* True for a zip with a meta.json and members in source/. No input of an importer has both. */
+/* Returns whether the path is a zip with a meta.json and members in source/. No input of an
+ * importer has both. */
 bool spin_bundle_looks_like(const char *path);
-/* Appended to the path of a checkpoint, the path of the clip that was saved with it. */
+/* The path of a checkpoint, followed by this suffix, is the path of the clip that was saved with
+ * it. */
 #define SPIN_CLIP_OF_STATE ".spin"
 /* Opens a bundle and checks the header of every array against meta.json. If `path` is a checkpoint,
- * opens the clip that was saved with it; SPIN_E_UNSUPPORTED if no clip was saved. */
+ * opens the clip that was saved with it, or fails with SPIN_E_UNSUPPORTED if no clip was saved. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
 void spin_bundle_close(struct spin_bundle *bundle);
 /* Sums up the sizes of all members by purpose, packed as in the file and unpacked. */
 void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
                        struct spin_bundle_bytes *unpacked);
 spin_json *spin_bundle_bytes_json(const struct spin_bundle_bytes *bytes);
-/* Checks the header of array `series`/`frame`, or of array `series` if frame is -1. kind: 'f' for
- * float32, 'u' for uint32. -1 in shape matches any size. Error messages contain the name of the
- * array. */
+/* Checks the header of array `series`/`frame`, or of array `series` if frame is -1. `kind` is the
+ * expected type of the values, 'f' for float32 or 'u' for uint32. -1 in `shape` matches any size.
+ * Error messages contain the name of the array. */
 spin_status spin_bundle_values_check(struct spin_bundle *bundle, const char *series, int frame,
                                      char kind, int n_dims, const int64_t *shape);
-/* Checks the header like spin_bundle_values_check(), and opens the array. The caller must close it.
- * Error messages contain the path and the name of the array. */
+/* Checks the header like spin_bundle_values_check(), and opens the array, which the caller must
+ * close. Error messages contain the path of the bundle and the name of the array. */
 spin_status spin_bundle_values_open(struct spin_bundle *bundle, const char *series, int frame,
                                     char kind, int n_dims, const int64_t *shape,
                                     struct spin_bundle_values *out);
-/* Copies values [first, first + n), 4 bytes each. */
+/* Copies values [first, first + n) of an array to `out`, 4 bytes each, after unpacking. */
 void spin_bundle_values_get(const struct spin_bundle_values *values, uint64_t first, size_t n,
                             void *out);
-/* CRC-32 of all values after unpacking. */
+/* Returns the CRC-32 of all values after unpacking. */
 uint32_t spin_bundle_values_crc(const struct spin_bundle_values *values);
 void spin_bundle_values_close(struct spin_bundle_values *values);
 /* Reads columns of a source frame. */
@@ -124,46 +133,49 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
                              unsigned columns, struct spin_splats *out);
 /* Releases the memory pages of a mapped view that is not needed soon. Does nothing for a copy. */
 void spin_bundle_rest(const struct spin_splats *view);
-/* The same for n rows from `first` and some columns; does nothing for small frames. */
+/* Releases the memory pages of n rows of a mapped view, from row `first` on, in these columns only.
+ * Does nothing for a copy or for a small frame. */
 void spin_bundle_rest_rows(const struct spin_splats *view, size_t first, size_t n,
                            unsigned columns);
-/* The number of splats of a frame. SPIN_FROM_REFINED: the number of refined splats, or of source
- * splats in a bundle without refined frames. SPIN_FROM_TRAINED: the number after densification if
- * there was any, otherwise as for SPIN_FROM_REFINED. */
+/* Returns the number of splats of a frame: for SPIN_FROM_REFINED the number of refined splats, or
+ * of source splats in a bundle without refined frames; for SPIN_FROM_TRAINED the number after
+ * densification if the training had any, otherwise the number for SPIN_FROM_REFINED. */
 size_t spin_bundle_count(const struct spin_bundle *bundle, int frame, enum spin_splat_source from);
-/* A checksum of the values of these columns of a source frame. Packed and plain arrays have the
- * same checksum. */
+/* Sets *out to a checksum of the values of these columns of a source frame. It does not depend on
+ * whether the arrays are packed. */
 spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned columns,
                                  uint32_t *out);
 
-/* Writes a bundle: first the frames in order, then meta.json by spin_bundle_writer_finish(), which
- * commits the file. */
+/* Writer of a bundle. The caller writes the frames in order and then calls
+ * spin_bundle_writer_finish(), which writes meta.json and commits the file. */
 struct spin_bundle_writer {
     struct spin_zip_writer zip;
-    bool packs; /* pack all arrays; must be set before the first array is written */
+    bool packs; /* true: all arrays are packed; to be set before the first array is written */
     struct spin_packer packer;
 };
-/* sync: fsync the file before it is renamed to its path. */
+/* Begins a bundle in a temporary file, which is renamed to `path` at the end. If `sync` is true,
+ * the file is written to the disk with fsync() before that. */
 spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
                                     struct spin_bundle_writer *w);
 /* Writes columns of frame `index`. Columns in static_columns are written only if index is 0. */
 spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, unsigned columns,
                                     unsigned static_columns, const struct spin_splats *splats);
-/* Writes the source as 4D splats instead of frames, and sets the fields of *meta that describe it.
- * round: the rounding that was last applied to *s by spin_splats_4d_round(); the values must not
- * have changed since. */
+/* Writes the source as 4D splats instead of frames, and sets the fields of *meta that describe 4D
+ * splats. `round` must be the rounding that was last applied to *s by spin_splats_4d_round(), and
+ * the values must not have changed since then. */
 spin_status spin_bundle_write_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
                                  enum spin_round_4d round, struct spin_bundle_meta *meta);
 /* Writes columns of refined frame `index`. The caller must add "refined" to meta.json. */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);
-/* Writes array `series`/`frame`, or array `series` if frame is -1. descr: type of the values, "<f4"
- * or "<u4". */
+/* Writes array `series`/`frame`, or array `series` if frame is -1. `descr` is the type of the
+ * values, "<f4" or "<u4". */
 spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *series, int frame,
                                     const char *descr, int n_dims, const uint64_t *shape,
                                     const void *values);
 /* Writes meta.json and commits the file. meta->frame[].n must be set; meta->data_path is stored
- * unchanged. extra: further top-level keys of meta.json, or NULL; freed by this call. */
+ * unchanged. `extra` is an object with further top-level keys of meta.json, or NULL; this call
+ * frees it. */
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra);
 void spin_bundle_writer_abandon(struct spin_bundle_writer *w);

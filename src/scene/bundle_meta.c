@@ -6,8 +6,8 @@
 #include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
-/* A bundle gets the lowest version that describes its contents, so that older readers can read as
- * many bundles as possible. */
+/* Format versions: of plain arrays, packed arrays and 4D splats. A bundle gets the lowest version
+ * that describes its contents, so that older readers can read as many bundles as possible. */
 enum { VERSION = 1, VERSION_PACKED = 4, VERSION_4D = 5 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
@@ -53,7 +53,8 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
     return SPIN_OK;
 }
 
-/* Reads a string and truncates it to n_out - 1 bytes. "" if the key is missing or null. */
+/* Copies the string of a key to `out`, truncated to n_out - 1 bytes. Copies "" if the key is
+ * missing or null. */
 static void read_text(const spin_json *object, const char *key, char *out, size_t n_out)
 {
     const char *text = spin_json_string(spin_json_get(object, key));

@@ -1,4 +1,5 @@
-/* meta.json of a bundle: describes the frames of the clip, their columns and the data set. */
+/* Reads and writes meta.json of a bundle, which describes the frames of the clip, their columns and
+ * the data set. */
 #pragma once
 
 #include "io/json.h"
@@ -7,44 +8,50 @@
 /* The contents of meta.json, except for "trained" and "refined". */
 struct spin_bundle_meta {
     char from[32];      /* name of the importer */
-    char upstream[160]; /* project and commit whose files the importer was written for */
+    char upstream[160]; /* project, with its commit, for whose files the importer was written */
     char variant[128];  /* variant of the source's format */
     int n_frames;
     struct spin_frame_info *frame; /* [n_frames] */
     int *source_index;             /* [n_frames] position of the frame in the whole source clip */
-    int n_source_frames;           /* frames of the source clip before a range was selected */
-    double fps;                    /* frames per second; 0: the source does not specify it */
-    bool numbered;                 /* frame numbers come from the source */
+    /* number of frames of the source clip, before --range selected some of them */
+    int n_source_frames;
+    double fps; /* frames per second; 0: the source does not specify it */
+    /* true: frame numbers come from the source; false: frames are counted */
+    bool numbered;
     unsigned columns, static_columns;
-    bool identity; /* row i is the same Gaussian in every frame */
-    /* four_d.n > 0: the source consists of 4D splats, and frames are slices of them. The arrays of
-     * four_d are NULL here; `parts` is the set of optional arrays in the bundle. */
+    bool identity; /* true: row i is the same splat in every frame */
+    /* If four_d.n is above 0, the source consists of 4D splats, and frames are slices of these. The
+     * arrays of four_d are NULL here; `parts` is the set of optional arrays in the bundle. */
     struct spin_splats_4d four_d;
     unsigned parts;
-    int sh_degree;       /* -1: no column sh */
-    bool antialias;      /* splats must be drawn antialiased */
-    char *data_path;     /* data set, relative to the bundle's folder or absolute; NULL: none */
+    int sh_degree;  /* degree of column sh; -1: there is no such column */
+    bool antialias; /* whether splats must be drawn antialiased, as they were trained */
+    /* path of the data set, relative to the bundle's folder or absolute; NULL: no data set */
+    char *data_path;
     char *data_absolute; /* absolute path of the data set; NULL in older bundles */
-    char data_from[128]; /* importer of the data set: argument `from` of spin_views_open() */
-    char pair[8];        /* how frames and images are paired: argument of spin_views_pair() */
+    char data_from[128]; /* importer of the data set, as in argument `from` of spin_views_open() */
+    /* how frames are paired with images, as in argument `pair` of spin_views_pair() */
+    char pair[8];
 };
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
 void spin_bundle_meta_free(struct spin_bundle_meta *meta);
 
-/* SPIN_E_MALFORMED if two frames have the same number. */
+/* Fails with SPIN_E_MALFORMED if two frames have the same number. */
 spin_status spin_frame_numbers_check(const struct spin_frame_info *frame, int n);
 
-/* Fills *meta, which must be zero. Messages of SPIN_E_MALFORMED and SPIN_E_UNSUPPORTED contain the
- * key. */
+/* Fills *meta, which the caller has zeroed, from the JSON of meta.json. The messages of
+ * SPIN_E_MALFORMED and SPIN_E_UNSUPPORTED name the key that is wrong. */
 spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json *root);
-/* Creates the JSON of meta.json. If extra is not NULL, the keys are added to extra, where they
- * replace keys of the same name, and extra is returned. */
+/* Creates the JSON of meta.json. If `extra` is not NULL, the keys of `meta` are added to this
+ * object, replacing keys of the same name, and the object itself is returned. */
 spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra);
-/* Creates "splats_4d" of meta.json and of reports. parts: set of optional arrays. */
+/* Creates the value of "splats_4d" for meta.json or for a report. `parts` is the set of optional
+ * arrays that it lists. */
 spin_json *spin_bundle_4d_json(const struct spin_splats_4d *s, unsigned parts);
-/* Adds "xor_rows" and "per_unit" to meta.json, and sets the version of a packed bundle. */
+/* Adds the keys "xor_rows" and "per_unit" of a packed bundle to the JSON of meta.json, and sets the
+ * version for packed bundles. */
 void spin_bundle_meta_packed(spin_json *root, const struct spin_packer *packer);
-/* A JSON list of the names of these columns. */
+/* Returns a JSON list with the names of these columns. */
 spin_json *spin_column_names(unsigned columns);
 
 /* Helpers to read other parts of meta.json. spin_meta_fail() sets the error "'key' is missing or is

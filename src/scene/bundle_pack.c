@@ -5,23 +5,27 @@
 
 #include "base/base.h"
 
-/* Values that are written at a time; columns that are gathered at a time. */
+/* PORTION: number of values that are written at a time. GROUP: number of columns that are gathered
+ * in one pass over the rows. */
 enum { PORTION = 1 << 15, GROUP = 16 };
 
 /* The words of an array, row by row. */
 struct words {
     uint64_t n_rows, width;
     uint32_t *at;
-    bool whole; /* words are integers, in units of 1 / per_unit */
+    /* true: words are integers, in units of 1 / per_unit; false: bit patterns of floats */
+    bool whole;
 };
 
 struct spin_pack_series {
     char name[64];
-    float *per_unit; /* [n_units]; NULL: words are floats */
+    float *per_unit; /* [n_units], reciprocal of each column's unit; NULL: words are floats */
     size_t n_units;
-    bool written;     /* at least one array was written */
+    bool written;     /* whether at least one array was written */
     struct words key; /* words of frame 0 */
-    spin_json *rows;  /* "xor_rows" of the frames so far; NULL: one array without frames */
+    /* Value of "xor_rows" for the frames so far. NULL if the series is a single array without
+     * frames. */
+    spin_json *rows;
 };
 
 /* ---- One array ------------------------------------------------------------------------------- */
@@ -64,8 +68,8 @@ static spin_status write_bytes(struct spin_zip_writer *w, const unsigned char *b
     return SPIN_OK;
 }
 
-/* Writes the planes column by column. A pass over the rows gathers 16 columns: the words of one
- * cache line. */
+/* Writes the planes column by column. Each pass over the rows gathers 16 columns, whose words in
+ * one row fill a cache line. */
 static spin_status write_columns(struct spin_zip_writer *w, const char *name, int n_dims,
                                  const uint64_t *shape, const struct words *words, bool quick)
 {
@@ -121,8 +125,8 @@ static double estimate_bits(const struct words *words, const uint32_t *key, uint
     return bits;
 }
 
-/* Chooses how many of the first rows to XOR with frame 0: none, all, or the rows up to the last row
- * that is equal in both frames. */
+/* Chooses how many rows, from the first on, to XOR with frame 0: none, all, or those up to the last
+ * row that is equal in this frame and in frame 0. */
 static uint64_t choose_rows(const struct spin_pack_series *s, const struct words *words)
 {
     uint64_t width = words->width, best = 0;
@@ -176,8 +180,8 @@ spin_status spin_packer_units(struct spin_packer *packer, const char *series, si
     return SPIN_OK;
 }
 
-/* Converts floats to words of integers, in units of 1 / per_unit. Returns false, and changes
- * nothing, if a value is not a multiple of its unit. */
+/* Replaces words that are floats by words that are integers, in units of 1 / per_unit. If a value
+ * is not a multiple of its unit, returns false and changes nothing. */
 static bool make_whole(const struct spin_pack_series *s, struct words *words)
 {
     uint64_t count = words->n_rows * words->width;
@@ -216,7 +220,8 @@ spin_status spin_packer_put(struct spin_packer *packer, struct spin_zip_writer *
     for (int i = 1; i < n_dims; i++)
         words.width *= shape[i];
     SPIN_TRY(find_series(packer, series, &s));
-    as_it_is = frame < 0 && !s->per_unit; /* the words do not change: no copy is needed */
+    /* these words are stored unchanged, so no copy is needed */
+    as_it_is = frame < 0 && !s->per_unit;
     if (as_it_is) {
         words.at = (uint32_t *)(uintptr_t)values;
     } else {
@@ -283,8 +288,9 @@ void spin_packer_free(struct spin_packer *packer)
 
 /* ---- Rounding -------------------------------------------------------------------------------- */
 
-/* Rounds the mantissa to `bits` bits, to nearest, ties to even, then the value to a multiple of
- * step. The addition works on the bit pattern: a carry from mantissa to exponent is correct. */
+/* Rounds the mantissa to `bits` bits, to nearest with ties to even, and then the value to a
+ * multiple of `step`. The mantissa is rounded by an addition to the bit pattern of the float, where
+ * a carry into the exponent gives the correct result. */
 static float round_one(float value, int bits, float step)
 {
     uint32_t u, dropped = 24 - (uint32_t)bits;
@@ -298,7 +304,7 @@ static float round_one(float value, int bits, float step)
         return value;
     if (step > 0 && fabsf(rounded) < 0x1p22f * step)
         rounded = rintf(rounded / step) * step;
-    return rounded == 0 ? 0 : rounded; /* replaces -0, which make_whole() refuses, by 0 */
+    return rounded == 0 ? 0 : rounded; /* replaces -0, which make_whole() cannot convert, by 0 */
 }
 
 void spin_round_values(float *values, size_t n, int bits, float step)

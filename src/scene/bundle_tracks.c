@@ -1,11 +1,13 @@
-/* Reads the values of all tracks on opening, and the per-frame values of splats frame by frame. */
+/* Reads tracks. The values of all tracks are read when they are opened; the values that splats have
+ * of their own are read frame by frame. */
 #include "scene/bundle_tracks.h"
 
 #include <inttypes.h>
 
 #include "base/base.h"
 
-enum { ROW = SPIN_TRACK_WIDTH - 3 }; /* floats per row without the displacement */
+/* number of floats per row, without the three of the displacement */
+enum { ROW = SPIN_TRACK_WIDTH - 3 };
 
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
 {
@@ -52,8 +54,9 @@ void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
     memset(t, 0, sizeof *t);
 }
 
-/* Reads array trained/<what>/<index>, of `width` floats per row, into [out, room_end). *n: number
- * of rows; 0 if the array does not exist. */
+/* Reads array trained/<what>/<index>, of `width` floats per row, into the memory from `out` to
+ * `room_end`, and fails if it is too small. Sets *n to the number of rows, or to 0 if the array
+ * does not exist. */
 static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int index, int width,
                             const float *room_end, float *out, size_t *n)
 {

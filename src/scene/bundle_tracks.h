@@ -9,9 +9,9 @@
  *   trained/residual/<index>.npy  [rows][11] values of splats with a varying track or without a
  *                                 track
  *
- * The attributes of a splat are its own values plus those of its track. With the counts in
- * meta.json, the first "moving" tracks are dynamic and the first "varying" tracks are varying. The
- * displacement of a static track is the position of its splats. */
+ * The attributes of a splat are the sum of its own values and those of its track. meta.json states
+ * two numbers of tracks: the first "moving" tracks are dynamic, and the first "varying" tracks are
+ * varying. The displacement of a static track is the position of its splats. */
 #pragma once
 
 #include "scene/bundle.h"
@@ -23,22 +23,22 @@ struct spin_bundle_tracks {
     struct spin_bundle *bundle;
     size_t n, n_moving, n_varying;
     size_t n_backdrop; /* the last n_backdrop tracks are the backdrop behind the scene */
-    bool same_rows;    /* row i has the same track in every frame */
+    bool same_rows;    /* true: row i has the same track in every frame */
     float *values;     /* [n][SPIN_TRACK_WIDTH]; NULL: the bundle has no tracks */
     /* Scratch memory for one frame of `capacity` splats. */
     void *block;
     size_t capacity;
 };
 
-/* Reads the values of all tracks and checks that they are finite. Zero *out before the call, and
- * close it even after a failure. The bundle must stay open until then. */
+/* Reads the values of all tracks and checks that they are finite. The caller zeroes *out before the
+ * call and closes it later, also if the call fails. The bundle must stay open until then. */
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out);
 void spin_bundle_tracks_close(struct spin_bundle_tracks *tracks);
-/* Reads the tracks of the n splats of frame `index`; SPIN_NOT_TRACKED: no track. In a bundle
- * without tracks, no splat has a track. */
+/* Reads the track of each of the n splats of frame `index`. A splat without a track gets
+ * SPIN_NOT_TRACKED, which all splats get in a bundle without tracks. */
 spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *tracks, int index, size_t n,
                                        uint32_t *track);
-/* Computes the values of the n splats of frame `index`, including those of their tracks: means
- * [n][3], residual rows [n][11]. */
+/* Computes the values of the n splats of frame `index`: means [n][3] and residual rows [n][11].
+ * Each is the sum of the splat's own value and that of its track. */
 spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *tracks, int index, size_t n,
                                      float *means, float *rows);

@@ -1,12 +1,13 @@
-/* Reads arrays of a bundle. Headers are checked against meta.json and against the size of the
- * member before they are used. */
+/* Reads arrays of a bundle. Before the header of an array is used, it is checked against meta.json
+ * and against the size of the zip member. */
 #include <float.h>
 #include <inttypes.h>
 
 #include "base/base.h"
 #include "scene/bundle.h"
 
-/* The CRC of larger arrays is not checked, since the check reads every byte. */
+/* Arrays that are larger than this, in bytes, are read without a check of their CRC, since the
+ * check reads every byte. */
 #define CRC_LIMIT (64u << 20)
 
 /* The words of frame 0 of a series. */
@@ -67,7 +68,7 @@ static void get_words(const struct spin_bundle_values *v, uint64_t first, size_t
 
 /* ---- Differences ----------------------------------------------------------------------------- */
 
-/* Reads "xor_rows": how many rows of the array are XORed with the same rows of frame 0. */
+/* Reads from "xor_rows" how many rows of the array are XORed with the same rows of frame 0. */
 static spin_status difference_rows(struct spin_bundle *b, const char *series, int frame,
                                    uint64_t n_rows, uint64_t *rows)
 {
@@ -120,7 +121,8 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
 
 /* ---- Headers --------------------------------------------------------------------------------- */
 
-/* Reads "per_unit" of a series, the reciprocal of each column's unit, if meta.json contains it. */
+/* Reads "per_unit" of a series, which lists the reciprocal of each column's unit, if meta.json has
+ * an entry for the series. */
 static spin_status find_units(struct spin_bundle *b, const char *series, char kind,
                               struct spin_bundle_values *out)
 {

@@ -59,8 +59,8 @@ spin_status spin_times_check(const struct spin_frame_info *info, const int *inde
     return SPIN_OK;
 }
 
-/* Holds out the cameras that the training held out. If a camera is missing, the data set is a
- * different one, and its own test split is used. */
+/* Holds out the cameras that the training held out. If one of these cameras is missing, the data
+ * set is not that of the training; its own test split is used then, with a warning. */
 static spin_status hold_out(struct spin_clip *clip)
 {
     const spin_json *list = spin_json_get(clip->bundle.json, "held_out");
@@ -81,8 +81,8 @@ static spin_status hold_out(struct spin_clip *clip)
     return SPIN_OK;
 }
 
-/* Counts the test cameras that the training used. Counts none if the data set is not that of the
- * training, since its camera ids mean other cameras. */
+/* Counts the cameras of --test-cams that the training used. If the data set is not that of the
+ * training, no camera is counted, since its camera ids mean other cameras. */
 static spin_status count_taught(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     SPIN_FREED char *own = NULL;
@@ -159,9 +159,9 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
     return status;
 }
 
-/* Opens a bundle. If the path exists but is not a bundle, the error message contains the importer
- * that reads it, or the kind of file. For a zip that no importer recognises, the message is that of
- * spin_bundle_open(). */
+/* Opens a bundle. If the path exists but is not a bundle, the error message names the importer that
+ * reads it, or states what kind of file it is. For a zip that no importer recognises, the message
+ * is that of spin_bundle_open(). */
 static spin_status open_bundle(const char *path, struct spin_bundle *out)
 {
     const struct spin_importer *importer;
@@ -189,8 +189,9 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
-/* Opens the data set and pairs its rows with the clip's frames. A data set that cannot be opened is
- * only a warning if the caller does not need it and its path comes from the bundle. */
+/* Opens the data set and pairs its rows with the frames of the clip. If the data set cannot be
+ * opened, this is an error if the caller needs it or the user named it; otherwise, its path comes
+ * from the bundle, and a warning is printed. */
 static spin_status open_data(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     bool named = o->data || o->data_from, opened = named || o->needs_views || o->wants_views;
@@ -211,9 +212,10 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
     return pair_rows(o, clip);
 }
 
-/* Sets the cameras' near plane from the first frame of the bundle that has splats, even if --range
- * does not select this frame: rendered images must not depend on --range. If the frame cannot be
- * read, the near plane is not changed; the error is reported when the frame is needed. */
+/* Sets the near plane of all cameras from the first frame of the bundle that has splats, even if
+ * --range does not select this frame, since rendered images must not depend on --range. If the
+ * frame cannot be read, the near plane stays unchanged, and the error is reported when the frame is
+ * needed. */
 static spin_status set_near(struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;

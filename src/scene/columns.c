@@ -1,11 +1,11 @@
-/* Allocation and growth of splats and of lists of views. */
+/* Allocates and enlarges the columns of splats and lists of views. */
 #include "scene/columns.h"
 
 #include "base/base.h"
 
 static const struct {
     const char *name;
-    size_t width; /* 0: depends on the SH degree */
+    size_t width; /* floats per row; 0: depends on the SH degree */
 } table[SPIN_N_COLUMNS] = {{"means", 3},           {"quats", 4}, {"log_scales", 3},
                            {"logit_opacities", 1}, {"sh", 0},    {"rgb", 3}};
 
@@ -46,8 +46,9 @@ float **spin_column_of(struct spin_splats *s, unsigned column)
     return of[place_of(column)];
 }
 
-/* Enlarges a column to n rows. The contents are lost: the old memory is freed first, since old and
- * new memory together might exceed the available memory. *held: capacity in bytes. */
+/* Enlarges a column to n rows, and loses its contents: the old memory is freed before the new
+ * memory is allocated, since both together might exceed the available memory. *held is the capacity
+ * of the column in bytes. */
 static spin_status column_reserve(float **column, size_t *held, size_t n, size_t row_bytes)
 {
     size_t bytes;
@@ -60,7 +61,7 @@ static spin_status column_reserve(float **column, size_t *held, size_t n, size_t
     free(*column);
     *column = NULL;
     *held = 0;
-    /* Columns of a frame without splats are not NULL either. */
+    /* The column must not be NULL even if the frame has no splats. */
     SPIN_TRY(spin_alloc(bytes ? bytes : row_bytes, 1, (void **)column));
     *held = bytes ? bytes : row_bytes;
     return SPIN_OK;
@@ -81,7 +82,8 @@ spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned column
         float **column = spin_column_of(s, 1u << i);
         size_t row_bytes = spin_column_width(1u << i, sh_degree) * sizeof(float);
 
-        /* Columns that an earlier call allocated must hold n rows as well. */
+        /* Columns that an earlier call has allocated are enlarged too, even if they are not
+         * requested. */
         if (!*column && !(columns & 1u << i))
             continue;
         SPIN_TRY(column_reserve(column, &s->held[i], n, row_bytes));

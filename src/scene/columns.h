@@ -3,20 +3,22 @@
 
 #include "spin.h"
 
-/* for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) visits every value of enum
- * spin_column. */
+/* The loop for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1) visits every value of
+ * enum spin_column. */
 enum { SPIN_N_COLUMNS = 6, SPIN_COLUMNS_END = 1 << SPIN_N_COLUMNS };
 
-/* The name of a column, such as "means" for SPIN_COL_MEANS. */
+/* Returns the name of a column, such as "means" for SPIN_COL_MEANS. */
 const char *spin_column_name(unsigned column);
-/* The column with this name; 0 if there is none. */
+/* Returns the column with this name; 0 if there is none. */
 unsigned spin_column_named(const char *name);
-/* Floats per row of a column. sh_degree: used for SH only; negative degrees count as 0. */
+/* Returns the number of floats per row of a column. sh_degree matters for column sh only; a
+ * negative degree counts as 0. */
 size_t spin_column_width(unsigned column, int sh_degree);
-/* Sets shape to that of a column's npy array of n rows. Returns the number of dimensions. */
+/* Sets `shape` to the shape of the npy array of a column with n rows. Returns the number of
+ * dimensions. */
 int spin_column_shape(unsigned column, size_t n, int sh_degree, uint64_t shape[3]);
-/* The member of *s that points to a column. */
+/* Returns the address of the member of *s that points to a column. */
 float **spin_column_of(struct spin_splats *s, unsigned column);
-/* Copies the rows with mark[i] = 1, out of n rows of `width` floats, to `to`. */
+/* Copies to `to` the rows i with mark[i] = 1, out of n rows of `width` floats each. */
 void spin_rows_take(const float *from, size_t n, size_t width, const unsigned char *mark,
                     float *to);

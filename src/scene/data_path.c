@@ -11,8 +11,8 @@ spin_status spin_bundle_set_data_path(struct spin_bundle_meta *meta, const char 
     return spin_path_absolute(data, &meta->data_absolute);
 }
 
-/* Joins a folder and a relative path, which need not exist. Each leading "../" removes a component
- * of the folder. */
+/* Joins a folder and a relative path. The result need not exist. Each leading "../" of the path
+ * removes one component of the folder. */
 static spin_status resolve_path(const char *folder, const char *path, char **out)
 {
     SPIN_FREED char *from = NULL;
@@ -30,8 +30,8 @@ static spin_status resolve_path(const char *folder, const char *path, char **out
     return *path ? spin_path_join(from, path, out) : spin_strdup(*from ? from : "/", out);
 }
 
-/* Checks that a path is a data set. If a bundle was moved without its data set, the relative path,
- * which is often just "..", may lead to any other folder. */
+/* Returns whether a path is a data set. If a bundle was moved without its data set, the recorded
+ * relative path, which is often just "..", may lead to any other folder. */
 static bool is_data_set(const char *path) { return spin_importer_guess(path, true) != NULL; }
 
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)

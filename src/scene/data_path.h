@@ -3,8 +3,8 @@
 
 #include "scene/bundle.h"
 
-/* Stores the path of data set `data` in *meta, both relative to `folder`, the folder of the bundle,
- * and absolute. Both must exist. */
+/* Stores two paths of the data set `data` in *meta: one relative to `folder`, the folder of the
+ * bundle, and the absolute one. Data set and folder must exist. */
 spin_status spin_bundle_set_data_path(struct spin_bundle_meta *meta, const char *folder,
                                       const char *data);
 /* Sets *out to the absolute path of the data set, which need not exist, or to NULL if the bundle

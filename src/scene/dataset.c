@@ -1,5 +1,5 @@
-/* The views of a data set: reading, test split, scaling, pairing with a clip, extent, near plane,
- * and checks of images. */
+/* Processes the views of a data set: reads, splits and scales them, pairs them with the frames of a
+ * clip, computes the extent of the cameras and their near plane, and checks images. */
 #include "scene/dataset.h"
 
 #include "base/base.h"
@@ -21,8 +21,8 @@ static int by_row_and_camera(const void *a, const void *b)
     return strcmp(x->path, y->path);
 }
 
-/* True if all views of a row have the same frame number, and numbers increase from row to row. Only
- * then do numbers identify frames. */
+/* Returns whether all views of a row have the same frame number, and numbers increase from row to
+ * row. Only then do frame numbers identify frames. */
 static bool are_numbered(const struct spin_views *views)
 {
     for (size_t i = 0; i < views->n; i++) {
@@ -70,8 +70,9 @@ static spin_status sort_views(struct spin_views *views)
 
 /* An importer of data sets with options, such as "dynerf:time=unit,test=-1". */
 struct spec {
-    char *text;                                        /* name of the importer */
-    const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1]; /* key, value, ..., NULL; within `text` */
+    char *text; /* name of the importer */
+    /* key, value, ..., NULL; these point into `text` */
+    const char *pairs[2 * SPIN_VIEWS_MAX_OPTIONS + 1];
 };
 
 static spin_status parse_spec(const char *from, struct spec *spec)
@@ -101,7 +102,7 @@ static spin_status parse_spec(const char *from, struct spec *spec)
     return SPIN_OK;
 }
 
-/* Refuses unknown options. */
+/* Fails if the importer does not know one of the options. */
 static spin_status check_spec(const struct spin_importer *importer, const struct spec *spec)
 {
     for (int i = 0; spec->pairs[i]; i += 2) {
@@ -115,8 +116,8 @@ static spin_status check_spec(const struct spin_importer *importer, const struct
     return SPIN_OK;
 }
 
-/* Writes to `used` the argument `from` that opens the data set in the same way again: the importer
- * that was found, and the given options. */
+/* Writes to `used` the argument `from` with which spin_views_open() opens the data set in the same
+ * way again: the importer that was found, followed by the given options. */
 static spin_status keep_spec(const char *from, const struct spin_importer *importer, char *used,
                              size_t n_used)
 {
@@ -131,7 +132,8 @@ static spin_status keep_spec(const char *from, const struct spin_importer *impor
     return SPIN_OK;
 }
 
-/* Keeps outputs from replacing images, whether this run reads them or not. */
+/* Registers all images and masks as inputs, so that no output may replace them, even if this run
+ * reads only some of them. */
 static spin_status protect_images(const struct spin_views *views)
 {
     struct stat st;
@@ -196,8 +198,9 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
     return SPIN_OK;
 }
 
-/* Scales the size, and by the ratio of the rounded new size to the old size the focal lengths and
- * the principal point. There is no half-pixel shift, as in other readers of these data sets. */
+/* Scales the image size and rounds it. The focal lengths and the principal point are scaled by the
+ * ratio of the rounded size to the old size, without a half-pixel shift, as other readers of these
+ * data sets do. */
 static spin_status scale_camera(struct spin_camera *camera, double image_scale)
 {
     double width = round(camera->width * image_scale), height = round(camera->height * image_scale);
@@ -241,7 +244,8 @@ const struct spin_view *spin_views_row(const struct spin_views *views, int row)
     return &views->view[low];
 }
 
-/* The row of a frame number; -1: none. Binary search: numbers increase from row to row. */
+/* Returns the row with this frame number; -1 if there is none. Numbers increase from row to row, so
+ * the search is binary. */
 static int row_of_number(const struct spin_views *views, int number)
 {
     int low = 0, high = views->n_dataset_frames - 1;
@@ -320,7 +324,7 @@ spin_status spin_views_pair(const struct spin_views *views, const struct spin_bu
 
 /* ---- Extent ---------------------------------------------------------------------------------- */
 
-/* The camera's centre in the world: -R^T t. */
+/* Computes the camera's centre in world coordinates: -R^T t. */
 static void camera_centre(const struct spin_camera *camera, double out[3])
 {
     const double *m = camera->w2c;
@@ -333,7 +337,7 @@ static void camera_centre(const struct spin_camera *camera, double out[3])
 struct place {
     double centre[3];
     int camera;
-    size_t order; /* index of the view */
+    size_t order; /* index of this view in the list of views */
 };
 
 static int compare_places(const struct place *x, const struct place *y)
@@ -358,8 +362,8 @@ static int by_place(const void *a, const void *b)
     return result ? result : by_order(a, b);
 }
 
-/* Lists the distinct positions of each training camera, in the order of the views. If there are
- * only test cameras, lists theirs. */
+/* Lists the distinct positions of each training camera in the order of the views, and returns their
+ * number. If all cameras are test cameras, the positions of these are listed. */
 static size_t list_places(const struct spin_views *views, struct place *place)
 {
     size_t n = 0, n_train = 0, kept = 0;
@@ -410,14 +414,16 @@ double spin_views_extent(const struct spin_views *views)
 enum {
     NEAR_VIEWS = 64,    /* maximum number of views that are sampled, evenly spaced */
     NEAR_POINTS = 4096, /* maximum number of points that are sampled, evenly spaced */
-    NEAR_SHARE = 20, /* the foreground's depth is exceeded by all but 1/20 of an image's points */
-    CUT_SHARE = 100  /* warn if more than 1/100 of an image's points are cut off */
+    /* The depth of the foreground is exceeded by all but 1/20 of the points in an image. */
+    NEAR_SHARE = 20,
+    /* A warning is printed if the near plane cuts off more than 1/100 of the points in an image. */
+    CUT_SHARE = 100
 };
 /* Upper limit of the near plane, as a fraction of the foreground's depth. */
 static const double before_foreground = 0.25;
 
-/* Lists the depths of the sampled points inside a camera's image in ascending order. Returns their
- * number. */
+/* Samples the points, lists the depths of those inside a camera's image in ascending order, and
+ * returns the number of these. */
 static size_t list_depths(const struct spin_camera *camera, const float *points, size_t n,
                           float *depth)
 {
@@ -431,8 +437,8 @@ static size_t list_depths(const struct spin_camera *camera, const float *points,
     return n_inside;
 }
 
-/* Prints a warning about the view whose near plane cuts off the largest share of points, if this
- * share is large. */
+/* Prints a warning about the view whose near plane cuts off the largest share of the points in its
+ * image, if this share is more than 1 / CUT_SHARE. */
 static void warn_cut(const struct spin_views *views, const float *points, size_t n, float *depth)
 {
     const struct spin_view *worst = NULL;
@@ -481,8 +487,9 @@ spin_status spin_views_set_near(struct spin_views *views, const float *points, s
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* The allowed difference in width is 1 %, or half a pixel plus what rounding the height by half a
- * pixel changes in the width, if this is more. */
+/* The expected width is that of an image with the aspect ratio of the file and the height of the
+ * camera. The camera may differ from it by 1 % of its width, or by the effect of rounding, if that
+ * is more: half a pixel, plus the change in width if the height changes by half a pixel. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height)
 {
     double expected = (double)view->camera.height * width / height;

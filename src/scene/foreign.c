@@ -8,7 +8,7 @@ enum { HEAD = 512, MOST_MEMBERS = 65536 };
 
 static const struct kind {
     const char *magic;
-    size_t at, n; /* offset in the file; length */
+    size_t at, n; /* offset of the magic bytes in the file; their number */
     enum { ARCHIVE, VIDEO, IMAGE, DOCUMENT } is;
     const char *name;
 } kinds[] = {
@@ -48,7 +48,8 @@ static const struct kind *kind_of(const char *path)
     return NULL;
 }
 
-/* Finds a member of a ZIP archive that an importer might read. "" if there is none. */
+/* Sets `name` to the name of a member of a ZIP archive that an importer might read, or to "" if
+ * there is none. */
 static void find_member(const char *path, char *name, size_t n_name)
 {
     static const char *const endings[] = {".ply",  ".spz",   ".splat", ".ksplat", ".sog",  ".glb",
@@ -89,7 +90,8 @@ static void describe_file(const char *path, const struct kind *kind, bool want_v
                  kind->name);
 }
 
-/* Describes a folder whose files are all of one kind. Only the first few files are read. */
+/* Describes a folder that is empty or whose files are all of one kind, and returns true; returns
+ * false for other folders. Only the first few files are read. */
 static bool describe_folder(const char *path, bool want_views, char *text, size_t n_text)
 {
     enum { LOOKED_AT = 8 };
@@ -104,7 +106,8 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
         SPIN_FREED char *file = NULL;
         const struct kind *found;
 
-        if (names[i][0] == '.' || strcmp(names[i], "sequence.json") == 0 || /* of our exports */
+        /* written by spin-export */
+        if (names[i][0] == '.' || strcmp(names[i], "sequence.json") == 0 ||
             spin_path_join(path, names[i], &file) != SPIN_OK)
             continue;
         found = spin_path_is_folder(file) ? NULL : kind_of(file);
@@ -134,7 +137,8 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
     return true;
 }
 
-/* Describes inputs that are not paths: URLs and patterns. */
+/* Describes an input that is a URL or a pattern and not a path, and returns true; returns false for
+ * other inputs. */
 static bool describe_missing(const char *path, char *text, size_t n_text)
 {
     const char *scheme = strstr(path, "://"), *slash = strrchr(path, '/');

@@ -17,9 +17,9 @@
 #include "io/video.h"
 #include "scene/dataset.h"
 
-/* The interval of an output pixel along one side. */
+/* The interval that an output pixel covers along one side of the image. */
 struct box {
-    int64_t begin, end;  /* in units of 1/(from * to) */
+    int64_t begin, end;  /* in units of 1/(from * to) of that side */
     int64_t first, last; /* source pixels that overlap the interval */
 };
 
@@ -40,7 +40,8 @@ static double box_weight(const struct box *b, int64_t i, int64_t to)
     return (double)(end - begin);
 }
 
-/* Filters a source row horizontally and adds it, times weight, to sum [width][3]. */
+/* Resizes a source row horizontally to `width` pixels, multiplies it by `weight` and adds it to sum
+ * [width][3]. */
 static void add_row(const uint8_t *row, int from_width, int width, double weight, double *sum)
 {
     for (int x = 0; x < width; x++) {
@@ -157,9 +158,10 @@ void spin_image_cache_close(struct spin_image_cache *pixels)
     memset(pixels, 0, sizeof *pixels);
 }
 
-/* Resizes a decoded image to the size of its camera. The result is rounded to 8 bits, since the
- * cache stores 8 bits, and results must not depend on what is in the cache. Replaces *rgb if the
- * sizes differ. On failure, frees *rgb and sets it to NULL. */
+/* Resizes a decoded image to the size of its camera. If the sizes differ, *rgb is freed and
+ * replaced by the resized image. This is rounded to 8 bits even if it is not cached, since the
+ * cache stores 8 bits and results must not depend on what it contains. On failure, *rgb is freed
+ * and set to NULL. */
 static spin_status resize_to_camera(const struct spin_view *view, int width, int height,
                                     uint8_t **rgb)
 {
@@ -207,13 +209,13 @@ static void cache_image(struct spin_image_cache *pixels, size_t view, uint8_t *r
 
 struct passing {
     struct spin_image_cache *pixels;
-    const struct spin_view *view; /* requested view */
+    const struct spin_view *view; /* the requested view */
     size_t n_file;                /* length of the video's path in view->path */
-    int64_t frame;                /* requested frame of the video */
+    int64_t frame;                /* the requested frame of the video */
 };
 
-/* Finds the view that shows frame `frame` of the requested view's video. Within one video, data set
- * row minus frame number is constant. */
+/* Finds the view that shows frame `frame` of the video that contains the requested view. Within one
+ * video, the difference between data set row and video frame is constant. */
 static bool find_passed(const struct passing *p, int64_t frame, size_t *out)
 {
     const struct spin_views *views = p->pixels->views;
@@ -244,8 +246,8 @@ static bool wants_passed(void *context, int64_t frame)
     return find_passed(p, frame, &view) && !p->pixels->rgb[view] && has_room(p->pixels, view);
 }
 
-/* Stores a frame in the cache. Errors are ignored: the frame is decoded again on request, which
- * reports the error. */
+/* Stores a frame in the cache. An error is ignored here; it is reported if the frame is requested
+ * later and decoded again. */
 static void store_passed(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
 {
     const struct passing *p = context;
@@ -274,7 +276,7 @@ static spin_status read_passing(struct spin_image_cache *pixels, const struct sp
     return spin_video_read(file, p.frame, &passer, width, height, rgb);
 }
 
-/* Decodes a view to 8-bit RGB at the camera's size. */
+/* Decodes the image of a view to 8-bit RGB and resizes it to the size of the camera. */
 static spin_status decode_view(struct spin_image_cache *pixels, const struct spin_view *view,
                                uint8_t **out)
 {
@@ -284,8 +286,8 @@ static spin_status decode_view(struct spin_image_cache *pixels, const struct spi
     return resize_to_camera(view, width, height, out);
 }
 
-/* Finds the image of a view in the cache or decodes it. The caller frees *owned, which is not NULL
- * if the image was not cached. */
+/* Sets *out to the image of a view, from the cache or decoded. If a decoded image does not fit into
+ * the cache, *owned is that image, and the caller frees it; otherwise *owned is NULL. */
 static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, const uint8_t **out,
                               uint8_t **owned)
 {

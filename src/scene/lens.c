@@ -3,8 +3,10 @@
 
 #include "base/base.h"
 
-/* Tolerances for a match. Image sizes differ after rounding by the image scale; focal lengths
- * differ a little between cameras of one model. */
+/* A camera matches a lens if their image sizes differ by at most the fraction size_tolerance, and
+ * their focal lengths, as fractions of the image width, by less than the factor focal_tolerance.
+ * Sizes differ since scaled sizes are rounded; focal lengths differ a little between cameras of one
+ * model. */
 static const double size_tolerance = 0.02, focal_tolerance = 1.2;
 
 static bool is_near(double a, double b, double tolerance) { return fabs(a - b) <= tolerance * b; }

@@ -2,8 +2,9 @@
  * Plug-ins call functions of this library, which the commands export to them (src/plugin.sym).
  *
  * A broken plug-in is skipped, and the reason is stored as a fault. A fault is printed as a
- * warning, or returned as an error if the user selected this plug-in by name. Since the names of
- * plug-ins in an object that fails to load are unknown, its file name without ".so" is used. */
+ * warning, or returned as an error if the user selected this plug-in by name. If an object cannot
+ * be loaded, the names of its plug-ins are unknown; the fault then gets the file name of the
+ * object, without ".so", as its name. */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdarg.h>
@@ -12,13 +13,16 @@
 #include "io/file.h"
 
 enum {
-    MAX_PLUGINS = 128, /* importers, or exporters, including the built-in ones */
-    MAX_FAULTS = 64,   /* faults that are stored; further faults are only counted */
-    MAX_NAME = 31      /* characters of a name; struct spin_import_report has space for 32 bytes */
+    /* maximum number of importers, and of exporters, including the built-in ones */
+    MAX_PLUGINS = 128,
+    /* maximum number of faults that are stored; further faults are only counted */
+    MAX_FAULTS = 64,
+    /* Maximum number of characters of a name; struct spin_import_report has space for 32 bytes. */
+    MAX_NAME = 31
 };
 
-/* On Windows, a shared object can import our functions from a single executable only, but there are
- * several commands. */
+/* Plug-ins are not supported on Windows: a shared object can import functions from one named
+ * executable only there, but spin4d has several commands. */
 #ifdef _WIN32
 enum { CAN_LOAD = false };
 #else
@@ -26,23 +30,24 @@ enum { CAN_LOAD = true };
 #endif
 
 struct fault {
-    char name[MAX_NAME + 1]; /* name of the plug-in, as in --from; "": unknown */
-    char text[1024];         /* message */
+    char name[MAX_NAME + 1]; /* name of the plug-in, as given to --from; "": unknown */
+    char text[1024];         /* text of the warning or error */
 };
 
-/* All plug-ins of one kind. */
+/* All plug-ins of one kind: all importers, or all exporters. */
 struct list {
     const char *kind;
     struct {
         const void *plugin;
-        const char *name, *origin; /* origin: path of the object; NULL: built in */
+        const char *name, *origin; /* `origin` is the path of the object; NULL: built in */
     } entry[MAX_PLUGINS];
     size_t n;
 };
 
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static struct {
-    struct list list[2];                                   /* importers, exporters */
+    /* list[0]: importers; list[1]: exporters */
+    struct list list[2];
     const struct spin_importer *importer[MAX_PLUGINS + 1]; /* NULL-terminated */
     const struct spin_exporter *exporter[MAX_PLUGINS + 1];
     struct fault *fault; /* [n_faults] */
@@ -89,8 +94,8 @@ static const struct fault *find_fault(const char *name)
 
 /* ---- One importer, one exporter -------------------------------------------------------------- */
 
-/* Allows lower case letters, digits, '-' and '_', since names are typed, listed and stored in
- * bundles. */
+/* Returns whether a name consists of lower case letters, digits, '-' and '_' only. Others are not
+ * allowed, since names are typed, listed and stored in bundles. */
 static bool is_name(const char *name)
 {
     size_t n = name ? strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-_") : 0;
@@ -98,7 +103,7 @@ static bool is_name(const char *name)
     return n > 0 && n <= MAX_NAME && !name[n] && name[0] != '-';
 }
 
-/* Returns a description of what is wrong with an importer; NULL: nothing. */
+/* Returns a description of what is wrong with an importer; NULL if nothing is wrong. */
 static const char *importer_lacks(const struct spin_importer *importer)
 {
     if (importer->abi != SPIN_PLUGIN_ABI)
@@ -128,8 +133,9 @@ static const char *exporter_lacks(const struct spin_exporter *exporter)
     return NULL;
 }
 
-/* Adds a plug-in to the list. Returns true if it was added; path must then stay allocated. lack:
- * what is wrong with the plug-in; NULL: nothing. stem: file name of the object. */
+/* Adds a plug-in to the list, and returns whether it was added; if so, `path` must stay allocated.
+ * `lack` describes what is wrong with the plug-in, or is NULL if nothing is. `stem` is the file
+ * name of the object without ".so". */
 static bool add_plugin(struct list *list, const void *plugin, const char *name, const char *lack,
                        const char *path, const char *stem)
 {
@@ -138,7 +144,7 @@ static bool add_plugin(struct list *list, const void *plugin, const char *name, 
         return false;
     }
     for (size_t i = 0; i < list->n; i++) {
-        if (list->entry[i].plugin == plugin) /* SPIN_PLUGIN_PATH lists the object twice */
+        if (list->entry[i].plugin == plugin) /* the object is listed twice in SPIN_PLUGIN_PATH */
             return false;
         if (strcmp(list->entry[i].name, name) == 0) {
             keep_fault(name, "plug-in '%s': an %s called '%s' exists already: %s", path, list->kind,
@@ -175,7 +181,7 @@ static bool add_exporter(const struct spin_exporter *e, const char *path, const 
 
 /* ---- One object ------------------------------------------------------------------------------ */
 
-/* The message of dlerror(), without the path at its beginning. */
+/* Returns the message of dlerror() without the path that it may begin with. */
 static const char *why_not_loaded(const char *path)
 {
     const char *text = dlerror();
@@ -186,8 +192,8 @@ static const char *why_not_loaded(const char *path)
     return strncmp(text, path, n) == 0 && strncmp(text + n, ": ", 2) == 0 ? text + n + 2 : text;
 }
 
-/* Adds the plug-ins of an object. Returns true if at least one was added; path must then stay
- * allocated. */
+/* Adds the plug-ins of an object, and returns whether at least one was added; if so, `path` must
+ * stay allocated. */
 static bool add_object(const char *path, const char *stem, void *object)
 {
     const struct spin_plugin *plugin = dlsym(object, "spin_plugin");
@@ -209,7 +215,7 @@ static bool add_object(const char *path, const char *stem, void *object)
     return kept;
 }
 
-/* "points.so" -> "points" */
+/* Sets `stem` to the file name without ".so": "points" for "dir/points.so". */
 static void stem_of(const char *path, char stem[MAX_NAME + 1])
 {
     const char *name = spin_path_name(path);
@@ -218,7 +224,8 @@ static void stem_of(const char *path, char stem[MAX_NAME + 1])
     snprintf(stem, MAX_NAME + 1, "%.*s", n < MAX_NAME ? (int)n : MAX_NAME, name);
 }
 
-/* dlopen() gets an absolute path, so that it does not search the system's library folders. */
+/* Loads an object and adds its plug-ins. dlopen() gets an absolute path, so that it does not search
+ * the library folders of the system. */
 static void load_object(const char *given)
 {
     char stem[MAX_NAME + 1], *path = NULL;
@@ -268,7 +275,8 @@ static void add_built_in(void)
         add_exporter(spin_exporters[i], NULL, NULL);
 }
 
-/* Empty entries of the path are skipped; they do not mean the current folder. */
+/* Adds the built-in importers and exporters and all plug-ins of SPIN_PLUGIN_PATH. An empty entry of
+ * this variable is skipped, and does not mean the current folder. */
 static void load_all(void)
 {
     char *path = strdup(search_path()), *rest = path, *piece;
@@ -283,7 +291,8 @@ static void load_all(void)
             load_object(piece);
     }
     free(path);
-    spin_fail(SPIN_OK, "%s", ""); /* clear the last error: no call of the user has failed */
+    /* clears the last error, since a skipped plug-in is no failure of the user's call */
+    spin_fail(SPIN_OK, "%s", "");
 }
 
 static bool is_known(const char *name)
@@ -312,7 +321,8 @@ static void warn_once(const char *chosen)
         spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are skipped", all.n_faults_lost);
 }
 
-/* Called before every use of the lists; without SPIN_PLUGIN_PATH, the cost is one getenv(). */
+/* Loads all plug-ins on the first call. Called before every use of the lists; without
+ * SPIN_PLUGIN_PATH, a call costs one getenv(). */
 void spin_plugins_load(const char *chosen)
 {
     if (!search_path())

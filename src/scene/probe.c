@@ -1,5 +1,6 @@
-/* Chooses an importer by its name, or detects it: every importer's probe() returns a score for the
- * input, of which it gets the first bytes and the names of files only (struct spin_peek). */
+/* Chooses an importer by its name, or detects it. To detect it, probe() of every importer returns a
+ * score for the input. probe() gets only the first bytes of the input and the names of files
+ * (struct spin_peek). */
 #include "scene/probe.h"
 
 #include <strings.h>
@@ -15,7 +16,7 @@
 #define TIE 10
 /* Minimum score of spin_importer_guess(). */
 #define SURE 60
-/* Maximum number of subfolders of an unrecognised folder that are searched for a run. */
+/* If a folder is not recognised, at most this many of its subfolders are searched for a run. */
 #define MAX_BELOW 256
 
 enum { PEEK_HEAD = 16384, PEEK_NAMES = 4096, PEEK_NAMES_BYTES = 1 << 20 };
@@ -31,8 +32,9 @@ static spin_status peek_head(const char *path, struct spin_peek *out)
     return spin_file_head(path, head, PEEK_HEAD, &out->n_head);
 }
 
-/* Lists the member names of a zip, one per line, up to PEEK_NAMES and PEEK_NAMES_BYTES. For an
- * archive that cannot be read, *out is unchanged; opening it later reports the reason. */
+/* Lists the names of the members of a zip, one per line: at most PEEK_NAMES names and
+ * PEEK_NAMES_BYTES bytes. If the zip cannot be read, *out stays unchanged, and the reason is
+ * reported when an importer opens it. */
 static spin_status peek_members(const char *path, char **out)
 {
     struct spin_zip zip;
@@ -62,16 +64,18 @@ static spin_status peek_members(const char *path, char **out)
     return status;
 }
 
-/* Reads a file of a folder if it helps to distinguish related methods. Of params.npz (Dynamic 3D
- * Gaussians and its descendants) the names of members are read. The head is read of the first file
- * that exists of: cfg_args (descendants of 3DGS); a checkpoint, whose head contains the names of
- * the optimiser's groups; deformation.pth, with the keys of the network; point_cloud.ply. */
+/* Reads part of a file in a folder if the file helps to distinguish related methods. The names of
+ * the members of params.npz are read (Dynamic 3D Gaussians and its descendants). The first bytes
+ * are read of only one other file, the first that exists of: cfg_args (descendants of 3DGS); a
+ * checkpoint, which begins with the names of the optimiser's groups; deformation.pth, which begins
+ * with the keys of the network; point_cloud.ply. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {
-    /* In alphabetical order, in which the files of a folder are visited. */
+    /* These names are in alphabetical order, since the files of a folder are visited in that order.
+     */
     static const char *const heads[] = {"cfg_args", "chkpnt", "deformation.pth", "point_cloud.ply"};
-    enum { CHECKPOINT = 1 }; /* this entry is a prefix of file names */
+    enum { CHECKPOINT = 1 }; /* index of "chkpnt", which is a prefix of file names */
     bool head = false;
     SPIN_FREED char *path = NULL;
     spin_status status = SPIN_OK;
@@ -183,8 +187,8 @@ static spin_status find_by_name(const char *from, bool want_views, const struct 
                        want_views ? "data sets" : "runs", from, names);
 }
 
-/* True if spin_torch_open() may have a better error message: for a file that is empty, a web page,
- * a Git LFS pointer or a damaged checkpoint. */
+/* Returns whether spin_torch_open() may give a better error message for an unknown file: if it is
+ * empty, a web page, a Git LFS pointer or a damaged checkpoint. */
 static bool is_torch_like(const struct spin_peek *peek)
 {
     static const char *const heads[] = {"version https://git-lfs", "<!doctype", "<!DOCTYPE",
@@ -251,9 +255,9 @@ static spin_status fail_foreign(const char *path, bool want_views)
                      "cannot recognise '%s': no importer reads it (see spin-import --list)", path);
 }
 
-/* Searches the subfolders of an unrecognised folder for a run. If exactly one is found and `in` is
- * not NULL, sets *out to its importer and *in to its folder, which the caller frees. Otherwise
- * fails; the message contains a subfolder with a run, if there is one. */
+/* Searches the subfolders of an unrecognised folder for a run, or for a data set if want_views. If
+ * exactly one is found and `in` is not NULL, sets *out to its importer and *in to its path, which
+ * the caller frees. Otherwise fails; if any was found, the message names the first. */
 static spin_status search_subfolders(const struct spin_peek *peek, bool want_views,
                                      const struct spin_importer **out, char **in)
 {

@@ -3,16 +3,17 @@
 
 #include "spin.h"
 
-/* Reads the first bytes, the folder entries and the names of zip members of `path`, for probe() of
- * importers. Free *out with spin_peek_free(). */
+/* Reads what probe() of importers gets: the first bytes of `path`, the entries if it is a folder,
+ * and the names of the members if it is a zip. The caller frees *out with spin_peek_free(). */
 spin_status spin_peek_open(const char *path, struct spin_peek *out);
 void spin_peek_free(struct spin_peek *peek);
 
-/* Finds the importer called `from`; if from is NULL, the importer whose probe() has the highest
- * score for `path`. Only importers of runs are considered (with open()), or of data sets if
- * want_views (with views()). SPIN_E_NOT_RECOGNISED if the two highest scores are about equal; the
- * message contains both importers. SPIN_E_NOT_RECOGNISED if no importer recognises the input; the
- * message contains a subfolder that an importer recognises, if there is one. */
+/* Finds the importer called `from`; if `from` is NULL, the importer whose probe() returns the
+ * highest score for `path`. Only importers of runs are considered, which have open(); or, if
+ * want_views, importers of data sets, which have views(). Fails with SPIN_E_NOT_RECOGNISED in two
+ * cases. If the two highest scores are about equal, the message names both importers. If no
+ * importer recognises the input, the message names a subfolder that an importer recognises, if
+ * there is one. */
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out);
 /* Like spin_importer_find() for a run, but also searches the subfolders of `path`. If exactly one
@@ -20,10 +21,11 @@ spin_status spin_importer_find(const char *path, const char *from, bool want_vie
  * is `path` itself. */
 spin_status spin_importer_find_run(const char *path, const char *from,
                                    const struct spin_importer **out, char **in);
-/* The importer with the highest score for `path`, if the score is high and well above that of the
- * second best importer; otherwise NULL. */
+/* Returns the importer with the highest score for `path`, if this score is high and well above the
+ * second highest; otherwise NULL. */
 const struct spin_importer *spin_importer_guess(const char *path, bool want_views);
 
-/* SPIN_E_USAGE if a key in `pairs` (key, value, ..., NULL) is not an option of the plug-in. */
+/* Fails with SPIN_E_USAGE if a key in `pairs` (key, value, ..., NULL) is not an option of the
+ * plug-in. */
 spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,
                               const char *const *pairs);

@@ -1,4 +1,5 @@
-/* 4D splats: allocation, validation (spin_splats_4d_settle()), rounding, and slices at a time. */
+/* Allocates, validates (spin_splats_4d_settle()), rounds and slices 4D splats. A slice is the frame
+ * at one time. */
 #include "scene/splats_4d.h"
 
 #include "base/base.h"
@@ -8,7 +9,8 @@
 #include "scene/bundle_pack.h"
 #include "scene/columns.h"
 
-/* Limit of absolute values: far below FLT_MAX, since splats move, and squares must not overflow. */
+/* Limit of the absolute values in most arrays. It is far below FLT_MAX, since splats move away from
+ * these values, and squares must not overflow. */
 #define SANE 1e18
 /* The precision of a half float just below 1: steps per unit, and significant bits. */
 #define HALF_PER_UNIT 0x1p11f
@@ -21,7 +23,7 @@ static const struct {
     size_t place;  /* offset of the pointer in struct spin_splats_4d */
     size_t width;  /* floats per row; 0: depends on a degree */
     unsigned part; /* enum spin_splats_4d_part, PATHS or ALWAYS */
-    double most;   /* limit of absolute values */
+    double most;   /* largest permitted absolute value */
     float steps;   /* rounding steps per unit for SPIN_ROUND_COMPACT; 0: never rounded */
 } arrays[SPIN_N_ARRAYS_4D] = {
     {"centres", offsetof(struct spin_splats_4d, centres), 3, ALWAYS, SANE, 0},
@@ -149,8 +151,8 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
     return w;
 }
 
-/* Checks a row: all values must be finite and in range, rotation and window valid. Normalises the
- * rotation, and scales its spin by the same factor. */
+/* Returns whether all values of a row are finite and in range, and its rotation and Gaussian window
+ * are valid. Normalises the rotation of a valid row, and scales its spin by the same factor. */
 static bool settle_row(struct spin_splats_4d *s, size_t i)
 {
     double length = 0;
@@ -344,7 +346,7 @@ spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, un
     return SPIN_OK;
 }
 
-/* Index of the first of the sorted times that is not before t. */
+/* Returns the index of the first of the sorted times that is equal to t or later. */
 static size_t first_at(const double *sorted, size_t n, double t)
 {
     size_t low = 0, high = n;

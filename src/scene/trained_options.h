@@ -1,4 +1,4 @@
-/* The training options that a bundle records, for reports. */
+/* Finds the training options that a bundle records, for reports. */
 #pragma once
 
 #include "io/json.h"

@@ -1,5 +1,5 @@
-/* Activates head outputs to attributes and propagates gradients back; lists the rows with a nonzero
- * gradient. */
+/* Computes attributes from the outputs of the heads by their activation functions, and propagates
+ * gradients back. Lists the rows with a nonzero gradient. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -9,13 +9,14 @@
 enum { CHUNK = 1024, BLOCK = 32 };
 
 struct job {
-    size_t n, width; /* width: floats in a row of attributes */
+    size_t n, width; /* `width`: number of floats in a row of attributes */
     const uint32_t *rows;
     const float *raw, *d_attr, *d_pos_w;
     float *out;
-    uint32_t first_row; /* first row of the frame */
-    uint32_t *found;    /* [n] active rows; each chunk writes from the index of its first row on */
-    uint32_t *count;    /* [chunks] number of active rows of each chunk */
+    uint32_t first_row; /* index of the frame's first row in the batch */
+    /* [n] active rows; each chunk writes its own, starting at the index of its first row */
+    uint32_t *found;
+    uint32_t *count; /* [chunks] number of active rows of each chunk */
 };
 
 static inline void copy_sh(size_t width, const float *from, float *to)
@@ -26,7 +27,8 @@ static inline void copy_sh(size_t width, const float *from, float *to)
         memcpy(to + SPIN_ATTR_SH, from + SPIN_ATTR_SH, 4 * sizeof *to);
 }
 
-/* A block of rows as a structure of arrays, so that the compiler vectorises the loops over them. */
+/* A block of rows, stored as a structure of arrays so that the compiler vectorises the loops over
+ * rows. */
 struct block {
     float scale[3][BLOCK], rotation[4][BLOCK], opacity[BLOCK];
 };
@@ -148,7 +150,8 @@ void SPIN_CPU(activate_back)(struct spin_device *d, const struct spin_frame_batc
     spin_pool_rows(spin_cpu_pool(d), job.n, CHUNK, activate_back_task, &job);
 }
 
-/* All bits but the signs, or-ed: nonzero if any value is nonzero (NaN counts, -0 does not). */
+/* Returns a number that is nonzero if any value is nonzero. NaN is nonzero, -0 is zero. The bits of
+ * all values, without their signs, are combined by OR. */
 static uint32_t any_set(const float *x, size_t n)
 {
     uint32_t bits = 0;
@@ -170,8 +173,8 @@ static void active_task(void *context, size_t first, size_t end)
     job->count[first / CHUNK] = n;
 }
 
-/* Lists the active rows of a frame: each chunk lists its own rows, then the lists are joined in
- * order. Returns the number of rows. */
+/* Lists the active rows of a frame and returns their number. Each chunk lists its own active rows;
+ * these lists are then joined in order. */
 static uint32_t list_active(struct spin_device *d, const struct spin_frame_of_batch *frame,
                             size_t width, const float *d_attr, uint32_t *rows)
 {

@@ -1,4 +1,4 @@
-/* Adam on the CPU: one pass over p, g, m and v, which also zeroes g. */
+/* Adam on the CPU. One pass over p, g, m and v updates p, m and v and sets g to zero. */
 #include "device/cpu/cpu.h"
 
 #include "device/cpu/denormals.h"
@@ -58,8 +58,8 @@ struct finite {
     uint32_t *count;
 };
 
-/* Counts the values whose exponent bits are all 1: those that are NaN or infinite. Compilers
- * vectorise this test. */
+/* Counts the values that are NaN or infinite, by a test that compilers vectorise: all bits of their
+ * exponent are 1. */
 static void finite_task(void *context, size_t first, size_t end)
 {
     const struct finite *job = context;

@@ -2,10 +2,11 @@
  * formulas are those of math/blend.h, rewritten for a vector of pixels of a row at a time;
  * tests/device/t-blend.c compares the two.
  *
- * The pairs of a tile are prepared in batches. A splat is only blended in the rows that its alpha
- * can reach and, on SIMD paths with short vectors, only in the columns that it can reach. Backward,
- * each (splat, tile) pair writes its sums to its own slot, and the slots of a splat are added in
- * order. This needs no atomics and gives the same bits for any number of threads. */
+ * The (splat, tile) pairs of a tile are prepared in batches. A splat is only blended in the rows
+ * where its alpha is large enough to contribute and, on SIMD paths with short vectors, only in such
+ * columns. In the backward pass, each pair writes its sums to its own slot, and the slots of a
+ * splat are added in order. This needs no atomics and gives the same bits for any number of
+ * threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -17,7 +18,7 @@ enum {
     BATCH = 32,
     SIDE = SPIN_TILE,
     LANES = SPIN_LANES,
-    VECS = SIDE / LANES, /* vectors per row */
+    VECS = SIDE / LANES, /* number of vectors in a row of the tile */
     REDUCE_CHUNK = 512
 };
 
@@ -25,7 +26,8 @@ struct job {
     const struct spin_camera_f32 *cam;
     size_t n;
     const struct spin_splat2d *splat2d;
-    const uint32_t *lists, *start; /* of the view's tiles, see struct spin_tiles */
+    /* lists of the view's tiles and the start of each list, see struct spin_tiles */
+    const uint32_t *lists, *start;
     const float *background;
     float *image, *final_transmittance;
     int32_t *last_contributor;
@@ -54,25 +56,26 @@ static struct place place_of(const struct spin_camera_f32 *cam, int tile)
     return p;
 }
 
-/* A batch of the tile's pairs, prepared for blending: offsets from the tile's first pixel,
- * coefficients of the exponent, the range of vectors in a row that alpha can reach, and the values
- * from which rows_set() finds the rows. A structure of arrays, so that the compiler vectorises the
- * loop that fills it. */
+/* A batch of the tile's pairs, prepared for blending: the offset of each splat from the tile's
+ * first pixel, the coefficients of its exponent, the range of vectors in a row to which it may
+ * contribute, and the values from which rows_set() finds the rows. It is a structure of arrays so
+ * that the compiler vectorises the loop that fills it. */
 struct ready {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH], colour[3][BATCH];
-    float peak[BATCH];  /* dx / dy at the largest exponent of a row */
-    float least[BATCH]; /* threshold of the exponent without the opacity: pixels below it do not
-                         * contribute */
+    float peak[BATCH]; /* dx / dy at the point of a row where the exponent is largest */
+    /* threshold of the exponent without the opacity; the splat does not contribute to pixels below
+     * it */
+    float least[BATCH];
     int32_t vec0[BATCH], vec1[BATCH];
 };
 
-/* v truncated and clamped to 0..n */
+/* Returns v truncated to an integer and clamped to 0..n. */
 SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf(v, 0), n); }
 
-/* Computes vec0, vec1, peak and least, and scales a, b, c and the opacity for the exponent. The
- * reach of spin_blend_reach() is padded by 0.01, so adding 0.999 rounds up. `least` has a margin
- * for the rounding errors of the exponent's terms anywhere in the tile; for degenerate coefficients
- * it is so low that no pixel is skipped. */
+/* Computes vec0, vec1, peak and least, and converts a, b, c and the opacity to base 2 for the
+ * exponent. Adding 0.999 is enough to round the reach up, since spin_blend_reach() has already
+ * added 0.01. `least` has a margin for the rounding errors of the exponent's terms anywhere in the
+ * tile; if the coefficients are degenerate, it is so low that no pixel is skipped. */
 static void compute_reach(struct ready *r)
 {
     for (int i = 0; i < BATCH; i++) {
@@ -93,7 +96,8 @@ static void compute_reach(struct ready *r)
     }
 }
 
-/* Prepares a batch of n pairs, and prefetches the n_next splats of the batch after it, `next`. */
+/* Prepares a batch of n pairs, and prefetches the splats of the following batch, which are next[0]
+ * to next[n_next - 1]. */
 static void prepare_batch(const struct spin_splat2d *splat2d, const struct place *p,
                           const uint32_t *intersections, uint32_t n, const uint32_t *next,
                           uint32_t n_next, struct ready *r)
@@ -126,16 +130,16 @@ static struct spin_blend_splat splat_of(const struct ready *r, uint32_t i)
     return s;
 }
 
-/* Terms of the exponent for every row of the tile: the distance dy, and c, the term without dx.
- * They are kept in memory because a load that broadcasts one float costs no more than a plain
- * load. */
+/* Terms of the exponent for every row of the tile: dy, the vertical distance to the splat, and c,
+ * the term that does not depend on dx. The terms are kept in memory, since a load that broadcasts
+ * one float costs no more than a plain load. */
 struct rows {
     float dy[SIDE], c[SIDE];
-    int begin, end; /* range of rows with a pixel to which the splat may contribute */
+    int begin, end; /* rows [begin, end) contain all pixels to which the splat may contribute */
 };
 
-/* Computes the terms and the range of rows of splat i. An ellipse covers consecutive rows, so the
- * range has no gaps. */
+/* Computes the terms and the range of rows of splat i. Since an ellipse covers consecutive rows,
+ * one range is enough. */
 SPIN_FN void rows_set(struct rows *rows, const struct ready *r, uint32_t i, int height)
 {
     spin_lanes lowest = spin_lanes_all(r->u[i] - (SIDE - 1)), highest = spin_lanes_all(r->u[i]);
@@ -158,16 +162,16 @@ SPIN_FN void rows_set(struct rows *rows, const struct ready *r, uint32_t i, int 
 
 /* ---- Forward --------------------------------------------------------------------------------- */
 
-/* The pixels of a tile: transmittance, colour, and `used`, the last contributor. A pixel is live
- * until it is opaque. */
+/* The pixels of a tile: transmittance, colour and last contributor (`used`). A pixel is live while
+ * more splats can contribute to it, which ends when it is opaque. */
 struct front {
     __attribute__((aligned(64))) float t[SIDE * SIDE], colour[3][SIDE * SIDE];
     int32_t used[SIDE * SIDE];
     spin_mask live[SIDE * VECS];
-    int n_live; /* number of vectors with a live pixel */
+    int n_live; /* number of vectors that have at least one live pixel */
 };
 
-/* Prefetches the tile's pixels in the output arrays, which are written at the end. */
+/* Prefetches the tile's part of the output arrays, which is written when the tile is complete. */
 static void fetch_pixels(const struct job *job, const struct place *p)
 {
     size_t plane = (size_t)job->cam->width * (size_t)job->cam->height;
@@ -199,7 +203,8 @@ static void front_begin(struct front *f, const struct place *p)
     }
 }
 
-/* Blends one splat onto one vector of pixels, see spin_blend_step. `power` excludes the opacity. */
+/* Blends one splat onto one vector of pixels, like spin_blend_step(). `power` is the exponent
+ * without the opacity. */
 SPIN_FN void front_step(struct front *f, spin_lanes log2_opacity, const spin_lanes *colour, int vec,
                         spin_lanes power, int32_t place)
 {
@@ -249,7 +254,7 @@ static void front_splat(struct front *f, const struct ready *r, uint32_t i, int 
     }
 }
 
-/* Writes a row of the tile to the output images. */
+/* Writes one row of the tile to the output arrays. */
 SPIN_FN void row_out(const struct job *job, const struct front *f, size_t plane, int width, int i,
                      size_t at)
 {
@@ -331,7 +336,7 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
 
 /* ---- Depth ----------------------------------------------------------------------------------- */
 
-/* Scalar code: depth is rendered for output only, not in training. */
+/* Renders depth with scalar code, since depth is only rendered for output and never in training. */
 static void depth_task(void *context, int tile)
 {
     const struct job *job = context;
@@ -387,10 +392,11 @@ void SPIN_CPU(depth)(struct spin_device *d, const struct spin_view_batch *views,
 
 /* The pixels of a tile while its splats are visited from back to front. */
 struct back {
-    float t[SIDE * SIDE];          /* transmittance behind the splat, then in front of it */
-    float s[SIDE * SIDE];          /* sum of weight * (colour . g) over all that is behind it */
+    float t[SIDE * SIDE]; /* transmittance behind the current splat, then in front of it */
+    /* sum of weight * (colour . g) over all splats behind it and the background */
+    float s[SIDE * SIDE];
     float g[3][SIDE * SIDE];       /* gradient of the image */
-    float used[SIDE * SIDE];       /* last contributor, as a float: exact below 2^24 */
+    float used[SIDE * SIDE];       /* last contributor as a float, which is exact below 2^24 */
     int32_t vec_used[SIDE * VECS]; /* largest `used` of each vector */
     int32_t most;                  /* largest `used` of the tile */
 };
@@ -440,13 +446,14 @@ static void back_begin(const struct job *job, struct back *b, const struct place
         b->most = b->vec_used[k] > b->most ? b->vec_used[k] : b->most;
 }
 
-/* Sums of one splat over the rows, for a vector of columns. The sums with a factor dx follow from
- * these sums, since dx is the same in all rows. */
+/* Sums of one splat over the rows of a vector of columns. Sums with a factor dx are not needed,
+ * since dx is the same in all rows and can be multiplied later. */
 struct sums {
     spin_lanes colour[3], e, ey, eyy;
 };
 
-/* Gradient of one splat at one vector of pixels, see spin_blend_step_adj. */
+/* Adds the gradient of one splat at one vector of pixels to the sums, like spin_blend_step_adj().
+ */
 SPIN_FN void back_step(struct back *b, const struct spin_blend_splat *s, int vec, spin_lanes power,
                        float dy, float place, struct sums *sums)
 {
@@ -514,7 +521,8 @@ static struct spin_blend_sums back_splat(struct back *b, const struct ready *r, 
     for (int k = r->vec0[i]; k < r->vec1[i]; k++) {
         spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
         spin_lanes a = s.a * dx * dx, slope = s.b * dx;
-        struct sums sums = {{none, none, none}, none, none, none}; /* local, to stay in registers */
+        /* a local variable, so that it stays in registers */
+        struct sums sums = {{none, none, none}, none, none, none};
 
         for (int row = rows.begin; row < rows.end; row++)
             if (b->vec_used[row * VECS + k] > place)
@@ -562,7 +570,7 @@ static void back_task(void *context, int tile)
     }
 }
 
-/* Adds up the slots of each splat and computes its gradient from the sums. */
+/* Adds up the slots of each splat, and computes the gradient of the splat from these sums. */
 static void reduce_task(void *context, size_t first, size_t last)
 {
     const struct job *job = context;

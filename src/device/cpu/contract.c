@@ -1,5 +1,5 @@
-/* Maps the means of splats to the unit cube of the hash grid, and gradients back. Compiled with
- * -ffp-contract=off, so that every SIMD path gives the same bits. */
+/* Maps the means of splats to the unit cube of the hash grid, and propagates gradients back.
+ * Compiled with -ffp-contract=off, so that every SIMD path gives the same bits. */
 #include "device/cpu/cpu.h"
 #include "math/contract.h"
 
@@ -7,7 +7,7 @@ enum { CHUNK = 4096 };
 
 struct job {
     const struct spin_scene_transform *transform;
-    size_t n, first_row; /* first_row: first row of the frame */
+    size_t n, first_row; /* `first_row`: index of the frame's first row in the batch */
     const uint32_t *rows;
     const float *pos_w, *d_x_u;
     float t, *x_u, *d_pos_w;

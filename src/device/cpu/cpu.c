@@ -1,5 +1,5 @@
-/* The CPU device: memory, and the table of verbs. Verbs run synchronously. A batch of one frame and
- * one view makes the best use of the caches. */
+/* The CPU device: its memory and its table of verbs. A verb has run when its function returns.
+ * Batches have one frame and one view, which makes the best use of the caches. */
 #include "device/cpu/cpu.h"
 
 #include "base/base.h"

@@ -13,7 +13,7 @@
 #define SPIN_CPU_JOIN(path, name) SPIN_CPU_JOIN2(path, name)
 #define SPIN_CPU(name) SPIN_CPU_JOIN(SPIN_CPU_PATH, name)
 
-/* Scratch buffers of the verbs, grown on demand and kept. */
+/* Scratch buffers of the verbs. A buffer is enlarged on demand and kept for later calls. */
 enum spin_cpu_scratch {
     SPIN_SCRATCH_GRID,
     SPIN_SCRATCH_MLP,
@@ -29,14 +29,15 @@ enum spin_cpu_scratch {
 struct spin_cpu {
     struct spin_pool *pool;
     struct spin_scratch scratch[SPIN_SCRATCHES];
-    double seconds[SPIN_N_OPS]; /* time of each operation since its last clock() */
-    spin_status failed;         /* error that the next wait() reports and clears */
-    char why[256];              /* text of this error */
+    /* time spent in each operation since clock() was last called for it */
+    double seconds[SPIN_N_OPS];
+    spin_status failed; /* error that the next wait() reports and clears */
+    char why[256];      /* message of this error */
 };
 
-/* Returns a scratch buffer of at least `bytes`, 64-byte aligned, with undefined contents; NULL if
- * out of memory: the calling verb then leaves its results unchanged, and the next wait() or
- * download() reports the error. */
+/* Returns a scratch buffer of at least `bytes` bytes, 64-byte aligned, with undefined contents.
+ * Returns NULL if out of memory; the calling verb then leaves its results unchanged, and the next
+ * wait() or download() reports the error. */
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes);
 #define spin_cpu_scratch_need SPIN_CPU(scratch_need)
 
@@ -45,7 +46,8 @@ static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
     return ((struct spin_cpu *)d->state)->pool;
 }
 
-/* Adds the time from here to the end of the block to the operation's time. */
+/* A variable of this type adds the time from its definition to the end of its block to the time of
+ * the operation `op`. */
 struct spin_cpu_clock {
     struct spin_device *d;
     int op;
@@ -55,7 +57,8 @@ static inline void spin_cpu_stop(struct spin_cpu_clock *c)
 {
     ((struct spin_cpu *)c->d->state)->seconds[c->op] += spin_now_s() - c->start_s;
 }
-/* The attribute `unused` prevents a warning of Clang, as the variable is never read. */
+/* Defines such a variable. The attribute `unused` prevents a warning of Clang, since the variable
+ * is never read. */
 #define SPIN_CPU_CLOCK(d, op)                                                                      \
     __attribute__((unused))                                                                        \
     SPIN_LEAVES(spin_cpu_stop) struct spin_cpu_clock clock_of_verb = {d, op, spin_now_s()}
@@ -66,8 +69,8 @@ static inline float *spin_cpu_picture(const struct spin_view_batch *views, int v
     return pictures ? pictures + (size_t)view * 3 * views->max_pixels : NULL;
 }
 
-/* Finds the active rows of one frame. They are a range of the list: *first is its begin, the
- * returned value its length. */
+/* Finds the active rows of one frame, which are consecutive in the list. Sets *first to the index
+ * of the first of them in the list, and returns their number. */
 size_t SPIN_CPU(active_of)(const struct spin_active *active,
                            const struct spin_frame_of_batch *frame, size_t *first);
 

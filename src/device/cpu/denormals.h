@@ -1,7 +1,7 @@
-/* Between these two calls denormal numbers are treated as zero. Adam's moments of parameters
- * without a gradient decay to denormal numbers and stay there, since 0.9 times the smallest
- * denormal is rounded back to it. Arithmetic on denormals is a hundred times slower. Without SSE
- * the calls do nothing. */
+/* Between calls of these two functions, denormal numbers are treated as zero. Otherwise the moments
+ * of Adam, for parameters without a gradient, would decay to denormal numbers and stay denormal,
+ * since 0.9 times the smallest denormal number is rounded to that number again. Arithmetic on
+ * denormal numbers is a hundred times slower. Without SSE the functions do nothing. */
 #pragma once
 
 #if defined(__SSE__)
@@ -13,7 +13,7 @@ static inline unsigned spin_denormals_off(void)
 #if defined(__SSE__)
     unsigned before = _mm_getcsr();
 
-    _mm_setcsr(before | 0x8040u); /* flush to zero, denormals are zero */
+    _mm_setcsr(before | 0x8040u); /* sets the bits "flush to zero" and "denormals are zero" */
     return before;
 #else
     return 0;

@@ -1,5 +1,6 @@
-/* Accumulates, for densification, the length of the loss gradient with respect to each splat's
- * screen position. Compiled with -ffp-contract=off, so that every SIMD path gives the same bits. */
+/* Adds up, for densification, the length of the gradient of the loss with respect to the screen
+ * position of each splat. Compiled with -ffp-contract=off, so that every SIMD path gives the same
+ * bits. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"
@@ -15,8 +16,8 @@ struct job {
     uint32_t *seen;
 };
 
-/* Pixel coordinate u and normalised device coordinate x are related by u = ((x + 1) width - 1) /
- * 2. */
+/* Converts gradients from pixel coordinates u to normalised device coordinates x, where u = ((x +
+ * 1) width - 1) / 2, and adds their lengths. */
 static void stats_task(void *context, size_t first, size_t end)
 {
     const struct job *job = context;

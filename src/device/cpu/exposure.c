@@ -1,24 +1,27 @@
 /* Applies the gain and offset of a camera and the falloff of its lens to an image, and propagates
- * gradients back. Sums are accumulated chunk by chunk in double. */
+ * gradients back. The gradients of the parameters are sums over the pixels, which are added in
+ * double, first within each chunk and then over the chunks in order. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"
 #include "math/exposure.h"
 
-enum { ROWS = 8, SUMS = 4 }; /* a chunk has ROWS rows of one channel */
+/* ROWS: number of rows in a chunk, which belongs to one channel; SUMS: number of sums per chunk */
+enum { ROWS = 8, SUMS = 4 };
 
 struct job {
-    int width, height, n_chunks; /* n_chunks: chunks per channel */
+    int width, height, n_chunks; /* `n_chunks`: number of chunks per channel */
     float cx, cy;
     const float *exposure, *lens, *image;
-    float *out;   /* the image with exposure applied, or d_image in place */
+    /* forward: the image with exposure applied; backward: d_image, which is updated in place */
+    float *out;
     double *sums; /* [3][n_chunks][SUMS] */
 };
 
 /* One chunk: a channel and a range of rows. */
 struct part {
     int channel, first, last;
-    size_t at; /* offset of the channel */
+    size_t at; /* offset of the channel in the image */
     float gain, offset, c1, c2;
 };
 
@@ -110,7 +113,7 @@ void SPIN_CPU(exposure)(struct spin_device *d, const struct spin_view_batch *vie
     }
 }
 
-/* Adds the sums of the chunks, in order. */
+/* Adds the sums of all chunks, in order, to the gradients of camera and lens. */
 static void add_sums(const struct job *j, float *d_exposure, float *d_lens)
 {
     float *const to[SUMS] = {d_exposure, d_exposure + 3, d_lens, d_lens + 3};

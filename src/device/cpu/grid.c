@@ -1,15 +1,15 @@
 /* The 4-D hash grid on the CPU, forward and backward.
  *
- * Points are processed in blocks of 64. For one level, the rows and weights of all corners of a
- * block are computed first, in loops over points that the compiler vectorises. Then the features of
- * each corner are read from the table as one short vector. Meanwhile the table rows of the next
- * level or block are prefetched, since most of the encoder's time is memory latency. Compiled with
- * -ffp-contract=off, so that every SIMD path gives the same bits.
+ * Points are processed in blocks of 64. For each level, the table rows and weights of all corners
+ * of a block are computed first, in loops over points that the compiler vectorises. Then the
+ * features of each corner are read from the table as one short vector. Meanwhile the table rows of
+ * the next level or block are prefetched, since the encoder spends most of its time waiting for
+ * memory. Compiled with -ffp-contract=off, so that every SIMD path gives the same bits.
  *
- * Backward: each level is one task, which visits the points in order, so the sums in the table do
- * not depend on the number of threads. The gradients of the positions are kept per level. A second
- * pass adds them by a binary tree over the levels, in which the sum of an aligned group of levels
- * is a node. */
+ * In the backward pass, each level is one task, which visits the points in order, so the sums in
+ * the table do not depend on the number of threads. Each level has its own gradients of the
+ * positions. A second pass adds these over the levels, pairwise as in a binary tree: levels 0 and
+ * 1, levels 2 and 3, then the sums of these pairs, and so on. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -21,7 +21,8 @@
 
 enum { BLOCK = 64, CORNERS = 16, CHUNK = 4096 };
 
-/* Four features. Wider rows are several quads, narrower ones are padded with zeros. */
+/* Four features of a row. A wider row consists of several quads; a narrower row is padded with
+ * zeros. */
 typedef float quad __attribute__((vector_size(16)));
 
 static inline __attribute__((always_inline)) quad quad_load(const float *p, int lanes)
@@ -49,30 +50,33 @@ static size_t row_of(const uint32_t *rows, size_t i) { return rows ? rows[i] : i
 
 /* ---- Rows and weights of a block ------------------------------------------------------------- */
 
-/* Up to 64 points, axis-major. Unused entries, and points that are NaN or outside [0,1]^4, have x =
- * 0 and inside = 0. */
+/* Up to 64 points, stored by axis. Unused entries, and points that are NaN or outside [0,1]^4, have
+ * x = 0 and inside = 0. */
 struct points {
     float x[4][BLOCK];
     uint32_t inside[BLOCK];
 };
 
-/* Constants of a level for computing rows. In a dense level an upper vertex beyond the border has
- * weight 0; it is replaced by the last vertex, which avoids a modulo and keeps every index inside
- * the table. */
+/* Constants of a level, from which table rows are computed. In a dense level, the upper vertex of a
+ * cell may lie beyond the border, where its weight is 0. The last vertex is read instead, which
+ * avoids a modulo and keeps every index inside the table. */
 struct level {
     float scale[4];
-    uint32_t step[4]; /* stride of a dense level, hash prime of a hashed one */
-    uint32_t top[4];  /* last vertex */
+    /* factor of each coordinate in the row: stride of a dense level, hash prime of a hashed level
+     */
+    uint32_t step[4];
+    uint32_t top[4]; /* last vertex of each axis */
     uint32_t n_rows, mask;
     int hashed; /* 0: dense; 1: hashed, n_rows is a power of two; 2: hashed, another n_rows */
     size_t first_row;
 };
 
 struct corners {
-    uint32_t row[CORNERS][BLOCK]; /* index within the level */
+    /* table row of each corner, counted from the first row of the level */
+    uint32_t row[CORNERS][BLOCK];
     float weight[CORNERS][BLOCK];
-    float w[4][BLOCK];     /* weight of the upper vertex, per axis */
-    float slope[4][BLOCK]; /* d w / d x_u, used for the axes of space only */
+    float w[4][BLOCK];     /* weight of the upper vertex on each axis */
+    float slope[4][BLOCK]; /* d w / d x_u, used for the three axes of space only */
 };
 
 static void level_set(struct level *at, const struct spin_grid *grid, int level)
@@ -166,14 +170,14 @@ static void corners_set(struct corners *c, const struct points *p, const struct 
     }
 }
 
-/* Rows to prefetch, in up to two tables. c NULL: none. */
+/* Table rows to prefetch, in one or two tables. If `c` is NULL, none are prefetched. */
 struct ahead {
     const struct corners *c;
     const float *first, *second;
 };
 
-/* Prefetches the rows of point b into the second-level cache: in the first level they would evict
- * the rows that are being read. */
+/* Prefetches the rows of point b into the second-level cache. In the first-level cache they would
+ * evict the rows that are being read. */
 static inline __attribute__((always_inline)) void prefetch_rows(const struct ahead *a, int b,
                                                                 int width)
 {
@@ -199,7 +203,7 @@ struct grid_job {
     quad *d_x; /* [n_levels][n] */
     float *d_x_u;
     const struct spin_cpu_lazy_adam *lazy;
-    float *p, *m, *v; /* with lazy Adam: the table and its moments */
+    float *p, *m, *v; /* the table and its moments, used with lazy Adam */
 };
 
 /* Up to 64 points and their corners in one level. */
@@ -217,7 +221,8 @@ static void block_set(struct block *b, const struct grid_job *job, const struct 
     corners_set(&b->c, &b->p, at);
 }
 
-/* Interpolates one group of `lanes` features of rows of `width` floats. */
+/* Interpolates a group of `lanes` features, up to four, of each point of a block. A table row has
+ * `width` floats. */
 static inline __attribute__((always_inline)) void
 gather_features(const float *table, const struct corners *c, const struct points *p, int m,
                 int width, int lanes, float *z, size_t z_width, const struct ahead *next)
@@ -234,7 +239,7 @@ gather_features(const float *table, const struct corners *c, const struct points
     }
 }
 
-/* Writes z of one level for the m points of a block. */
+/* Writes the features z of one level for the m points of a block. */
 static void gather_level(const struct grid_job *job, int level, const struct level *at,
                          const struct corners *c, const struct points *p, size_t first, int m,
                          const struct ahead *next)
@@ -296,8 +301,8 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
 
 /* ---- Forward, with lazy Adam ----------------------------------------------------------------- */
 
-/* Applies the Adam steps that a line has missed. from: its last step; at: index of its first
- * value. */
+/* Applies the Adam steps that a line has missed. `from` is the last step that the line took, and
+ * `at` the index of its first value. */
 static void catch_up_line(const struct grid_job *job, float from, size_t at)
 {
     const struct spin_cpu_lazy_adam *lazy = job->lazy;
@@ -311,8 +316,9 @@ static void catch_up_line(const struct grid_job *job, float from, size_t at)
         spin_adam_skip(skipped_step, skipped_eps, decay_m, decay_v, &p[i], &m[i], &v[i]);
 }
 
-/* Updates and marks the lines that the corners of a block need. begin: index of the first value
- * that is divided into lines; line: first line of the level. */
+/* Applies missed Adam steps to the lines that the corners of a block need, and marks these lines.
+ * `begin` is the index of the first value that belongs to a line, and `line` is the first line of
+ * the level. */
 static void update_lines(const struct grid_job *job, const struct corners *c,
                          const struct points *p, int m, size_t begin, size_t line,
                          const struct ahead *next)
@@ -332,7 +338,7 @@ static void update_lines(const struct grid_job *job, const struct corners *c,
             size_t at = line + (size_t)c->row[k][b] * width / SPIN_LINE;
             float last;
 
-            if (at == before) /* neighbours along x mostly share a line */
+            if (at == before) /* corners that are neighbours along x mostly share a line */
                 continue;
             before = at;
             last = lines[at];
@@ -345,7 +351,7 @@ static void update_lines(const struct grid_job *job, const struct corners *c,
     }
 }
 
-/* Each level is one task, so no line is updated twice. */
+/* Runs as one task per level, so that no line is updated twice. */
 static void grid_lazy_task(void *context, int task)
 {
     const struct grid_job *job = context;
@@ -396,7 +402,7 @@ void SPIN_CPU(lazy_adam_grid)(struct spin_device *d, struct spin_lazy_adam *lazy
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
-/* Interpolates along one axis: a + w (b - a). */
+/* Interpolates from a to b along one axis, with weight w: a + w (b - a). */
 static inline __attribute__((always_inline)) quad mix(quad a, quad b, float w)
 {
     return a + w * (b - a);
@@ -409,9 +415,9 @@ typedef int quad_of_ints __attribute__((vector_size(16)));
 #define SHUFFLE(a, b, ...) __builtin_shuffle(a, b, (quad_of_ints){__VA_ARGS__})
 #endif
 
-/* For x, y and z the sum over corners of (upper minus lower), dotted with g: the gradient with
- * respect to the three smoothstep weights. The sums over the axes are taken one axis at a time, t
- * first. */
+/* Returns the gradient with respect to the smoothstep weights of x, y and z. For each of these
+ * axes, the features at the upper corners minus those at the lower ones are interpolated along the
+ * other axes, t first; the result is the dot product with g. */
 static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], quad g,
                                                          const struct corners *c, int b)
 {
@@ -432,7 +438,7 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     gy = mix(dy[0], dy[1], wx) * g;
     gz = mix(mix(dz[0], dz[1], wx), mix(dz[2], dz[3], wx), wy) * g;
 
-    /* Three dot products over the four features at once. */
+    /* The three dot products, each over four features, are computed together. */
     pair_lo = SHUFFLE(gx, gy, 0, 4, 1, 5);
     pair_hi = SHUFFLE(gx, gy, 2, 6, 3, 7);
     pair = pair_lo + pair_hi;                /* x0+x2 y0+y2 x1+x3 y1+y3 */
@@ -441,8 +447,8 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     return sum;
 }
 
-/* The adjoint of gather_features(). Adds the position gradient, including the smoothstep slopes, to
- * d_x unless it is NULL. */
+/* The adjoint of gather_features(). If d_x is not NULL, also adds to it the gradient of the
+ * positions, which includes the slopes of smoothstep. */
 static inline __attribute__((always_inline)) void
 scatter_gradients(const float *table, float *d_table, const struct corners *c,
                   const struct points *p, int m, int width, int lanes, const float *d_z,

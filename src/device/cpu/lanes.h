@@ -1,5 +1,5 @@
-/* A vector of floats of this SIMD path's width, with masks. The generic forms use only the
- * compiler's vector types; AVX-512 has mask registers. */
+/* Defines a vector of floats that has the width of this SIMD path, and masks for it. Most functions
+ * use the vector types of the compiler; those for AVX-512 use its mask registers. */
 #pragma once
 
 #include <stdint.h>
@@ -28,7 +28,7 @@ typedef int32_t spin_lanes_i __attribute__((vector_size(4 * SPIN_LANES)));
 #if SPIN_LANES == 16
 typedef __mmask16 spin_mask;
 #else
-typedef spin_lanes_i spin_mask; /* 0 or -1 */
+typedef spin_lanes_i spin_mask; /* 0 (false) or -1 (true) in each lane */
 #endif
 
 SPIN_FN spin_lanes spin_lanes_all(float v) { return v - (spin_lanes){0}; }
@@ -51,7 +51,7 @@ SPIN_FN spin_lanes_i spin_lanes_load_i(const int32_t *from)
 
 SPIN_FN void spin_lanes_store_i(int32_t *to, spin_lanes_i v) { memcpy(to, &v, sizeof v); }
 
-/* The lane numbers: 0, 1, 2, ... */
+/* Returns the vector of lane numbers: 0, 1, 2, ... */
 SPIN_FN spin_lanes spin_lanes_count(void)
 {
     static const float count[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
@@ -65,7 +65,7 @@ SPIN_FN spin_mask spin_lanes_ge(spin_lanes a, spin_lanes b)
     return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_GE_OQ);
 }
 SPIN_FN int spin_mask_any(spin_mask m) { return m != 0; }
-SPIN_FN uint32_t spin_mask_bits(spin_mask m) { return m; } /* lane i is bit i */
+SPIN_FN uint32_t spin_mask_bits(spin_mask m) { return m; } /* bit i is the mask of lane i */
 SPIN_FN spin_mask spin_mask_and(spin_mask a, spin_mask b) { return (spin_mask)(a & b); }
 SPIN_FN spin_mask spin_mask_without(spin_mask a, spin_mask b) { return (spin_mask)(a & ~b); }
 SPIN_FN spin_mask spin_mask_first(int n) { return (spin_mask)((1u << n) - 1); }
@@ -73,7 +73,7 @@ SPIN_FN spin_lanes spin_lanes_pick(spin_mask m, spin_lanes yes, spin_lanes no)
 {
     return (spin_lanes)_mm512_mask_blend_ps(m, (__m512)no, (__m512)yes);
 }
-/* Stores only the lanes of the mask; `to` is aligned. */
+/* Stores only the lanes that the mask selects; `to` must be aligned. */
 SPIN_FN void spin_lanes_put_i(int32_t *to, spin_mask m, spin_lanes_i v)
 {
     _mm512_mask_store_epi32(to, m, (__m512i)v);
@@ -90,7 +90,8 @@ SPIN_FN spin_lanes spin_lanes_max(spin_lanes a, spin_lanes b)
 {
     return (spin_lanes)_mm512_max_ps((__m512)a, (__m512)b);
 }
-/* 1/v: a 14-bit estimate and one Newton step, relative error 1e-7 */
+/* Returns 1/v, computed from a 14-bit estimate by one Newton step, with a relative error of 1e-7.
+ */
 SPIN_FN spin_lanes spin_lanes_inverse(spin_lanes v)
 {
     spin_lanes x = (spin_lanes)_mm512_rcp14_ps((__m512)v);
@@ -157,7 +158,7 @@ SPIN_FN spin_lanes spin_lanes_max(spin_lanes a, spin_lanes b)
 }
 #endif
 
-/* The first n lanes. */
+/* Returns the mask that selects the first n lanes. */
 SPIN_FN spin_mask spin_mask_first(int n)
 {
     return spin_lanes_ge(spin_lanes_all((float)n - 0.5f), spin_lanes_count());
@@ -165,7 +166,7 @@ SPIN_FN spin_mask spin_mask_first(int n)
 
 #endif
 
-/* spin_exp2() of math/approx.h, for -126 <= x <= 127. */
+/* Computes spin_exp2() of math/approx.h for -126 <= x <= 127. */
 SPIN_FN spin_lanes spin_lanes_exp2(spin_lanes x)
 {
     spin_lanes shifted = x + SPIN_ROUND_MAGIC, f = x - (shifted - SPIN_ROUND_MAGIC), p;
@@ -178,7 +179,7 @@ SPIN_FN spin_lanes spin_lanes_exp2(spin_lanes x)
     return (spin_lanes)((spin_lanes_u)p + ((spin_lanes_u)shifted << 23));
 }
 
-/* Sum of the lanes, in a fixed order. */
+/* Returns the sum of the lanes, which are added in a fixed order. */
 SPIN_FN float spin_lanes_sum(spin_lanes v)
 {
 #if SPIN_LANES == 16
@@ -198,7 +199,7 @@ SPIN_FN float spin_lanes_sum(spin_lanes v)
 #endif
 }
 
-/* Sums of eight registers, each in a fixed order. */
+/* Sets sum[0] to sum[7] to the sums of the lanes of eight vectors, each added in a fixed order. */
 SPIN_FN void spin_lanes_sum8(const spin_lanes *v, float *sum)
 {
 #if SPIN_LANES == 16

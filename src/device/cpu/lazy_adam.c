@@ -10,15 +10,15 @@
 #include <immintrin.h>
 #endif
 
-/* REACH: within 400 steps the influence of a gradient decays to (.9 / sqrt(.999))^400 = 6e-19,
- * which is negligible. */
+/* REACH: the effect of a gradient is neglected after this many steps, in which it has decayed by
+ * the factor (.9 / sqrt(.999))^400 = 6e-19. */
 enum { LINES = 4096, AHEAD = 8, REACH = 400 };
 
 struct job {
     const struct spin_cpu_lazy_adam *lazy;
     size_t n_lines;
     struct spin_adam_step step;
-    float *p, *g, *m, *v; /* the arrays of the table, from the first line on */
+    float *p, *g, *m, *v; /* the arrays of the table, starting at the first line */
     float *out;
 };
 
@@ -31,8 +31,8 @@ static void step_range(struct spin_adam_step step, size_t n, float *restrict p, 
     }
 }
 
-/* Lists the marked lines of [first, end) in ascending order. Branchless, since the branch would be
- * mispredicted often. */
+/* Lists the marked lines of [first, end) in ascending order, and returns their number. The code is
+ * branchless, since a branch would be mispredicted often. */
 static size_t list_marked(const struct spin_cpu_lazy_adam *lazy, size_t first, size_t end,
                           uint32_t *list)
 {
@@ -80,7 +80,7 @@ static void step_task(void *context, size_t first, size_t end)
     spin_denormals_back(before);
 }
 
-/* Number of floats before the first line. */
+/* Returns the number of floats of the table before the first line. */
 static size_t first_line(const struct spin_grid *grid)
 {
     return (size_t)grid->offset[spin_lazy_level(grid)] * (size_t)grid->n_features;
@@ -145,7 +145,8 @@ void SPIN_CPU(lazy_adam_advance)(struct spin_device *d, struct spin_lazy_adam *l
 void SPIN_CPU(lazy_adam_step)(struct spin_device *d, struct spin_lazy_adam *lazy, double lr)
 {
     const struct spin_cpu_lazy_adam *own = (const struct spin_cpu_lazy_adam *)lazy;
-    struct spin_param_group first = own->table; /* the levels before the lines */
+    /* the dense levels, which are not divided into lines */
+    struct spin_param_group first = own->table;
     size_t before = first_line(&own->grid);
     struct job job = {.step = spin_adam_step_of(lr, lazy->done + 1),
                       .p = own->table.p + before,

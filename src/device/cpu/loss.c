@@ -1,41 +1,46 @@
-/* L1 + SSIM in two passes over bands of rows (docs/method.md 5). The first pass filters x, y, x^2 +
- * y^2 and x y with the SSIM window, computes the SSIM map from them, and stores the three partial
- * derivatives of the map. The second pass filters these derivatives, which gives the gradient of
- * the image. The bands depend only on the image size and their sums are added in order, so the
- * result does not depend on the number of threads. */
+/* Computes the loss, a combination of L1 and SSIM, in two passes over bands of rows (docs/method.md
+ * 5). The first pass filters x, y, x^2 + y^2 and x y with the SSIM window, where x and y are the
+ * two images, computes the SSIM map from the results, and stores the three partial derivatives of
+ * this map. The second pass filters these derivatives, which gives the gradient of the image. The
+ * bands depend only on the image size, and their sums are added in order, so the result does not
+ * depend on the number of threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
 #include "math/loss.h"
 
 enum {
-    BAND = 24, /* rows of a band */
-    PART = 8,  /* rows of a band that are filtered at a time */
+    BAND = 24, /* number of rows in a band */
+    PART = 8,  /* number of rows of a band that are filtered at a time */
     HALF = SPIN_SSIM_HALF,
     TAPS = 2 * HALF + 1,
     RING = PART + 2 * HALF,
-    STRIP = 256, /* columns that are filtered at a time, so that all rows of the window stay in
-                    cache */
-    MAPS = 4,    /* filtered maps in the forward pass; the backward pass uses 3 */
-    PAD = 16,    /* zeros on both sides of a row; a multiple of the vector size, for alignment */
-    SUMS = 16    /* partial sums per row */
+    /* Number of columns that are filtered at a time, so that all rows of the window stay in cache.
+     */
+    STRIP = 256,
+    MAPS = 4, /* number of maps that the first pass filters; the second pass filters 3 */
+    /* Number of zeros on each side of a row: a multiple of the vector size, for alignment. */
+    PAD = 16,
+    SUMS = 16 /* number of partial sums in which a row is added up */
 };
 
 static const float window[HALF + 1] = SPIN_SSIM_WINDOW;
 
 struct job {
     int width, height, bands;
-    size_t stride; /* floats in a padded row */
+    size_t stride; /* number of floats in a padded row */
     const float *image, *truth, *pixel_weight;
     float *d_image;
-    float *slope[3];    /* partial derivatives of the SSIM map (by mu, xx, xy), each [3][h][w] */
+    float *slope[3];    /* partial derivatives of the SSIM map by mu, xx and xy, each [3][h][w] */
     float *rows;        /* scratch of all workers, see struct band */
-    size_t rows_floats; /* floats of `rows` per worker */
+    size_t rows_floats; /* number of floats of `rows` for each worker */
     float scale_l1, scale_ssim;
-    double *l1, *ssim, *mass; /* [3 * bands] sums of each band; mass: of the pixel weights */
+    /* [3 * bands] sums of L1, SSIM and pixel weights (`mass`) over each band */
+    double *l1, *ssim, *mass;
 };
 
-/* to [w] = the rows from[0..TAPS-1] weighted by the vertical window. */
+/* Applies the vertical window: sets to [w] to the sum of the rows from[0] to from[TAPS - 1],
+ * weighted by the window. */
 static void window_down(const float *const *from, int w, float *SPIN_RESTRICT to)
 {
     const float *a5 = from[0], *a4 = from[1], *a3 = from[2], *a2 = from[3], *a1 = from[4];
@@ -48,7 +53,8 @@ static void window_down(const float *const *from, int w, float *SPIN_RESTRICT to
                 window[5] * (a5[x] + b5[x]);
 }
 
-/* The horizontal window at x; the row is padded with zeros. */
+/* Applies the horizontal window: returns the sum of the row's values around x, weighted by the
+ * window. The row is padded with zeros. */
 SPIN_FN float window_across(const float *row, int x)
 {
     float sum = window[0] * row[x];
@@ -58,8 +64,8 @@ SPIN_FN float window_across(const float *row, int x)
     return sum;
 }
 
-/* Sum of a row: SUMS partial sums in float, which are added in double. The order of the additions
- * does not depend on the SIMD width. */
+/* Returns the sum of a row. SUMS partial sums are computed in float and then added in double. The
+ * order of the additions does not depend on the SIMD width. */
 static double sum_row(const float *row, int w)
 {
     float part[SUMS] = {0};
@@ -77,12 +83,12 @@ static double sum_row(const float *row, int w)
 }
 
 struct band {
-    int first, last;           /* rows */
-    const float *x, *y;        /* planes of the channel */
+    int first, last;           /* rows [first, last) of the band */
+    const float *x, *y;        /* planes of this channel in the two images */
     size_t at;                 /* offset of the plane in [3][h][w] */
-    float *padded[MAPS];       /* PART rows, padded with zeros */
+    float *padded[MAPS];       /* filtered maps of PART rows, padded with zeros */
     float *squares, *products; /* ring buffers of RING rows */
-    float *line, *zeros;       /* one row each */
+    float *line, *zeros;       /* scratch row, and a row of zeros */
 };
 
 static struct band band_of(const struct job *job, int task)
@@ -108,7 +114,7 @@ static struct band band_of(const struct job *job, int task)
     return b;
 }
 
-/* Stores x^2 + y^2 and x y of a row in the ring buffers. */
+/* Computes x^2 + y^2 and x y of a row and stores them in the ring buffers. */
 static void multiply_row(const struct job *job, const struct band *b, int row)
 {
     const float *SPIN_RESTRICT x = b->x + (size_t)row * (size_t)job->width;
@@ -127,8 +133,8 @@ static float *padded(const struct job *job, const struct band *b, int m, int in_
     return b->padded[m] + (size_t)in_part * job->stride;
 }
 
-/* Applies the vertical window to map m for the PART rows that begin at `first`. Row r of the map is
- * at from + r % n_rows * stride. */
+/* Applies the vertical window to map m for up to PART rows from row `first` on. Row r of the input
+ * is at from + r % n_rows * stride. */
 static void window_part_down(const struct job *job, const struct band *b, int first, int m,
                              const float *from, int n_rows, size_t stride)
 {
@@ -159,9 +165,9 @@ static void window_forward(const struct job *job, const struct band *b, int firs
     window_part_down(job, b, first, 3, b->products, RING, job->stride);
 }
 
-/* map [w] = SSIM of the filtered rows p0..p3; d_mu, d_xx and d_xy [w] = its partial derivatives. In
- * a function of its own the compiler can rely on the arrays not to overlap, and vectorises the
- * loop. */
+/* Sets map [w] to the SSIM computed from the filtered rows p0 to p3, and d_mu, d_xx and d_xy [w] to
+ * the partial derivatives of the SSIM. This is a separate function so that the compiler relies on
+ * the arrays not to overlap, and vectorises the loop. */
 static __attribute__((noinline)) void
 ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
          const float *SPIN_RESTRICT p2, const float *SPIN_RESTRICT p3, float *SPIN_RESTRICT map,
@@ -265,7 +271,7 @@ struct photo {
     float *truth, *pixel_weight;
 };
 
-enum { PHOTO_CHUNK = 1 << 14 }; /* pixels */
+enum { PHOTO_CHUNK = 1 << 14 }; /* number of pixels in a chunk */
 
 static void photo_task(void *context, size_t first, size_t last)
 {
@@ -278,8 +284,8 @@ static void photo_task(void *context, size_t first, size_t last)
         p->pixel_weight[i] = p->weight[p->mask[i / 8] >> i % 8 & 1];
 }
 
-/* Provides the input image of a view as floats and, if `weights` is set, the weights of its pixels;
- * *pixel_weight is NULL if all weights are 1. Returns false if out of memory. */
+/* Provides the input image of a view as floats and, if `weights` is true, the weights of its
+ * pixels. Sets *pixel_weight to NULL if all weights are 1. Returns false if out of memory. */
 static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *view,
                        const struct spin_images *images, bool weights, const float **truth,
                        const float **pixel_weight)
@@ -376,7 +382,7 @@ void SPIN_CPU(loss)(struct spin_device *d, const struct spin_view_batch *views,
     }
 }
 
-/* Sums of squared differences, separately for pixels whose mask bit is 0 and 1. */
+/* Sets sum[b] to the sum of squared differences over the pixels whose mask bit is b. */
 static void sum_regions(size_t plane, const float *image, const float *truth, const uint8_t *mask,
                         double sum[2])
 {

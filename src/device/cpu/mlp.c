@@ -1,14 +1,16 @@
 /* The four heads on the CPU, forward and backward.
  *
- * Gaussians are processed in blocks of 96, so that the activations of a block and all weights stay
- * in the second-level cache; only the outputs go to memory. The matrix products use register tiles
- * of 6 rows (6 x 64 with AVX-512), to which each step adds the product of one row of the right
- * factor with six broadcast values of the left factor. Weights are copied once per call, transposed
- * for the forward pass and padded to whole vectors.
+ * Splats are processed in blocks of 96, so that the activations of a block and all weights stay in
+ * the second-level cache, and only the outputs are written to memory. The matrix products compute a
+ * tile of the result at a time, whose 6 rows (6 x 64 values with AVX-512) are held in registers.
+ * Each step multiplies one row of the right factor by six broadcast values of the left factor and
+ * adds the products to the tile. Weights are copied once per call; the copy is padded to whole
+ * vectors, and transposed in the forward pass.
  *
- * Backward recomputes the activations (docs/method.md 3.4). The gradient of the weights is a sum
- * over Gaussians: the blocks are divided among at most 32 tasks, whose number depends only on the
- * number of Gaussians; each task has its own partial sum, and these are added in task order. */
+ * The backward pass recomputes the activations (docs/method.md 3.4). The gradient of the weights is
+ * a sum over splats. The blocks are divided among at most 32 tasks, whose number depends only on
+ * the number of splats. Each task has its own partial sum, and the partial sums are added in the
+ * order of the tasks. */
 #include "device/cpu/cpu.h"
 
 #include <string.h>
@@ -28,15 +30,17 @@ enum { BLOCK = 96, TILE_ROWS = 6, MAX_TASKS = 32, PAD = 16 };
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
 
-/* A vector of LANES floats; a vec_at may be at any address. */
+/* vec: a vector of LANES floats. vec_at: the same type in memory, at an address that need not be
+ * aligned. */
 typedef float vec __attribute__((vector_size(LANES * 4)));
 typedef float vec_at __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 
 /* ---- Matrix product -------------------------------------------------------------------------- */
 
-/* C [m][n] = start + A B, where A(i, k) = a[i * a_row + k * a_col] and the rows of B and C are ldb
- * and ldc apart. `start` is zero, or the rows of `from`, from_ld apart (0 repeats one row, a bias).
- * n is a multiple of 16. */
+/* A matrix product C [m][n] = start + A B, where A(i, k) = a[i * a_row + k * a_col], and the rows
+ * of B and C are ldb and ldc floats apart. If `from` is NULL, `start` is zero; otherwise it is the
+ * matrix at `from`, whose rows are from_ld floats apart. A from_ld of 0 repeats a single row, such
+ * as a bias. n is a multiple of 16. */
 struct product {
     int m, n, k;
     const float *a;
@@ -49,7 +53,8 @@ struct product {
     size_t from_ld;
 };
 
-/* One tile of C. rows and vecs are constants after inlining, so the sums stay in registers. */
+/* Computes one tile of C. After inlining, `rows` and `vecs` are constants, so the sums stay in
+ * registers. */
 ALWAYS_INLINE void multiply_tile(const struct product *x, int rows, int vecs, size_t a_row,
                                  size_t a_col, const float *a, const float *b, const float *from,
                                  float *c)
@@ -80,8 +85,8 @@ ALWAYS_INLINE void multiply_tile(const struct product *x, int rows, int vecs, si
             *(vec_at *)(c + (size_t)i * ldc + j * LANES) = sum[i][j];
 }
 
-/* All rows of one column of tiles starting at n0: by sixes, then fours, then ones. Callers pass 1
- * as a constant for one of a_row and a_col. */
+/* Computes all rows of C in the column of tiles that starts at column n0: six rows at a time, then
+ * four, then one. Callers pass the constant 1 for either a_row or a_col. */
 ALWAYS_INLINE void multiply_column(const struct product *x, int vecs, size_t a_row, size_t a_col,
                                    int n0)
 {
@@ -104,8 +109,8 @@ ALWAYS_INLINE void multiply_column(const struct product *x, int vecs, size_t a_r
     }
 }
 
-/* A separate function for each width: in a single function the compiler would run out of
- * registers. */
+/* Defines a separate function for each width, since the compiler would run out of registers in a
+ * single function for all widths. */
 #define COLUMN(name, vecs, a_row, a_col)                                                           \
     static __attribute__((noinline)) void name(const struct product *x, int n0)                    \
     {                                                                                              \
@@ -139,7 +144,8 @@ static void multiply(const struct product *x)
     multiply_columns(x, of_width);
 }
 
-/* multiply() for an A that is stored transposed, so that the sum runs over its rows in memory. */
+/* Like multiply(), for a matrix A that is stored transposed, so that the sum runs over its rows in
+ * memory. */
 static void multiply_transposed(const struct product *x)
 {
     static column_fn *const of_width[] = {column_turned_1, column_turned_2, column_turned_3,
@@ -150,8 +156,9 @@ static void multiply_transposed(const struct product *x)
 
 /* ---- Padded weights -------------------------------------------------------------------------- */
 
-/* A weight matrix or bias: [rows][cols] at `param` of the parameters, and its padded copy at `at`,
- * whose rows (columns, if transposed) are `ld` floats apart. */
+/* A weight matrix or bias [rows][cols], which begins at index `param` of the parameters, and its
+ * padded copy, which begins at index `at` of the copies. The rows of the copy are `ld` floats
+ * apart; if it is transposed, its columns are. */
 struct piece {
     size_t param, at, ld;
     int rows, cols;
@@ -160,13 +167,14 @@ enum { W1, B1, W2, B2, W3, B3, PIECES };
 
 struct pieces {
     struct piece of[SPIN_HEADS][PIECES];
-    size_t n_floats; /* size of the whole copy; padding is zero */
+    size_t n_floats; /* number of floats of all copies; padding is zero */
     bool transposed;
 };
 
 static size_t padded(int n) { return ((size_t)n + PAD - 1) / PAD * PAD; }
 
-/* Weights have even indices; biases are never transposed. */
+/* Returns whether a copy is transposed. Weights have even indices in enum W1 to B3; biases, which
+ * have odd ones, are never transposed. */
 static bool is_turned(bool transposed, int piece) { return transposed && piece % 2 == 0; }
 
 static struct pieces pieces_of(const struct spin_heads *heads, bool transposed)
@@ -216,7 +224,8 @@ static void pack_weights(const struct pieces *p, const float *param, float *copy
 
 struct job {
     const struct spin_heads *heads;
-    struct pieces turned, plain; /* weights as [in][out] and as [out][in] */
+    /* layout of the weights as [in][out] (transposed) and as [out][in] */
+    struct pieces turned, plain;
     const float *turned_w, *plain_w;
     size_t n;
     const uint32_t *rows;
@@ -233,9 +242,9 @@ struct job {
 static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,
                                           SPIN_ATTR_OPACITY};
 
-/* One layer of head h: y [m][n_out] = x [m][n_in] W + bias, where W is piece w and the bias is
- * piece w + 1. Rows of x and y are x_ld and y_ld floats apart, and rows of y are written up to the
- * padded n_out. */
+/* Computes one layer of head h: y [m][n_out] = x [m][n_in] W + bias, where W is piece w and the
+ * bias is piece w + 1. Rows of x and y are x_ld and y_ld floats apart, and rows of y are written up
+ * to the padded n_out. */
 static void layer_forward(const struct job *job, int h, int w, int m, const float *x, size_t x_ld,
                           float *y, size_t y_ld)
 {
@@ -265,7 +274,7 @@ static void activate(bool relu, size_t n, float *restrict x)
             x[i] = spin_gelu(x[i]);
 }
 
-/* Prefetches n floats. */
+/* Prefetches n floats, for writing if to_write is true, else for reading. */
 ALWAYS_INLINE void prefetch(const float *from, size_t n, int to_write)
 {
     for (size_t i = 0; i < n; i += 16) {
@@ -295,7 +304,8 @@ static void mlp_task(void *context, size_t first, size_t end)
         activate(job->heads->relu, (size_t)m * ld, h1);
         layer_forward(job, h, W2, m, h1, ld, h2, ld);
         activate(job->heads->relu, (size_t)m * ld, h2);
-        /* Write directly if the padding stays inside the row: later heads overwrite it. */
+        /* The outputs are written directly if their padding fits into the row, since later heads
+         * overwrite this padding. */
         if ((size_t)column_of[h] + out_ld <= SPIN_ATTR) {
             layer_forward(job, h, W3, m, h2, ld, raw, SPIN_ATTR);
             continue;
@@ -339,12 +349,13 @@ void SPIN_CPU(mlp)(struct spin_device *d, const struct spin_heads *heads, const 
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
-/* Work arrays of one worker, each with BLOCK rows of the given length. */
+/* Work arrays of one worker. Each has BLOCK rows; the comments state the length of a row. */
 struct work {
-    float *z, *d_z;                   /* n_in, padded */
-    float *a1, *slope1, *a2, *slope2; /* hidden, padded: activations and their derivatives */
-    float *d;                         /* hidden, padded */
-    float *d_out;                     /* n_out, padded */
+    float *z, *d_z; /* padded n_in */
+    /* padded `hidden`; activations of both hidden layers and their derivatives */
+    float *a1, *slope1, *a2, *slope2;
+    float *d;     /* padded `hidden`; gradient of a hidden layer */
+    float *d_out; /* padded n_out; gradient of the outputs */
 };
 
 static size_t work_floats(const struct spin_heads *heads)
@@ -377,7 +388,8 @@ static void activate_both(bool relu, size_t n, float *restrict x, float *restric
             x[i] = spin_gelu_both(x[i], &slope[i]);
 }
 
-/* d_x [m][ld] = d_y [m][d_y_ld] W; if `add` is set, d_x += instead. */
+/* Computes the gradient of a layer's input: d_x [m][ld] = d_y [m][d_y_ld] W. If `add` is true, the
+ * product is added to d_x instead. */
 static void layer_back(const struct job *job, int h, int w, int m, const float *d_y, size_t d_y_ld,
                        bool add, float *d_x)
 {
@@ -398,8 +410,8 @@ static void layer_back(const struct job *job, int h, int w, int m, const float *
     multiply(&product);
 }
 
-/* Adds d_W = d_y^T x to the partial sums. Rows of x are piece->ld floats apart. The caller adds
- * d_bias. */
+/* Adds the gradient of a layer's weights, d_y^T x, to the partial sums. Rows of x are piece->ld
+ * floats apart. The gradient of the bias is left to the caller. */
 static void weights_back(const struct job *job, int h, int w, int m, const float *d_y,
                          size_t d_y_ld, const float *x, float *partial)
 {
@@ -420,7 +432,8 @@ static void weights_back(const struct job *job, int h, int w, int m, const float
     multiply_transposed(&product);
 }
 
-/* d *= slope, and d_bias += the sum over rows. */
+/* Multiplies the gradient d by the slopes of the activation function, and adds its sum over the
+ * rows to d_bias. */
 static void through_activation(int m, size_t ld, float *restrict d, const float *restrict slope,
                                float *restrict d_bias)
 {
@@ -496,7 +509,8 @@ static void mlp_back_task(void *context, int task)
         block_back(job, first, &w, partial);
 }
 
-/* Adds the partial sums of one piece of one head to the parameters' gradient, in task order. */
+/* Adds the partial sums of one weight matrix or bias of one head to the gradient of the parameters,
+ * in the order of the tasks. */
 static void sum_task(void *context, int task)
 {
     const struct job *job = context;

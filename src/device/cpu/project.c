@@ -1,5 +1,5 @@
-/* Projects Gaussians to screen ellipses, and gradients back, in blocks of splats. The formulas are
- * in math/project.h, math/sh.h and math/tile.h. */
+/* Projects splats to ellipses in the image, and propagates gradients back, a block of splats at a
+ * time. The formulas are in math/project.h, math/sh.h and math/tile.h. */
 #include "base/base.h"
 #include "device/cpu/cpu.h"
 #include "math/project.h"
@@ -11,7 +11,7 @@ enum { CHUNK = 256, BLOCK = 32, CLAMPED_X = 8, CLAMPED_Y = 16 };
 struct job {
     const struct spin_camera_f32 *cam;
     struct spin_projection projection;
-    size_t n, width; /* width: floats in a row of attributes */
+    size_t n, width; /* `width`: number of floats in a row of attributes */
     const float *pos_w, *attr;
     int sh_degree;
     struct spin_splat2d *splat2d;
@@ -27,15 +27,15 @@ static struct spin_projection lens_of(const struct spin_camera_f32 *cam)
     return projection;
 }
 
-/* Splats as a structure of arrays, so that the compiler vectorises the loops over them. Entries
- * after the last splat repeat the first. */
+/* A block of splats, stored as a structure of arrays so that the compiler vectorises the loops over
+ * splats. In an incomplete block, the entries after the last splat repeat the first splat. */
 struct block {
     size_t row[BLOCK];
     float pos[3][BLOCK], scale[3][BLOCK], q[4][BLOCK], opacity[BLOCK];
-    /* forward */
+    /* Forward: the results of the projection. */
     float u[BLOCK], v[BLOCK], conic[3][BLOCK], radius[BLOCK], depth[BLOCK], fade[BLOCK];
     int32_t x0[BLOCK], y0[BLOCK], x1[BLOCK], y1[BLOCK], flags[BLOCK], drawn[BLOCK];
-    /* backward: gradients of the results; then the gradients to which these contribute */
+    /* Backward: the gradients of these results; then the gradients of the inputs. */
     float d_u[BLOCK], d_v[BLOCK], d_conic[3][BLOCK], d_fade[BLOCK];
     float d_pos[3][BLOCK], d_scale[3][BLOCK], d_q[4][BLOCK], d_rot[9][BLOCK];
 };
@@ -56,15 +56,16 @@ static void block_load(const struct job *job, int n, struct block *b)
     }
 }
 
-/* One splat of the block, for the functions of math/project.h. */
+/* One splat of the block, in the form that the functions of math/project.h take. */
 struct one {
     spin_vec3 p; /* in camera coordinates */
     float scale[3], q[4];
 };
 
-/* One axis of spin_to_camera(). `first`, 0 or 1, is the product that the compiler fuses last in
- * code for a single splat, which differs between the forward and the backward pass. With the same
- * order a block gives the same bits as that code, and so as the published results. */
+/* Computes one axis of spin_to_camera(). In the code for a single splat, with which the published
+ * results were computed, the compiler fuses one of the first two products last: product `first`,
+ * which differs between the forward and the backward pass. With the same order, a block gives the
+ * same bits as that code. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {
@@ -117,8 +118,8 @@ static __attribute__((noinline)) void block_project(const struct job *job,
     }
 }
 
-/* Leaves radius_px 0 if the splat is not visible or not finite: a bad splat must not spoil the
- * pixels and gradients of others. */
+/* Stores the projection of splat i in *s. If the splat is not visible or not finite, its radius_px
+ * stays 0, so that it does not affect the pixels and gradients of other splats. */
 static inline void store_one(const struct job *job, int degree, const struct block *b, int i,
                              struct spin_splat2d *s)
 {
@@ -164,7 +165,8 @@ static inline void project_range(const struct job *job, int degree, size_t first
     }
 }
 
-/* A constant degree lets the compiler unroll the loops. */
+/* Calls `range` with a constant degree, so that the compiler unrolls the loops over SH
+ * coefficients. */
 #define OF_DEGREE(range, job, first, last)                                                         \
     ((job)->sh_degree == 3   ? range(job, 3, first, last)                                          \
      : (job)->sh_degree == 0 ? range(job, 0, first, last)                                          \
@@ -177,7 +179,8 @@ static void project_task(void *context, size_t first, size_t last)
     OF_DEGREE(project_range, job, first, last);
 }
 
-/* The members of a job that are the same in the forward and the backward pass of view k. */
+/* Returns a job for view k with the members that the forward and the backward pass have in common.
+ */
 static struct job job_of(const struct spin_view_batch *views, int k,
                          const struct spin_frame_batch *frames, const float *attr, int sh_degree)
 {
@@ -303,7 +306,7 @@ static inline void back_block(const struct job *job, int degree, int n, struct b
         store_back_one(job, degree, b, i);
 }
 
-/* Collects the splats of the range that have a gradient in blocks. */
+/* Collects the splats in [first, last) that have a gradient, and processes them block by block. */
 static inline void project_back_range(const struct job *job, int degree, size_t first, size_t last)
 {
     struct block b;

@@ -1,13 +1,13 @@
-/* Adds the residuals of splats to rows of raw attributes, and propagates gradients back (layout:
- * device.h). */
+/* Adds the residual values of splats to rows of raw attributes, and propagates gradients back.
+ * device.h describes the layout of residual values. */
 #include "device/cpu/cpu.h"
 
 enum { CHUNK = 1024 };
 
 struct job {
-    size_t n, n_rows, width, sh_width; /* width: floats in a row of attributes */
-    const uint32_t *rows;              /* [n_rows], rows of the batch */
-    size_t first_row;                  /* first row of the frame */
+    size_t n, n_rows, width, sh_width; /* `width`: number of floats in a row of attributes */
+    const uint32_t *rows;              /* [n_rows] indices of rows in the batch */
+    size_t first_row;                  /* index of the frame's first row in the batch */
     const float *from, *sh;
     float *to, *d_sh;
 };
@@ -18,9 +18,9 @@ static inline void copy_values(float *to, const float *from, size_t n, bool add)
         to[c] = add ? to[c] + from[c] : from[c];
 }
 
-/* Copies or adds a splat's values to its row of attributes. The values are in groups [n][3],
- * [n][4], [n][3], [n][1]; SH beyond the first coefficient is a separate array. The opacity is the
- * last column. */
+/* Adds the residual values of each splat to its row of attributes, or copies them if `add` is
+ * false. The values are stored in groups [n][3], [n][4], [n][3] and [n][1]; SH coefficients beyond
+ * the first are in a separate array. The opacity is the last column of a row. */
 static inline void to_rows(const struct job *job, size_t first, size_t end, bool add)
 {
     for (size_t i = first; i < end; i++) {

@@ -1,11 +1,11 @@
-/* Lists the splats of every tile, front to back: a stable radix sort of the splats by depth, then a
- * counting sort of their (splat, tile) pairs by tile. Each sort is divided into parts whose bounds
- * depend only on the sizes, so the result does not depend on the number of threads. The values of a
- * splat that the sorts need are kept in small arrays, since in depth order the splats are scattered
- * over memory.
+/* Lists the splats of every tile, front to back: sorts the splats by depth with a stable radix
+ * sort, then their (splat, tile) pairs by tile with a counting sort. Each sort is divided into
+ * parts whose bounds depend only on the number of elements, so the result does not depend on the
+ * number of threads. The values of a splat that the sorts need are copied to small arrays, since
+ * splats in depth order are scattered over memory.
  *
- * Trimming: tiles of a splat's rectangle in which alpha is below 1/255 everywhere get no pair,
- * since their pixels would skip the splat. */
+ * Rectangles are trimmed: a tile in which the alpha of the splat is below 1/255 everywhere gets no
+ * pair, since its pixels would skip the splat. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -15,28 +15,28 @@
 
 enum {
     MAX_PARTS = 16,
-    PART = 4096, /* splats per part, unless that would give more than MAX_PARTS parts */
-    BATCH = 64,  /* splats that are trimmed at a time */
+    PART = 4096, /* number of splats per part, unless that would give more than MAX_PARTS parts */
+    BATCH = 64,  /* number of splats that are trimmed at a time */
     AHEAD = 16,  /* prefetch distance, in splats */
     PASSES = 3,
-    MAX_BUCKETS = 1 << 11 /* three digits of 11 bits cover 32-bit keys */
+    MAX_BUCKETS = 1 << 11 /* three digits of 11 bits are enough for 32-bit keys */
 };
 
 struct entry {
     uint32_t key, splat;
 };
 
-/* Tiles of a splat after trimming, half open. */
+/* The tiles of a splat after trimming: columns [x0, x1) and rows [y0, y1). */
 struct rect {
     uint16_t x0, y0, x1, y1;
 };
 
-/* Header of the sorted splats of one view, kept in SPIN_SCRATCH_TILE from tile_count to tile_fill.
- * The header and the arrays behind it take sorted_bytes(). */
+/* Header of the sorted splats of one view, which are kept in SPIN_SCRATCH_TILE from tile_count() to
+ * tile_fill(). The header and the arrays that follow it take sorted_bytes(). */
 struct sorted {
     size_t n;
-    struct entry *entry; /* [n] front to back */
-    struct rect *rect;   /* [splats] */
+    struct entry *entry; /* [n] sorted from front to back */
+    struct rect *rect;   /* [splats] tiles of each splat, in the original order */
     uint32_t first;      /* index in intersections at which the view's list begins */
 };
 
@@ -45,9 +45,9 @@ struct job {
     size_t n;
     int parts;
     struct spin_splat2d *splat2d;
-    uint32_t *lists; /* the lists of the tiles */
-    /* Numbers of pairs and of visible splats: those of each part; after sum_parts(), those of all
-     * parts before it. */
+    uint32_t *lists; /* output: the lists of splats of the tiles */
+    /* Numbers of pairs and of visible splats in each part; after sum_parts(), in all parts before
+     * that part. */
     uint64_t intersections[MAX_PARTS];
     size_t drawn[MAX_PARTS];
     /* Smallest and largest key of the visible splats of each part. */
@@ -56,8 +56,8 @@ struct job {
     struct rect *rect; /* [n] */
     struct entry *from, *to;
     size_t n_sorted;
-    uint32_t lowest;  /* smallest key of all parts */
-    int digit, shift; /* bits per digit; bits below the current digit */
+    uint32_t lowest;  /* smallest key in all parts */
+    int digit, shift; /* number of bits per digit; number of bits below the current digit */
     uint32_t *count;  /* [parts][buckets or tiles] */
 };
 
@@ -73,8 +73,8 @@ static size_t part_begin(const struct job *job, size_t n, int part)
     return n / parts * (size_t)part + n % parts * (size_t)part / parts;
 }
 
-/* A batch of splats to be trimmed, as a structure of arrays, so that the compiler vectorises the
- * loops. */
+/* A batch of splats whose rectangles are trimmed, stored as a structure of arrays so that the
+ * compiler vectorises the loops. */
 struct trims {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH];
     int32_t x0[BATCH], y0[BATCH], x1[BATCH], y1[BATCH];
@@ -116,7 +116,8 @@ static __attribute__((noinline)) void trims_narrow(struct trims *t)
 
 static uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
-/* Sets tile_cull, key, rect and, for now counted from the start of the part, first_intersection. */
+/* Sets tile_cull, key, rect and first_intersection of each splat. first_intersection is counted
+ * from the start of the part until list_task() completes it. */
 static void trims_store(struct job *job, int part, const struct trims *t, size_t first, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -170,7 +171,8 @@ static void trim_task(void *context, int part)
 
 static bool is_empty(struct rect r) { return r.x0 >= r.x1 || r.y0 >= r.y1; }
 
-/* Lists the splats of a part that have pairs, with their keys, and completes first_intersection. */
+/* Lists the splats of a part that have pairs, with their keys, and completes first_intersection by
+ * adding the pairs of earlier parts. */
 static void list_task(void *context, int part)
 {
     struct job *job = context;
@@ -189,8 +191,9 @@ static uint32_t digit_of(const struct job *job, struct entry e)
     return e.key >> job->shift & ((1u << job->digit) - 1);
 }
 
-/* Counts the digits of a part. Consecutive splats often have the same digit; two sets of counts
- * avoid that an increment has to wait for the one before. */
+/* Counts how often each value of the current digit occurs in a part. Consecutive splats often have
+ * the same digit. They are counted in two arrays in turn, so that an increment need not wait for
+ * the one before. */
 static void digit_count_task(void *context, int part)
 {
     struct job *job = context;
@@ -220,8 +223,9 @@ static void digit_move_task(void *context, int part)
         job->to[place[digit_of(job, job->from[i])]++] = job->from[i];
 }
 
-/* Converts the counts of n buckets, `stride` apart between parts, to indices starting at `place`:
- * bucket by bucket, and within a bucket part by part. Returns the index after the last. */
+/* Replaces the counts of n buckets by the index at which each part writes its first element of the
+ * bucket: bucket by bucket, and within a bucket part by part, from index `place` on. The counts of
+ * different parts are `stride` apart. Returns the index after the last element. */
 static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride, uint32_t place,
                                  uint32_t *start)
 {
@@ -239,8 +243,8 @@ static uint32_t counts_to_places(const struct job *job, size_t n, size_t stride,
     return place;
 }
 
-/* Sorts the entries by key, in PASSES passes of counting and moving. The digits are as short as the
- * largest key allows. */
+/* Sorts the entries by key, in PASSES passes that count one digit of the keys and then move the
+ * entries. Digits have as few bits as the largest key allows. */
 static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highest)
 {
     int bits = 1;
@@ -259,8 +263,8 @@ static void sort_by_depth(struct spin_device *d, struct job *job, uint32_t highe
     }
 }
 
-/* Converts counts per part to prefix sums, and finds the smallest and the largest key. Returns the
- * total number of pairs. */
+/* Replaces the counts of each part by the sums over all parts before that part, and finds the
+ * smallest and the largest key. Returns the total number of pairs. */
 static uint64_t sum_parts(struct job *job, uint32_t *highest)
 {
     uint64_t intersections = 0;
@@ -281,7 +285,8 @@ static uint64_t sum_parts(struct job *job, uint32_t *highest)
     return intersections;
 }
 
-enum { HEADER = 64 }; /* bytes reserved for struct sorted; keeps the arrays behind it aligned */
+/* bytes reserved for struct sorted, so that the arrays after it are aligned */
+enum { HEADER = 64 };
 
 static size_t sorted_bytes(size_t n)
 {
@@ -290,8 +295,8 @@ static size_t sorted_bytes(size_t n)
     return HEADER + (bytes + 63) / 64 * 64;
 }
 
-/* Counts the pairs of a view and sorts its splats. The list of the view begins at *first, to which
- * the number of pairs is added. */
+/* Counts the pairs of a view and sorts its splats by depth. The list of the view begins at index
+ * *first, which is then advanced by the number of pairs. */
 static spin_status count_view(struct spin_device *d, const struct spin_view_of_batch *view,
                               struct spin_splat2d *splat2d, struct sorted *sorted, uint64_t *first)
 {
@@ -355,10 +360,11 @@ spin_status SPIN_CPU(tile_count)(struct spin_device *d, const struct spin_view_b
     return SPIN_OK;
 }
 
-/* Iterates over the tiles of a rectangle, row by row, in one loop: nested loops would mispredict
- * two branches per splat. */
+/* Iterates over the tiles of a rectangle, row by row, in a single loop. Two nested loops would
+ * mispredict two branches per splat. */
 struct walk {
-    size_t tile, jump; /* jump: from the last tile of a row to the first of the next */
+    /* `jump`: distance from the last tile of a row to the first tile of the next row */
+    size_t tile, jump;
     uint32_t left, width, left_in_row;
 };
 
@@ -379,15 +385,16 @@ static inline void walk_on(struct walk *w)
     w->left--;
 }
 
-/* Number of tile corners: one more than tiles in each direction. */
+/* Returns the number of tile corners, which is one more than the number of tiles in each direction.
+ */
 static size_t corners_of(const struct spin_camera_f32 *cam)
 {
     return ((size_t)cam->tiles_x + 1) * ((size_t)cam->tiles_y + 1);
 }
 
-/* Counts the splats that cover each tile: every rectangle adds +1 or -1 at its four corners, and
- * the two-dimensional prefix sums are the counts. The counts overwrite the corners, with one entry
- * per tile instead of one per corner. */
+/* Counts the splats that cover each tile. Every rectangle adds +1 or -1 at each of its four
+ * corners; the two-dimensional prefix sums of these values are the counts. The counts then
+ * overwrite the values, with one entry per tile instead of one per corner. */
 static void tile_count_task(void *context, int part)
 {
     struct job *job = context;

@@ -1,6 +1,6 @@
-/* Adds the values of tracks to the splats of a frame, and propagates gradients back (layout:
- * device.h). A track belongs to at most one splat of a frame, so the rows of a frame are
- * independent; frames are processed one after the other. */
+/* Adds the values of tracks to the splats of a frame, and propagates gradients back. device.h
+ * describes the layout of these values. A track belongs to at most one splat of a frame, so the
+ * splats of a frame are processed independently. Frames are processed one after the other. */
 #include "device/cpu/cpu.h"
 #include "math/motion.h"
 #include "math/turn.h"
@@ -17,17 +17,18 @@ struct job {
     const uint32_t *track; /* [n] */
     const float *own;      /* [n_own][width] */
     const float *shared;   /* [n_tracks][width] */
-    float *to;             /* [n][width], or the gradient of the tracks */
-    const float *from;     /* [n][width] */
-    const float *motion;   /* motion of the tracks if it affects this group; else NULL */
-    const float *turn;     /* [n_turns][4], used if rotations affect this group */
+    /* forward: values of the splats [n][width]; backward: gradient of the tracks */
+    float *to;
+    const float *from;   /* backward: gradient of the splats [n][width] */
+    const float *motion; /* motion of the tracks if it affects this group, else NULL */
+    const float *turn;   /* [n_turns][4], used if rotations affect this group */
     size_t n_turns;
     float t;
     int group;
 };
 
-/* Job for one group of a frame. Motion affects only position and opacity; rotations (turn) affect
- * only position and rotation. */
+/* Returns the job for one group of values of a frame. The motion of tracks affects position and
+ * opacity only; rotations by `turn` affect position and rotation only. */
 static struct job job_of(const struct spin_frame_of_batch *frame,
                          const struct spin_tracks_f32 *tracks, int group, const float *shared)
 {
@@ -45,8 +46,8 @@ static struct job job_of(const struct spin_frame_of_batch *frame,
                         .group = group};
 }
 
-/* Applies the motion of a splat's track: the displacement to the position, the Gaussian window to
- * the opacity. */
+/* Applies the motion of a splat's track to its values: moves the position by the displacement at
+ * the frame's time, or reduces the opacity by the Gaussian window. */
 static void apply_motion(const struct job *job, const float *motion, float *value)
 {
     float d = job->t - motion[3], x = d * motion[4];
@@ -77,9 +78,9 @@ static inline void sum_rows(const struct job *job, size_t w, size_t first, size_
     }
 }
 
-/* A constant width lets the compiler unroll the loops. With rotations the unrolled sums would be
- * rounded differently from the published results, so a frame with rotations uses the function
- * whose loops are not unrolled. */
+/* Calls `rows` with a constant width, so that the compiler unrolls the loops. With rotations, the
+ * sums of unrolled loops would be rounded differently from the published results, so a frame with
+ * rotations uses the function `rows`_any, whose loops are not unrolled. */
 #define OF_WIDTH(rows, job, first, end)                                                            \
     ((job)->n_turns > 0  ? rows##_any(job, first, end)                                             \
      : (job)->width == 3 ? rows(job, 3, first, end)                                                \

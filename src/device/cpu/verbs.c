@@ -1,4 +1,5 @@
-/* Functions that several verbs use: scratch memory, and the active rows of a frame. */
+/* Functions that several verbs use: they provide scratch memory, and find the active rows of a
+ * frame. */
 #include "device/cpu/cpu.h"
 
 void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which, size_t bytes)
@@ -15,7 +16,8 @@ void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which,
     return NULL;
 }
 
-/* Index of the first active row that is at least `row`, by binary search. */
+/* Returns the index in the list of the first active row that is `row` or greater, by binary search.
+ */
 static size_t place_of(const struct spin_active *active, size_t row)
 {
     size_t low = 0, high = *active->n;

@@ -1,11 +1,12 @@
-/* Activates head outputs to attributes and propagates gradients back; lists the rows with a nonzero
- * gradient. */
+/* Computes attributes from the outputs of the heads by their activation functions, and propagates
+ * gradients back. Lists the rows with a nonzero gradient. */
 #include "device/cuda/cuda.h"
 #include "math/activate.h"
 
-/* Each thread handles four values of a row, so that a warp reads and writes consecutive memory. The
- * scale and the rotation span the first two threads of a row, which both compute them. The last
- * thread computes the opacity; the threads between copy their values. */
+/* Each thread processes four values of a row, so that a warp reads and writes consecutive memory.
+ * The values of scale and rotation belong to the first two threads of a row, and each of the two
+ * computes them all. The last thread computes the opacity; the threads in between copy their
+ * values. */
 enum { FOURS = SPIN_ATTR / 4, LAST = FOURS - 1 };
 static_assert(SPIN_ATTR_SCALE == 0 && SPIN_ATTR_ROTATION + 4 == 7 &&
                   SPIN_ATTR_OPACITY == SPIN_ATTR - 1 && SPIN_ATTR % 4 == 0,
@@ -113,7 +114,8 @@ void cuda_regularise_back(struct spin_device *d, const struct spin_frame_batch *
 
 /* ---- The list of active rows ----------------------------------------------------------------- */
 
-/* All bits but the signs, or-ed: nonzero if any value is nonzero (NaN counts, -0 does not). */
+/* Returns a number that is nonzero if any value is nonzero. NaN is nonzero, -0 is zero. The bits of
+ * all values, without their signs, are combined by OR. */
 static __device__ uint32_t any_set(const float *x, int n)
 {
     uint32_t bits = 0;
@@ -133,8 +135,8 @@ static __global__ void flag_kernel(size_t n, const float *d_attr, const float *d
             any_set(d_attr + i * SPIN_ATTR, SPIN_ATTR) || (d_means && any_set(d_means + 3 * i, 3));
 }
 
-/* Lists the rows whose flag is 1. flag and its prefix sums `before` have n + 1 entries; the last
- * flag is 0. */
+/* Lists the rows whose flag is 1. `flag` and its exclusive prefix sums `before` have n + 1 entries;
+ * the last flag is 0. */
 static __global__ void list_kernel(size_t n, const uint64_t *flag, const uint64_t *before,
                                    uint32_t *row, uint32_t *count)
 {
@@ -152,7 +154,7 @@ void cuda_nonzero_grad(struct spin_device *d, const struct spin_frame_batch *fra
     size_t n = frames->n;
     uint64_t *flag = (uint64_t *)cuda_scratch(d, CUDA_SCRATCH_ROWS, 2 * (n + 1) * sizeof *flag);
 
-    if (!flag) { /* set an empty list, since its entries are undefined */
+    if (!flag) { /* out of memory: the list becomes empty, since its entries are undefined */
         gpu_zero(gpu_of(d), active->n, sizeof *active->n);
         return;
     }

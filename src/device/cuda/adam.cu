@@ -1,5 +1,6 @@
-/* Adam, one thread per parameter, which also zeroes the gradient. One launch handles up to
- * MOST_GROUPS groups, which are its arguments; each group has its own blocks. */
+/* Adam, with one thread per parameter, which also sets the gradient to zero. One launch processes
+ * up to MOST_GROUPS groups of parameters, which are passed as arguments. Each group has its own
+ * blocks. */
 #include "device/cuda/cuda.h"
 #include "math/adam.h"
 #include "math/approx.h"
@@ -11,7 +12,7 @@ struct groups {
         float *p, *g, *m, *v;
         size_t n;
         struct spin_adam_step step;
-        unsigned end; /* one past the last block of the group */
+        unsigned end; /* index after the last block of the group */
     } group[MOST_GROUPS];
 };
 static_assert(sizeof(struct groups) <= 4000, "a launch has 4096 bytes of arguments");

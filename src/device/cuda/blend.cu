@@ -1,14 +1,14 @@
-/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. One block
- * per tile, one thread per pixel; the splats are loaded into shared memory in batches. The formulas
- * are those of math/blend.h. A warp covers 8 x 4 pixels and skips the splats of a batch whose alpha
- * is below 1/255 in all of them.
+/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. Each tile
+ * has a block and each pixel a thread; the splats are loaded into shared memory in batches. The
+ * formulas are those of math/blend.h. A warp covers 8 x 4 pixels, and skips the splats of a batch
+ * whose alpha is below 1/255 in all of these pixels.
  *
- * Backward, a block starts at the last contributor of any of its pixels. A warp processes two
- * splats at a time: each pixel stores its terms for these splats in shared memory. When terms of
- * eight splats are stored, each lane sums a row of eight pixels, four lanes per splat. The sums of
- * the warps for a batch are added in order. Each (splat, tile) pair writes its sums to its own
- * slot, and the slots of a splat are added in order. This needs no atomics and gives the same bits
- * in every run. */
+ * In the backward pass, a block starts at the last splat that contributes to any of its pixels. A
+ * warp processes two splats at a time, and each pixel stores its terms for these splats in shared
+ * memory. When the terms of eight splats are stored, each lane sums a row of eight pixels for one
+ * splat, so four lanes work on each splat. The sums of the warps for a batch are added in order.
+ * Each (splat, tile) pair writes its sums to its own slot, and the slots of a splat are added in
+ * order. This needs no atomics and gives the same bits in every run. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -25,7 +25,7 @@ enum {
     LOADED = 4 * BACK,
     TWO = 2,
     HELD = WARP / WARP_Y,
-    ROW = WARP_X / 4, /* float4s in a row of a warp's pixels */
+    ROW = WARP_X / 4, /* number of float4s that hold a row of a warp's pixels */
     VALUES = sizeof(struct spin_blend_sums) / sizeof(float)
 };
 static const unsigned all_lanes = 0xffffffffu;
@@ -37,8 +37,8 @@ struct picture {
     const uint32_t *lists, *start;
 };
 
-/* Prepares a splat, with its position relative to the tile's first pixel (x0, y0), as on the
- * CPU. */
+/* Prepares a splat for blending as the CPU device does, with its position relative to the tile's
+ * first pixel (x0, y0). */
 static __device__ struct spin_blend_splat prepare_splat(const struct spin_splat2d *s, int x0,
                                                         int y0)
 {
@@ -46,7 +46,8 @@ static __device__ struct spin_blend_splat prepare_splat(const struct spin_splat2
                               s->colour);
 }
 
-/* A splat of a batch with its reach in x and y; aligned for 16-byte loads. */
+/* A splat of a batch, with the distances in x and y within which it may contribute. The struct is
+ * aligned for 16-byte loads. */
 struct alignas(16) front {
     struct spin_blend_splat splat;
     float reach_x, reach_y;
@@ -61,7 +62,7 @@ static __device__ struct front make_front(const struct spin_splat2d *s, int x0, 
     return f;
 }
 
-/* Whether the splat can reach a pixel of the warp whose first pixel is (x, y). */
+/* Returns whether the splat may contribute to a pixel of the warp whose first pixel is (x, y). */
 static __device__ bool reaches_warp(const struct front *f, int x, int y)
 {
     float dx = f->splat.u_px - (float)x, dy = f->splat.v_px - (float)y;
@@ -147,8 +148,8 @@ void cuda_blend(struct spin_device *d, const struct spin_view_batch *views,
     }
 }
 
-/* One thread per pixel, without culling per warp: depth is rendered for output only, not in
- * training. */
+/* Renders depth with one thread per pixel. Warps do not skip splats, since depth is only rendered
+ * for output and never in training. */
 static __global__ void depth_kernel(struct picture p, float *depth)
 {
     int tile = (int)blockIdx.x, in_x = (int)threadIdx.x % SIDE, in_y = (int)threadIdx.x / SIDE;
@@ -205,8 +206,8 @@ static __device__ void add_sums(struct spin_blend_sums *to, const struct spin_bl
     to->eyy += more.eyy;
 }
 
-/* Terms of up to HELD splats for the pixels of a warp, by lane. Rows are padded so that lanes that
- * read different rows use different banks. */
+/* Terms of up to HELD splats for the pixels of a warp: a row for each splat, with a value for each
+ * lane. Rows are padded so that lanes that read different rows use different banks. */
 struct held {
     float4 weight[HELD][WARP / 4 + 1], de[HELD][WARP / 4 + 1];
 };
@@ -216,8 +217,9 @@ static __device__ float at_of(const float4 &v, int k)
     return k == 0 ? v.x : k == 1 ? v.y : k == 2 ? v.z : v.w;
 }
 
-/* Sums of one splat over one row of a warp's pixels. g [3] is the warp's gradient, weight and de
- * are the row's terms, and (dx, dy) is the offset from the row's first pixel to the splat. */
+/* Returns the sums of one splat over one row of a warp's pixels. g [3] is the gradient of the image
+ * at the warp's pixels, `weight` and `de` are the splat's terms, and (dx, dy) is the offset from
+ * the row's first pixel to the splat. */
 static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const float4 *de,
                                                      const float4 (*g)[WARP / 4], int row, float dx,
                                                      float dy)
@@ -240,7 +242,7 @@ static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const
     return sums;
 }
 
-/* Adds up the sums of a splat's rows, which are in WARP_Y neighbouring lanes. */
+/* Adds up the sums of a splat over the rows of a warp, which WARP_Y neighbouring lanes hold. */
 static __device__ void add_rows(struct spin_blend_sums *sums)
 {
     for (int by = 1; by < WARP_Y; by *= 2) {
@@ -258,8 +260,8 @@ static __device__ void add_rows(struct spin_blend_sums *sums)
     }
 }
 
-/* part [BACK] = the sums over a warp's pixels, for the n splats in `held`. `mine` is the index in
- * the batch of the splat that this lane works on. */
+/* Computes the sums over a warp's pixels for the n splats in `held`, and stores each in part
+ * [BACK]. `mine` is the index in the batch of the splat on which this lane works. */
 static __device__ void add_held(const struct held &held, int n, uint32_t mine,
                                 const struct front *batch, const float4 (*g)[WARP / 4], int warp_x,
                                 int warp_y, struct spin_blend_sums *part)
@@ -278,10 +280,10 @@ static __device__ void add_held(const struct held &held, int n, uint32_t mine,
         part[mine] = sums;
 }
 
-/* Backward step for two splats of a batch, whose independent instructions hide each other's
- * latency; if `two` is false, for the first only. `used` is the pixel's last contributor, relative
- * to the batch. Stores the terms in `held`. Returns false, with nothing stored, if neither splat
- * contributes to a pixel of the warp. */
+/* Runs the backward step for two splats of a batch and stores their terms in `held`; if `two` is
+ * false, for the first splat only. The instructions for the two splats are independent and hide
+ * each other's latency. `used` is the pixel's last contributor, relative to the batch. Returns
+ * false and stores nothing if neither splat contributes to a pixel of the warp. */
 static __device__ bool blend_two_back(const struct front *batch, const uint32_t i[TWO], bool two,
                                       int32_t used, int in_x, int in_y,
                                       struct spin_blend_pixel_adj *pixel, struct held *held,
@@ -361,7 +363,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     __syncthreads();
     for (int w = 0; w < WARPS; w++)
         last = last_of[w] > last ? last_of[w] : last;
-    /* Splats behind the last contributor of all pixels have no gradient. */
+    /* Splats behind the last contributors of all pixels have no gradient, so their slots are zero.
+     */
     for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) {
         struct spin_blend_sums none = {};
 
@@ -373,7 +376,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
         int n_held = 0;
         unsigned near;
 
-        /* Load a group of batches when its last batch is reached, which comes first. */
+        /* A group of batches is loaded when its last batch is reached; since the pass runs from
+         * back to front, that is the first batch of the group to be processed. */
         if (in + BACK == LOADED || at + BACK >= last) {
             if ((uint32_t)me < in + count) {
                 const struct spin_splat2d *s = p.splat2d + p.lists[first + at - in + (uint32_t)me];
@@ -423,7 +427,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     }
 }
 
-/* Adds up the slots of each splat and computes its gradient from the sums. */
+/* Adds up the slots of each splat, and computes the gradient of the splat from these sums. */
 static __global__ void reduce_kernel(size_t n, const struct spin_splat2d *splat2d,
                                      const struct spin_blend_sums *slots,
                                      struct spin_splat2d_grad *d_splat2d)

@@ -1,5 +1,5 @@
-/* A cell of the hash grid, for kernels. Files that include this header are compiled without fused
- * multiply-add. */
+/* Finds the cell of the hash grid that contains a point, in kernels. Files that include this header
+ * are compiled without fused multiply-add. */
 #pragma once
 
 #include "device/cuda/cuda.h"
@@ -7,17 +7,19 @@
 
 enum { CUDA_CORNERS = 16 };
 
-/* Position of a point in a level: the vertices of its cell, clamped to the level, and the weights
- * of the upper vertices. */
+/* The cell of a level that contains a point: its vertices, clamped to the level, and the weights of
+ * its upper vertices. */
 struct cuda_cell {
-    uint32_t low[4], high[4]; /* terms of a corner's row: vertex times stride or prime */
-    float w[4], slope[4];     /* d w / d x_u */
+    /* on each axis, the vertex times its stride or prime: the terms of a corner's row */
+    uint32_t low[4], high[4];
+    float w[4], slope[4]; /* d w / d x_u */
     size_t first_row;
-    uint32_t n_rows, mask; /* mask: n_rows - 1 if n_rows is a power of two, else 0 */
+    uint32_t n_rows, mask; /* `mask`: n_rows - 1 if n_rows is a power of two, else 0 */
     bool hashed;
 };
 
-/* Returns false if the point is outside the unit cube or NaN. */
+/* Computes the cell that contains point x. Returns false if the point is outside the unit cube or
+ * NaN. */
 static inline __device__ bool cuda_cell_of(const struct spin_grid &grid, int level, const float *x,
                                            struct cuda_cell *cell)
 {

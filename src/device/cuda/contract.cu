@@ -1,6 +1,6 @@
-/* Maps means to the unit cube, propagates gradients back, and accumulates densification statistics.
- * Compiled without fused multiply-add, as on the CPU: grid positions are defined with one rounding
- * per operation. */
+/* Maps means to the unit cube, propagates gradients back, and adds up the statistics for
+ * densification. Compiled without fused multiply-add, as for the CPU, since positions in the grid
+ * are defined with one rounding per operation. */
 #include "device/cuda/cuda.h"
 #include "math/contract.h"
 
@@ -70,8 +70,8 @@ void cuda_contract_back(struct spin_device *d, const struct spin_scene_transform
     }
 }
 
-/* Pixel coordinate u and normalised device coordinate x are related by u = ((x + 1) width - 1) /
- * 2. */
+/* Converts gradients from pixel coordinates u to normalised device coordinates x, where u = ((x +
+ * 1) width - 1) / 2, and adds their lengths. */
 static __global__ void densify_stats_kernel(size_t n, float half_width, float half_height,
                                             const struct spin_splat2d *splat2d,
                                             const struct spin_splat2d_grad *d_splat2d, float *sum,

@@ -1,4 +1,4 @@
-/* The CUDA device: memory, errors, clocks, and the table of verbs. */
+/* The CUDA device: its memory, errors and clocks, and its table of verbs. */
 #include "device/cuda/cuda.h"
 
 #include <stdio.h>
@@ -17,8 +17,8 @@ spin_status cuda_fail(spin_status status, const char *what, const char *why)
 
 spin_status cuda_no_memory(void) { return fail(SPIN_E_MEMORY, "out of memory"); }
 
-/* Records an error for the next wait(), unless `why` is NULL. Only the first error is kept, since
- * later ones are its consequences. */
+/* Records an error, which the next wait() returns, unless `why` is NULL. Only the first error is
+ * kept, since later errors follow from it. */
 static void note_error(struct spin_device *d, spin_status status, const char *why)
 {
     struct cuda *cuda = cuda_of(d);
@@ -29,8 +29,8 @@ static void note_error(struct spin_device *d, spin_status status, const char *wh
     snprintf(cuda->why, sizeof cuda->why, "%s: %s", cuda->gpu.name, why);
 }
 
-/* Number of the GPU to try first. Each rank of a machine has its own GPU, numbered by the local
- * rank, which Open MPI, MPICH and Slurm provide in the environment. */
+/* Returns the number of the GPU to try first. Each rank on a machine has its own GPU, whose number
+ * is the local rank. Open MPI, MPICH and Slurm provide the local rank in the environment. */
 static int gpu_number(void)
 {
     static const char *const name[] = {"OMPI_COMM_WORLD_LOCAL_RANK", "MPI_LOCALRANKID",
@@ -45,9 +45,9 @@ static int gpu_number(void)
     return 0;
 }
 
-/* Whether three tf32 products are faster than one fp32 product. They are not on consumer GPUs (8.6,
- * 8.9, 12), whose tf32 and fp32 rates are equal. SPIN_CUDA_MLP=fp32 or tf32 overrides this, for
- * comparisons. */
+/* Returns whether the GPU computes three tf32 products faster than one fp32 product. Consumer GPUs
+ * (compute capability 8.6, 8.9 and 12) do not, since their tf32 and fp32 rates are equal. For
+ * comparisons, SPIN_CUDA_MLP=fp32 or SPIN_CUDA_MLP=tf32 overrides the choice. */
 static bool prefers_tensor(const struct gpu *gpu)
 {
     const char *wanted = getenv("SPIN_CUDA_MLP");
@@ -190,7 +190,8 @@ static void host_release(struct spin_device *d, struct spin_host_memory *memory)
 
 static void *host_view(struct spin_device *, void SPIN_DEV *) { return NULL; }
 
-/* Excludes a sixteenth of the free memory, which is reserved for the verbs' scratch memory. */
+/* Returns the free memory without a sixteenth of it, which is kept for the scratch memory of the
+ * verbs. */
 static size_t memory_available(struct spin_device *d)
 {
     size_t left = gpu_memory_free(gpu_of(d));
@@ -209,7 +210,8 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
         return s->block;
     if (s->block)
         gpu_free(&cuda->gpu, s->block);
-    s->bytes = bytes + bytes / 8; /* headroom, to avoid growing in every iteration */
+    /* an eighth more, so that the buffer need not be enlarged in every iteration */
+    s->bytes = bytes + bytes / 8;
     s->block = gpu_alloc(&cuda->gpu, s->bytes, &failed);
     if (!s->block && !failed) {
         s->bytes = bytes;
@@ -226,8 +228,8 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
 
 /* ---- Clocks ---------------------------------------------------------------------------------- */
 
-/* Adds the times between the pairs of events to the clock. This happens on request or when all
- * pairs are in use, since it waits for the events. */
+/* Adds the time between the two events of each pair to the clock. Called only when the time is
+ * requested or all pairs are in use, since it waits for the events. */
 static void add_marks(struct cuda_clock *clock)
 {
     for (int i = 0; i < clock->n; i++)

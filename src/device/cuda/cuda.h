@@ -1,6 +1,6 @@
-/* Internals of the CUDA device. The files of this folder are compiled by nvcc, and by the host
- * compiler for the emulation. All work goes into one stream, in order; the first error is kept
- * until the next wait() or download() returns it. */
+/* Internals of the CUDA device. The files of this folder are compiled by nvcc, and for the
+ * emulation by the host compiler. All work is queued in one stream and runs in order. The first
+ * error is kept until the next wait() or download() returns it. */
 #pragma once
 
 #include <string.h>
@@ -9,7 +9,7 @@
 #include "device/device.h"
 #include "math/portable.h"
 
-/* Scratch buffers of the verbs, grown on demand and kept. */
+/* Scratch buffers of the verbs. A buffer is enlarged on demand and kept for later calls. */
 enum cuda_scratch_of {
     CUDA_SCRATCH_SORT, /* for gpu_sort() and gpu_scan() */
     CUDA_SCRATCH_ROWS,
@@ -25,7 +25,7 @@ enum cuda_scratch_of {
 enum { CUDA_MARKS = 64 };
 struct cuda_clock {
     void *mark[CUDA_MARKS][2];
-    int n; /* pairs of marks whose time is not yet added to `seconds` */
+    int n; /* number of pairs of marks whose time is not yet added to `seconds` */
     double seconds;
 };
 
@@ -35,26 +35,28 @@ struct cuda {
         void *block;
         size_t bytes;
     } scratch[CUDA_SCRATCHES];
-    bool sync;   /* SPIN_CUDA_SYNC=1: wait after every verb, so that an error names its verb */
-    bool tensor; /* compute heads on tensor cores */
+    bool sync;   /* SPIN_CUDA_SYNC=1: every verb is waited for, so that an error names its verb */
+    bool tensor; /* true: heads are computed on tensor cores */
     spin_status failed; /* error that the next wait() returns and clears */
     char why[256];
     struct cuda_clock clock[SPIN_N_OPS];
-    uint64_t view_pairs[SPIN_MAX_VIEWS]; /* pairs of each view, from tile_count to tile_fill */
-    void *link;                          /* nccl.cu: the link to the GPUs of other ranks */
+    /* number of pairs of each view, kept from tile_count() to tile_fill() */
+    uint64_t view_pairs[SPIN_MAX_VIEWS];
+    /* the link to the GPUs of other ranks, used by nccl.cu; NULL: none */
+    void *link;
 };
 
 static inline struct cuda *cuda_of(struct spin_device *d) { return (struct cuda *)d->state; }
 static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gpu; }
 
-/* cuda.cu: returns a scratch buffer with undefined contents; NULL if out of memory: the calling
- * verb then leaves its results unchanged, and the next wait() returns the error. */
+/* Returns a scratch buffer with undefined contents (cuda.cu). Returns NULL if out of memory; the
+ * calling verb then leaves its results unchanged, and the next wait() returns the error. */
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
-/* cuda.cu: set the error message and return the status, as spin_fail() does: for the host being out
- * of memory, and for any other failure. */
+/* These set the error message and return the status, like spin_fail() (cuda.cu). cuda_no_memory()
+ * is for a host that is out of memory, cuda_fail() for any other failure. */
 spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
-/* nccl.cu: closes the link, if there is one. */
+/* Closes the link to other GPUs, if there is one (nccl.cu). */
 void cuda_unlink(struct spin_device *d);
 /* An object of this type measures the time of a verb, and checks for launch errors when its scope
  * ends. */
@@ -64,14 +66,14 @@ struct cuda_clocked {
     cuda_clocked(struct spin_device *device, int number);
     ~cuda_clocked();
 };
-/* Scan and sort of gpu.h with a scratch buffer of their own. They return false if out of memory;
- * the next wait() then returns the error. */
+/* gpu_scan() and gpu_sort() of gpu.h with a scratch buffer for their temporary memory. They return
+ * false if out of memory; the next wait() then returns the error. */
 bool cuda_scan(struct spin_device *d, const uint64_t *in, uint64_t *out, size_t n);
 bool cuda_sort(struct spin_device *d, const uint32_t *key, uint32_t *key_out, const uint32_t *value,
                uint32_t *value_out, size_t n, int bits);
 
-/* cuda.cu: checks that the pairs of a view are within the limits; before: pairs of the views before
- * this one. */
+/* Checks that the number of pairs of a view is within the limits (cuda.cu). `before` is the number
+ * of pairs of all views before this one. */
 spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before);
 
 static inline size_t cuda_round_up(size_t bytes) { return (bytes + 255) / 256 * 256; }
@@ -80,9 +82,9 @@ static inline size_t cuda_picture(const struct spin_view_batch *views, int k)
     return (size_t)k * 3 * views->max_pixels;
 }
 
-/* The active rows of one frame, whose rows in the batch are [first, first + n). The number of
- * active rows is only available on the device, so a kernel has one thread per entry of the list's
- * capacity. */
+/* The active rows of one frame, whose rows in the batch are [first, first + n). The host does not
+ * know the number of active rows, so kernels are launched with one thread for each entry that the
+ * list can hold. */
 struct cuda_rows {
     const uint32_t *row, *count;
     size_t first, n;
@@ -92,7 +94,8 @@ static inline struct cuda_rows cuda_rows_of(const struct spin_active *active, si
 {
     return cuda_rows{active->row, active->n, first, n};
 }
-/* Returns false if there is no active row i, or if row i belongs to another frame. */
+/* Sets *row_of_frame to active row i, counted from the frame's first row. Returns false if there is
+ * no active row i, or if it belongs to another frame. */
 static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, size_t *row_of_frame)
 {
     if (i >= *rows.count)
@@ -101,8 +104,9 @@ static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, s
     return *row_of_frame < rows.n;
 }
 
-/* Adds the values of a block's threads in a fixed order. All threads must call it; sum [threads] is
- * shared memory; thread 0 receives the sum. The number of threads is a power of two. */
+/* Adds the values of a block's threads in a fixed order, and returns the sum in thread 0. All
+ * threads must call the function. sum [threads] is shared memory. The number of threads is a power
+ * of two. */
 static inline __device__ double cuda_block_sum(double *sum, double value)
 {
     unsigned me = threadIdx.x;

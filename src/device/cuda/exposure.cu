@@ -1,11 +1,12 @@
 /* Applies the gain and offset of a camera and the falloff of its lens to an image, and propagates
- * gradients back. Sums are in double and add the blocks in order. */
+ * gradients back. The gradients of the parameters are sums over the pixels, which are added in
+ * double, first within each block and then over the blocks in order. */
 #include "device/cuda/cuda.h"
 #include "math/exposure.h"
 
 enum { SUMS = 4 };
 
-/* Parameters of a view for the kernels. */
+/* The parameters of a view that the kernels need. */
 struct look {
     int width;
     size_t plane;
@@ -54,7 +55,8 @@ void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
     }
 }
 
-/* Computes d_image, and sums [3][blocks][SUMS]; blockIdx.y is the channel. */
+/* Computes d_image, and the sums of each block, sums [3][blocks][SUMS]. blockIdx.y is the channel.
+ */
 static __global__ void back_kernel(struct look l, const float *image, float *d_image, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -78,7 +80,7 @@ static __global__ void back_kernel(struct look l, const float *image, float *d_i
             sums[(c * gridDim.x + blockIdx.x) * SUMS + k] = of_block[k];
 }
 
-/* A single block: adds the sums of all blocks to the gradients of camera and lens. */
+/* Runs as a single block, which adds the sums of all blocks to the gradients of camera and lens. */
 static __global__ void add_blocks_kernel(unsigned blocks, const double *sums, float *d_exposure,
                                          float *d_lens)
 {
@@ -119,7 +121,7 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
     }
 }
 
-/* Subtracts the mean of each column; one thread per column. */
+/* Subtracts from each value the mean of its column, with one thread per column. */
 static __global__ void centre_kernel(size_t n, float *exposure)
 {
     size_t k = threadIdx.x;

@@ -1,5 +1,5 @@
-/* Implements gpu.h with the CUDA runtime and CUB. The emulation replaces only this file of the
- * folder. */
+/* Implements gpu.h with the CUDA runtime and CUB. This is the only file of the folder that the
+ * emulation replaces. */
 #include "device/cuda/gpu.h"
 
 #include <cstdio>
@@ -12,8 +12,9 @@ static const char *text_of(cudaError_t error)
     return error == cudaSuccess ? NULL : cudaGetErrorString(error);
 }
 
-/* Returns the stream, after making its GPU the current one, which CUDA stores per thread. Kernel
- * launches rely on an earlier call, at least that of gpu_mark() at the start of their verb. */
+/* Makes the GPU the current one of this thread, and returns its stream. Kernel launches need a
+ * current GPU; they rely on an earlier call of this function, such as that by gpu_mark() at the
+ * start of their verb. */
 static cudaStream_t stream_of(struct gpu *gpu)
 {
     cudaSetDevice(gpu->number);
@@ -30,14 +31,16 @@ int gpu_count(char *why, size_t n_why)
     snprintf(why, n_why, "%s",
              cudaGetErrorString(error == cudaSuccess ? cudaErrorNoDevice : error));
     cudaGetLastError();
-    /* The error is the same without any driver, but the version is 0 then. */
+    /* CUDA returns this error for an old driver and also if there is no driver, but in the second
+     * case the version is 0. */
     return error == cudaErrorInsufficientDriver && cudaDriverGetVersion(&driver) == cudaSuccess &&
                    driver > 0
                ? -1
                : 0;
 }
 
-/* The default memory pool of a GPU, configured to keep freed memory; NULL if there is none. */
+/* Returns the default memory pool of a GPU, configured to keep freed memory; NULL if the GPU has
+ * none. */
 static void *pool_of(int number)
 {
     int has = 0;
@@ -52,8 +55,8 @@ static void *pool_of(int number)
     return NULL;
 }
 
-/* Serves to test whether this build has code for the GPU. One kernel is enough, since all files of
- * this folder are compiled for the same architectures. */
+/* A kernel with which gpu_open() tests whether this build has code for the GPU. One kernel is
+ * enough, since all files of this folder are compiled for the same architectures. */
 static __global__ void probe_kernel() {}
 
 bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
@@ -97,8 +100,8 @@ void gpu_close(struct gpu *gpu)
     gpu->stream = NULL;
 }
 
-/* Allocates in stream order. Freed memory stays in the pool, so that allocating it again is cheap.
- * A GPU that shares its memory with another system has no pool. */
+/* Allocates memory from the pool in stream order. Freed memory stays in the pool, so that the next
+ * allocation is cheap. A GPU that shares its memory with another system has no pool. */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     void *block = NULL;
@@ -107,14 +110,15 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
     cudaError_t error =
         gpu->pool ? cudaMallocAsync(&block, room, stream) : cudaMalloc(&block, room);
 
-    if (error == cudaErrorMemoryAllocation && gpu->pool) { /* the pool may be fragmented */
+    /* the pool may be fragmented: it is emptied and the allocation repeated */
+    if (error == cudaErrorMemoryAllocation && gpu->pool) {
         cudaStreamSynchronize(stream);
         cudaMemPoolTrimTo((cudaMemPool_t)gpu->pool, 0);
         error = cudaMallocAsync(&block, room, stream);
     }
     *why = error == cudaErrorMemoryAllocation ? NULL : text_of(error);
     if (error == cudaErrorMemoryAllocation)
-        cudaGetLastError(); /* clear the error, which the result NULL reports */
+        cudaGetLastError(); /* clears the error, since the result NULL reports it */
     return error == cudaSuccess ? block : NULL;
 }
 
@@ -155,8 +159,8 @@ void *gpu_host_alloc(struct gpu *gpu, size_t bytes)
     stream_of(gpu);
     if (cudaHostAlloc(&block, bytes, cudaHostAllocDefault) == cudaSuccess)
         return block;
-    /* Clear the error, which the result NULL reports; if the GPU is lost, later calls fail again.
-     */
+    /* Clears the error, since the result NULL reports it. If the GPU is lost, later calls fail
+     * again. */
     cudaGetLastError();
     return NULL;
 }
@@ -172,8 +176,8 @@ void gpu_zero(struct gpu *gpu, void *at, size_t bytes)
     cudaMemsetAsync(at, 0, bytes, stream_of(gpu));
 }
 
-/* Returns after the bytes were copied if they are in pageable memory, immediately if they are in
- * page-locked memory. */
+/* If the bytes are in pageable memory, returns after they were copied; if they are in page-locked
+ * memory, returns immediately. */
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes)
 {
     cudaMemcpyAsync(to, host, bytes, cudaMemcpyHostToDevice, stream_of(gpu));

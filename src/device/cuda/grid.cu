@@ -1,10 +1,10 @@
-/* The 4-D hash grid, forward and backward: one thread per point and level. The blocks of a level
- * are consecutive, so that the level stays in cache. Compiled without fused multiply-add, as on the
- * CPU.
+/* The 4-D hash grid, forward and backward, with one thread per point and level. The blocks of a
+ * level are consecutive, so that the level stays in cache. Compiled without fused multiply-add, as
+ * for the CPU.
  *
- * Atomics add the gradients to the rows of the table. They add floats, so that the results of two
- * runs differ by rounding; on a deterministic device they add integers, whose sum does not depend
- * on the order. */
+ * The gradients are added to the rows of the table with atomics. Normally these add floats, so that
+ * the results of two runs differ by rounding. On a deterministic device they add integers, whose
+ * sum does not depend on the order. */
 #include "device/cuda/cell.h"
 #include "device/cuda/cuda.h"
 
@@ -17,7 +17,7 @@ static __device__ float corner_weight(const struct cuda_cell &cell, int k)
     return (w[0] * w[1]) * (w[2] * w[3]);
 }
 
-/* load_row() and store_row() move WIDTH consecutive values, up to 16 bytes at a time. Rows are
+/* load_row() and store_row() copy WIDTH consecutive values, up to 16 bytes at a time. Rows are
  * aligned to their size. */
 template <int WIDTH> static __device__ void load_row(const float *from, float *to)
 {
@@ -95,10 +95,11 @@ void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float 
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
-/* Interpolates along one axis: a + w (b - a). */
+/* Interpolates from a to b along one axis, with weight w: a + w (b - a). */
 static __device__ float mix(float a, float b, float w) { return a + w * (b - a); }
 
-/* d_x [3] = the sums over corners of (upper minus lower) along x, y and z. */
+/* Computes d_x [3]: for each of the axes x, y and z, the values at the upper corners minus those at
+ * the lower ones, interpolated along the other axes. */
 static __device__ void slopes_of(const struct cuda_cell &cell, const float v[CUDA_CORNERS],
                                  float d_x[3])
 {
@@ -119,15 +120,16 @@ static __device__ void slopes_of(const struct cuda_cell &cell, const float v[CUD
     d_x[2] = mix(mix(dz[0], dz[1], cell.w[0]), mix(dz[2], dz[3], cell.w[0]), cell.w[1]);
 }
 
-/* Fixed-point sums: sum [rows][features] is the table's gradient times factor[level], a power of
- * two. The weights of a point add up to 1, so no sum exceeds the sum of all |d_z| of its level,
- * which factor scales to below 2^61. */
+/* Fixed-point sums: sum [rows][features] is the gradient of the table times factor[level], which is
+ * a power of two. The weights of a point add up to 1, so no sum exceeds the sum of all |d_z| of its
+ * level. The factor scales this upper limit to below 2^61. */
 struct fixed {
-    unsigned long long *sum; /* NULL: float sums */
+    unsigned long long *sum; /* NULL: gradients are added as floats */
     double *factor;          /* [levels] */
 };
 
-/* Adds WIDTH consecutive values, 16 bytes at a time on GPUs that have atomics of this size. */
+/* Adds WIDTH consecutive values with atomics, 16 bytes at a time on GPUs that have atomics of this
+ * size. */
 template <int WIDTH> static __device__ void add_floats(float *to, const float *value)
 {
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900)
@@ -153,19 +155,21 @@ static __device__ void add_to_row(const struct fixed &fixed, int level, float *d
         if (isfinite(value[f]))
             atomicAdd(&fixed.sum[at + (size_t)f],
                       (unsigned long long)llrint((double)value[f] * fixed.factor[level]));
-        else /* a sum with a nonfinite term is nonfinite in any order */
+        else /* such a value is NaN or infinite, which makes the sum nonfinite in any order */
             atomicAdd(&d_table[at + (size_t)f], value[f]);
 }
 
 /* Lanes of a warp whose points are in the same cell add up their values in a fixed order, and the
- * first of them adds the sum to the table. This saves atomics: consecutive points are close to each
- * other, and coarse cells contain many. */
+ * first of these lanes adds the sum to the table. This saves atomics, since consecutive points are
+ * close to each other and a coarse cell contains many of them. */
 enum { MOST_STEPS = 5 };
 struct peers {
-    unsigned mask;        /* lanes with a point */
-    bool leads;           /* this lane is the first of its cell */
-    int steps;            /* number of steps that the cell with the most points needs */
-    int from[MOST_STEPS]; /* lane whose value is added in each step; this lane itself: none */
+    unsigned mask; /* lanes with a point */
+    bool leads;    /* whether this lane is the first of its cell */
+    /* number of steps that the cell with the most points in this warp needs */
+    int steps;
+    /* lane whose value is added in each step; if it is this lane itself, none is added */
+    int from[MOST_STEPS];
 };
 
 static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell &cell)
@@ -180,8 +184,8 @@ static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell 
     above = same & ~(((1u << lane) - 1) | 1u << lane);
     peers.leads = rank == 0;
     peers.steps = 0;
-    /* Step s adds lanes of the cell that are 2^s ranks apart; `above` are the lanes above this one
-     * whose sums have not been added to another lane yet. */
+    /* Step s adds the values of lanes of a cell that are 2^s ranks apart. `above` is the set of
+     * lanes above this one whose sums have not been added to another lane yet. */
     for (int s = 0; s < MOST_STEPS; s++) {
         peers.from[s] = above ? __ffs((int)above) - 1 : (int)lane;
         peers.steps += __any_sync(mask, above != 0) != 0;
@@ -191,7 +195,7 @@ static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell 
     return peers;
 }
 
-/* Computes the sum of each cell, in its first lane. */
+/* Computes the sum of the values of each cell. The first lane of the cell receives the sum. */
 template <int WIDTH> static __device__ void sum_of_cell(const struct peers &peers, float *value)
 {
     int lane = (int)(threadIdx.x % 32);
@@ -205,7 +209,8 @@ template <int WIDTH> static __device__ void sum_of_cell(const struct peers &peer
             }
 }
 
-/* d_x [levels][most][3] = position gradients per level; or NULL. */
+/* Computes the gradients of the table and, unless d_x is NULL, those of the positions for each
+ * level, d_x [levels][most][3]. */
 template <int WIDTH>
 static __global__ void
 grid_back_kernel(struct spin_grid grid, const float *table, struct cuda_rows rows, size_t most,
@@ -234,7 +239,8 @@ grid_back_kernel(struct spin_grid grid, const float *table, struct cuda_rows row
                 add_to_row<WIDTH>(fixed, level, d_table, cuda_corner_row(cell, k) * WIDTH, value);
         }
         if (d_x) {
-            /* row: features of a corner; v: their dot products with the gradient */
+            /* `row` holds the features of one corner, and `v` the dot product of each corner's
+             * features with the gradient. */
             float v[CUDA_CORNERS], row[WIDTH];
 
             for (int k = 0; k < CUDA_CORNERS; k++) {
@@ -269,7 +275,8 @@ static __global__ void sum_levels_kernel(int n_levels, struct cuda_rows rows, si
     d_x_u[4 * i + 3] = 0; /* the gradient with respect to time is not used */
 }
 
-/* partial [levels][blocks] = sums of |d_z| over the rows of a block, without nonfinite values. */
+/* Computes partial [levels][blocks], the sum of |d_z| over the rows of each block, without
+ * nonfinite values. */
 static __global__ void size_kernel(int n_levels, int width, struct cuda_rows rows, const float *d_z,
                                    double *partial)
 {
@@ -287,7 +294,7 @@ static __global__ void size_kernel(int n_levels, int width, struct cuda_rows row
         partial[(size_t)blockIdx.y * gridDim.x + blockIdx.x] = own;
 }
 
-/* Computes the factor of each level; one block per level. */
+/* Computes the factor of each level, with one block per level. */
 static __global__ void factor_kernel(unsigned n_blocks, const double *partial, double *factor)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -303,7 +310,8 @@ static __global__ void factor_kernel(unsigned n_blocks, const double *partial, d
     factor[blockIdx.x] = own > 0 ? ldexp(1.0, 61 - exponent) : 1;
 }
 
-/* Converts the fixed-point sums and adds them to d_table. The blocks of a level are consecutive. */
+/* Converts the fixed-point sums to floats and adds them to d_table. The blocks of a level are
+ * consecutive. */
 static __global__ void add_fixed_kernel(struct spin_grid grid, struct fixed fixed, float *d_table)
 {
     size_t width = (size_t)grid.n_features, i = GPU_INDEX();

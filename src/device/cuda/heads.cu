@@ -1,17 +1,17 @@
-/* Heads at most 64 wide, forward and backward, in fp32: one block computes all layers of 32 splats,
- * with activations in shared memory and gradients of the weights in registers. heads_tensor.cu does
- * the same on tensor cores; mlp.cu computes wider heads.
+/* Computes heads that are at most 64 wide, forward and backward, in fp32. A block computes all
+ * layers for 32 splats at a time, with activations in shared memory and gradients of the weights in
+ * registers. heads_tensor.cu does the same on tensor cores; mlp.cu computes wider heads.
  *
- * Forward, a block handles one head and 32 splats. Backward, each launch handles one head, with
- * enough blocks to fill a large GPU. A block iterates over groups of 32 splats, with the number of
- * blocks as stride, and stores a partial gradient of the weights. Another kernel adds the partial
- * gradients in order. */
+ * In the forward pass, a block computes one head for 32 splats. In the backward pass, each launch
+ * is for one head and has at most MOST_BLOCKS blocks, enough to fill a large GPU. A block processes
+ * every n-th group of 32 splats, where n is the number of blocks, and stores a partial gradient of
+ * the weights. Another kernel adds the partial gradients in order. */
 #include "device/cuda/heads.h"
 
 #include "math/mlp.h"
 
 enum { ROWS = 32, WIDE = CUDA_HEADS_WIDE, STEP = 16, THREADS = 256, MOST_BLOCKS = 264 };
-/* Elements of a thread: of activations, and of a weight matrix. */
+/* Number of elements that each thread computes: of the activations, and of a weight matrix. */
 enum { OWN = ROWS * WIDE / THREADS, OWN_WEIGHTS = WIDE * WIDE / THREADS };
 
 /* Matrix products. Activations are [ROWS][WIDE] in shared memory, indexed by cell(row, column);
@@ -61,8 +61,8 @@ static __device__ void outer(int n, const float *d, const float *x, float *sum)
     }
 }
 
-/* sum = x W^T with W [n_out][n_in]; if `back` is set, sum = x W. All threads must call it; after it
- * x and stage may be overwritten. */
+/* Computes sum = x W^T with W [n_out][n_in]; if `back` is true, sum = x W. All threads must call
+ * the function. After the call, x and `stage` may be overwritten. */
 static __device__ void multiply(const float *x, const float *w, int n_in, int n_out, bool back,
                                 float *stage, float *sum)
 {
@@ -83,8 +83,8 @@ static __device__ void multiply(const float *x, const float *w, int n_in, int n_
     }
 }
 
-/* to = activation(sum + bias), and 0 in the columns beyond `hidden`; slope = the derivative of the
- * activation, unless NULL. */
+/* Sets `to` to activation(sum + bias), and to 0 in the columns beyond `hidden`. Unless `slope` is
+ * NULL, sets it to the derivative of the activation function. */
 static __device__ void activate(const float *sum, const float *bias, int hidden, bool relu,
                                 float *to, float *slope)
 {
@@ -109,8 +109,8 @@ static __device__ void activate(const float *sum, const float *bias, int hidden,
     }
 }
 
-/* to [ROWS][WIDE] = the first n columns of m rows of `from`, selected by `number` (NULL:
- * consecutive rows); zero elsewhere. */
+/* Copies the first n columns of m rows of `from` to `to` [ROWS][WIDE], and sets the rest of `to` to
+ * zero. `number` lists the rows to copy; if it is NULL, they are consecutive. */
 static __device__ void load_rows(float *to, const float *from, size_t ld, const uint32_t *number,
                                  int m, int n)
 {
@@ -182,10 +182,10 @@ struct back {
     const float *param;
     struct cuda_rows rows;
     const float *z, *d_raw;
-    float *d_z, *partial; /* partial [blocks][size of the head] */
+    float *d_z, *partial; /* `partial`: [blocks][number of parameters of the head] */
 };
 
-/* Sum of column threadIdx.x % WIDE over a quarter of the rows. */
+/* Returns the sum of column threadIdx.x % WIDE over this thread's quarter of the rows. */
 static __device__ float sum_of_rows(const float *d)
 {
     int column = (int)threadIdx.x % WIDE, first = (int)threadIdx.x / WIDE * (ROWS / 4);
@@ -196,8 +196,9 @@ static __device__ float sum_of_rows(const float *d)
     return sum;
 }
 
-/* Stores the partial gradients of a block: to [n][n_in] for weights, bias [n] for a bias, whose
- * four partial sums are exchanged by way of `stage`. */
+/* Stores the partial gradients of a block: those of the weights in `to` [n][n_in], those of the
+ * bias in `bias` [n]. The four threads that have summed a quarter of the rows each exchange their
+ * sums for the bias in `stage`. */
 static __device__ void store_gradients(const float *sum, float sum_of_bias, int n, int n_in,
                                        float *stage, float *to, float *bias)
 {
@@ -217,7 +218,8 @@ static __device__ void store_gradients(const float *sum, float sum_of_bias, int 
         bias[me] = (stage[me] + stage[me + WIDE]) + (stage[me + 2 * WIDE] + stage[me + 3 * WIDE]);
 }
 
-/* to = sum times `slope`, the derivatives of the activation below. */
+/* Sets `to` to `sum` times `slope`, the derivatives of the activation function of the layer below.
+ */
 static __device__ void through_activation(const float *sum, const float *slope, float *to)
 {
     for (int e = 0; e < OWN; e++) {
@@ -229,8 +231,8 @@ static __device__ void through_activation(const float *sum, const float *slope, 
     __syncthreads();
 }
 
-/* z, a1, a2 and g [ROWS][WIDE] are in shared memory; g contains the gradient of one layer after the
- * other. */
+/* Runs the backward pass of one head for all groups of splats of this block. z, a1, a2 and g
+ * [ROWS][WIDE] are in shared memory; g contains the gradient of one layer after the other. */
 static __device__ void backward(const struct back &b, float *z, float *a1, float *a2, float *g,
                                 float *stage)
 {
@@ -287,7 +289,7 @@ static __global__ void __launch_bounds__(THREADS, 2) heads_back_kernel(struct ba
     backward(b, z, a1, a2, g, stage);
 }
 
-/* d_param += the sums over all blocks of `partial`, in which the partial sums of a head start at
+/* Adds the partial gradients of all blocks to d_param. In `partial`, those of a head start at
  * n_blocks times the offset of the head. */
 static __global__ void add_blocks_kernel(struct spin_heads heads, unsigned n_blocks,
                                          const float *partial, float *d_param)

@@ -1,5 +1,5 @@
-/* Heads that a single kernel computes, for mlp.cu: those whose encoding and hidden layers are at
- * most CUDA_HEADS_WIDE wide. */
+/* Functions for mlp.cu that compute all layers of a head in a single kernel. They require that the
+ * encoding and the hidden layers are at most CUDA_HEADS_WIDE wide. */
 #pragma once
 
 #include "device/cuda/cuda.h"
@@ -11,9 +11,9 @@ void cuda_heads_back(struct spin_device *d, const struct spin_heads *heads, cons
                      const struct spin_active *active, const float *z, const float *d_raw,
                      float *d_param, float *d_z);
 
-/* heads_tensor.cu: the same on tensor cores. The backward pass stores partial sums of the
- * parameters' gradients for each of `blocks` blocks. The partial sums of a head, [blocks][size of
- * the head], start at `blocks` times the offset of the head. */
+/* The same functions on tensor cores (heads_tensor.cu). The backward pass stores partial sums of
+ * the gradients of the parameters, one for each of `blocks` blocks. The partial sums of a head,
+ * [blocks][number of parameters of the head], start at `blocks` times the offset of the head. */
 bool cuda_heads_fit_tensor(struct spin_device *d);
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n_splats);
 void cuda_heads_tensor(struct spin_device *d, const struct spin_heads *heads, const float *param,
@@ -22,7 +22,7 @@ void cuda_heads_back_tensor(struct spin_device *d, const struct spin_heads *head
                             const float *param, const struct cuda_rows &rows, unsigned blocks,
                             const float *z, const float *d_raw, float *d_z, float *partial);
 
-/* First column of a head's outputs in a splat's raw attributes. */
+/* Returns the first column of a head's outputs in the raw attributes of a splat. */
 static inline __device__ int cuda_heads_column(int head)
 {
     const int first[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, SPIN_ATTR_SH,

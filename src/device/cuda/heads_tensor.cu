@@ -1,12 +1,13 @@
-/* Heads at most 64 wide, on tensor cores. A block keeps the weights of one head in shared memory,
- * each split into two tf32 numbers, and processes all of its splats before the next head. Each warp
- * has its own rows (splats), whose activations are in a part of shared memory of its own, so it
- * advances from layer to layer without synchronising the block. Backward, the activations and
- * gradients of 128 splats are in shared memory to compute the gradients of the weights; each warp
- * keeps a part of these gradients in registers.
+/* Computes heads that are at most 64 wide on tensor cores. A block keeps the weights of one head in
+ * shared memory, each split into two tf32 numbers, and processes all splats of the block before the
+ * next head. Each warp has its own rows (splats), whose activations are in the warp's own part of
+ * shared memory, so the warp advances from layer to layer without synchronising the block. In the
+ * backward pass, shared memory holds the activations and gradients of 128 splats, from which the
+ * gradients of the weights are computed; each warp keeps a part of these gradients in registers.
  *
- * Since the terms of a sum may be added in any order, columns t and t + 4 of A in mma.h, and these
- * rows of B, are stored here as columns 2 t and 2 t + 1, so that a lane reads pairs. */
+ * The terms of a sum may be added in any order. Columns t and t + 4 of the matrix A of mma.h, and
+ * the same rows of B, are therefore stored here as columns 2 t and 2 t + 1, so that a lane reads
+ * pairs. */
 #include "device/cuda/heads.h"
 
 #include "device/cuda/mma.h"
@@ -14,20 +15,20 @@
 
 enum {
     WIDE = CUDA_HEADS_WIDE,
-    MOST_OUT = 48, /* most outputs of a head */
-    DEEP = 8,      /* depth of a product of mma.h, and number of its columns */
+    MOST_OUT = 48, /* largest number of outputs of a head */
+    DEEP = 8,      /* length of the sums of a product of mma.h, and number of its columns */
     TILES = WIDE / DEEP,
-    LONG = WIDE + 8, /* row stride of activations; avoids bank conflicts */
+    LONG = WIDE + 8, /* row stride of activations, which avoids bank conflicts */
     WARP = 32,
-    WARPS = 12, /* forward: most warps of a block */
-    ROWS = 32,  /* forward: rows of a warp at a time */
+    WARPS = 12, /* forward: largest number of warps in a block */
+    ROWS = 32,  /* forward: number of rows that a warp processes at a time */
     BACK_WARPS = 8,
     BACK_ROWS = 16,
     BACK_TILE = BACK_WARPS * BACK_ROWS
 };
 
-/* Weights of one head in shared memory, padded with zeros. Each of w1 to w3 contains the high parts
- * of the weights, then the low parts, in the order of place(). */
+/* The weights of one head in shared memory, padded with zeros. Each of w1 to w3 contains first the
+ * high parts of the weights, then the low parts, both in the order of place(). */
 struct weights {
     float w1[2 * WIDE * WIDE], w2[2 * WIDE * WIDE], w3[2 * MOST_OUT * WIDE], b1[WIDE], b2[WIDE],
         b3[MOST_OUT];
@@ -41,7 +42,8 @@ struct back_room {
     float x[BACK_TILE * LONG], g[BACK_TILE * LONG];
 };
 
-/* Number of warps in a block, limited by shared memory: 8 on sm_80. */
+/* Returns the number of warps in a block, which the size of shared memory limits: it is 8 on sm_80.
+ */
 static int warps_of(const struct gpu *gpu)
 {
     long warps = ((long)gpu->shared - (long)sizeof(struct weights)) /
@@ -64,7 +66,8 @@ static __device__ int t() { return (int)threadIdx.x % 4; }
 static __device__ int warp() { return (int)threadIdx.x / WARP; }
 static __device__ int tiles(int n) { return (n + DEEP - 1) / DEEP; }
 
-/* Index of W(o, i): lanes that read (g, 2 t) and (g, 2 t + 1), or (2 t, g), use different banks. */
+/* Returns the index of weight W(o, i) in shared memory, chosen so that lanes that read the weights
+ * (g, 2 t) and (g, 2 t + 1), or (2 t, g), use different banks. */
 static __device__ int place(int o, int i) { return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4)); }
 
 template <int ROOM>
@@ -86,8 +89,8 @@ static __device__ void stage_bias(const float *bias, int n_out, int room, float 
         to[i] = i < n_out ? bias[i] : 0;
 }
 
-/* Copies the weights of a head to shared memory. All threads must call it; on return all of them
- * can read the weights. */
+/* Copies the weights of a head to shared memory. All threads must call the function; when it
+ * returns, each of them can read all weights. */
 static __device__ void stage_head(const struct spin_heads &heads, const float *param, int head,
                                   struct weights *w)
 {
@@ -105,7 +108,8 @@ static __device__ void stage_head(const struct spin_heads &heads, const float *p
     __syncthreads();
 }
 
-/* Loads A(16 rows, columns [8 step, 8 step + 8)) of a warp's rows from shared memory. */
+/* Loads the factor A of a product from shared memory: 16 of the warp's rows, columns [8 step, 8
+ * step + 8). */
 static __device__ void load_rows(const float *x, int step, cuda_split<4> *to)
 {
     CUDA_UNROLL
@@ -117,9 +121,9 @@ static __device__ void load_rows(const float *x, int step, cuda_split<4> *to)
     }
 }
 
-/* Loads weights (k, n) and (k + 1, n), k = 8 step + 2 t, n = 8 tile + g, of W^T or, if BACK, of W
- * with ROOM rows. place() is written out here, so that only the parts that depend on the step are
- * recomputed. */
+/* Loads the weights (k, n) and (k + 1, n) of W^T or, if BACK is true, of W with ROOM rows, where k
+ * = 8 step + 2 t and n = 8 tile + g. The code of place() is repeated here, so that only the parts
+ * that depend on the step are recomputed. */
 template <int N, bool BACK, int ROOM>
 static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> *to)
 {
@@ -145,8 +149,8 @@ static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> 
     }
 }
 
-/* sum [16 M][8 N] = x W^T or, if BACK, x W, over 8 * steps columns of x. A lane's sums of 16 rows
- * have the layout of C in mma.h. */
+/* Computes sum [16 M][8 N] = x W^T or, if BACK is true, x W, over 8 * steps columns of x. The sums
+ * that a lane holds of 16 rows have the layout of C in mma.h. */
 template <int M, int N, bool BACK, int ROOM>
 static __device__ void product(const float *x, int steps, const float *w, float (*sum)[4 * N])
 {
@@ -169,7 +173,7 @@ static __device__ void product(const float *x, int steps, const float *w, float 
     }
 }
 
-/* Stores the sums of the lanes in the warp's rows of shared memory, in the layout that load_rows()
+/* Stores the sums of all lanes in the warp's part of shared memory, in the layout that load_rows()
  * reads. */
 template <int N> static __device__ void store_sums(const float *sum, float *x)
 {
@@ -184,15 +188,16 @@ template <int N> static __device__ void store_sums(const float *sum, float *x)
     }
 }
 
-/* Sets R rows x COLUMNS columns of the warp's part of shared memory: the first n columns of m rows
- * of `from`, selected by `number` (NULL: consecutive rows), and zero elsewhere. */
+/* Sets R rows of COLUMNS columns in the warp's part of shared memory: copies the first n columns of
+ * m rows of `from`, and sets all other values to zero. `number` lists the rows to copy; if it is
+ * NULL, they are consecutive. */
 template <int R, int COLUMNS>
 static __device__ void load_input(float *x, const float *from, size_t ld, const uint32_t *number,
                                   int m, int n)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % COLUMNS;
 
-    if (COLUMNS == WIDE && n % 4 == 0) { /* n floats per row, aligned to 16 bytes */
+    if (COLUMNS == WIDE && n % 4 == 0) { /* rows of n floats are aligned to 16 bytes */
         from += column;
         CUDA_UNROLL
         for (int i = 0; i < R; i += 4 * WARP / COLUMNS) {
@@ -217,7 +222,8 @@ static __device__ void load_input(float *x, const float *from, size_t ld, const 
 /* ---- Forward --------------------------------------------------------------------------------- */
 
 #if CUDA_HAS_MMA
-/* sum = activation(sum + bias); slope = the derivative of the activation, unless NULL. */
+/* Sets `sum` to activation(sum + bias). Unless `slope` is NULL, sets it to the derivative of the
+ * activation function. */
 static __device__ void activate(const float *bias, bool relu, float *sum, float *slope)
 {
     CUDA_UNROLL
@@ -322,8 +328,9 @@ struct back {
 };
 
 #if CUDA_HAS_MMA
-/* sum [16 M][8 N] += d^T x, summed over the rows of the block, for the columns of d from i0 on and
- * those of x from j0 on; bias += this lane's share of the column sums of d. */
+/* Adds d^T x, which is a sum over the rows of the block, to sum [16 M][8 N], for the columns of d
+ * from i0 on and those of x from j0 on. Adds this lane's share of the column sums of d to `bias`.
+ */
 template <int M, int N>
 static __device__ void add_outer_product(const float *d, const float *x, int i0, int j0, float *sum,
                                          float *bias)
@@ -351,7 +358,8 @@ static __device__ void add_outer_product(const float *d, const float *x, int i0,
     }
 }
 
-/* Stores the partial gradients of a block: to [n][n_in] for weights, to_bias [n] for a bias. */
+/* Stores the partial gradients of a block: those of the weights in `to` [n][n_in], those of the
+ * bias in to_bias [n]. */
 template <int M, int N>
 static __device__ void store_gradients(const float *sum, const float *bias, int i0, int j0, int n,
                                        int n_in, float *to, float *to_bias)
@@ -376,7 +384,7 @@ static __device__ void store_gradients(const float *sum, const float *bias, int 
     }
 }
 
-/* to = m rows of the warp, n columns each; if `add` is set, to += instead. */
+/* Copies n columns of m rows of the warp to `to`; if `add` is true, adds them to `to` instead. */
 static __device__ void store_rows(const float *x, int m, int n, bool add, float *to)
 {
     int lane = (int)threadIdx.x % WARP, column = lane * 4 % WIDE;
@@ -403,12 +411,12 @@ static __device__ void store_rows(const float *x, int m, int n, bool add, float 
     }
 }
 
-/* The gradients of weights and biases that a lane keeps in registers. */
+/* The parts of the gradients of weights and biases that a lane keeps in registers. */
 struct back_sums {
     float w1[16], w2[16], w3[12], b1[2], b2[2], b3[6];
 };
-/* Backward pass of one head for 128 splats. `mine` and x are the warp's rows of g and x; the
- * gradients of weights and biases are added to s. */
+/* Runs the backward pass of one head for 128 splats, and adds the gradients of weights and biases
+ * to *s. The variables `mine` and x are the warp's rows of room->g and room->x. */
 static __device__ void back_tile(const struct back &b, int head, size_t first, size_t count,
                                  struct back_room *room, struct back_sums *s)
 {
@@ -499,7 +507,7 @@ static __global__ void __launch_bounds__(WARP *BACK_WARPS, 1)
 #endif
 }
 
-/* At most one block per multiprocessor. */
+/* Returns the number of blocks for n splats, at most one per multiprocessor. */
 unsigned cuda_heads_tensor_blocks(struct spin_device *d, size_t n)
 {
     size_t tiles = (n + BACK_TILE - 1) / BACK_TILE, most = (size_t)gpu_of(d)->processors;

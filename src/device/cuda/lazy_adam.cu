@@ -1,5 +1,5 @@
-/* Lazy Adam, see struct spin_lazy_adam in device.h. As on the CPU, the host computes the sums for
- * skipped steps; here it uploads them. */
+/* Lazy Adam, see struct spin_lazy_adam in device.h. The host computes the sums for skipped steps,
+ * as for the CPU device, and uploads them. */
 #include "device/cuda/cuda.h"
 
 #include <math.h>
@@ -8,26 +8,26 @@
 #include "device/cuda/cell.h"
 #include "math/adam.h"
 
-/* Within 400 steps the influence of a gradient decays to (.9 / sqrt(.999))^400 = 6e-19, which is
- * negligible. */
+/* The effect of a gradient is neglected after this many steps, in which it has decayed by the
+ * factor (.9 / sqrt(.999))^400 = 6e-19. */
 enum { REACH = 400 };
 
 struct cuda_lazy_adam {
-    struct spin_lazy_adam open; /* first member: verbs receive a pointer to it */
+    struct spin_lazy_adam open; /* the first member, since verbs receive a pointer to it */
     struct spin_grid grid;
     struct spin_param_group table;
-    size_t before; /* floats before the first line */
+    size_t before; /* number of floats of the table before the first line */
     int64_t steps;
-    double *sum; /* [steps + 1][2] host: the two sums of spin_adam_skip */
-    /* [steps + 1][2] host: skipped_step and skipped_eps, indexed by the step of a line's last
-     * update */
+    double *sum; /* [steps + 1][2] in host memory: the two sums of spin_adam_skip() */
+    /* [steps + 1][2] in host memory, indexed by the last step that a line took: the arguments
+     * skipped_step and skipped_eps of spin_adam_skip(). */
     float *skipped;
-    /* Two arrays [steps + 1][2] on the device: a copy of `skipped`; then .9^t and .999^t, indexed
-     * by the number of missed steps. */
+    /* Two arrays [steps + 1][2] in device memory: a copy of `skipped`; then .9^t and .999^t,
+     * indexed by the number of missed steps t. */
     float *card;
 };
 
-/* Arguments of the kernels; p, g, m, v start at the first line. */
+/* Arguments of the kernels. p, g, m and v start at the first line. */
 struct lines {
     float *p, *g, *m, *v, *last;
     size_t n, before;
@@ -80,7 +80,8 @@ spin_status cuda_lazy_adam_enable(struct spin_device *d, const struct spin_grid 
     }
     own->open.last = (float *)last;
     own->card = (float *)card;
-    d->op->upload(d, own->card, own->skipped, 4 * n * sizeof(float)); /* skipped and decay */
+    /* two arrays: `skipped`, then the powers for the number of missed steps */
+    d->op->upload(d, own->card, own->skipped, 4 * n * sizeof(float));
     *out = &own->open;
     return SPIN_OK;
 }
@@ -108,8 +109,9 @@ static __device__ void catch_up_line(const struct lines &lines, size_t line, int
                        &lines.v[i]);
 }
 
-/* Updates and marks the lines that the points need: one thread per point and hashed level. The
- * thread that is the first to mark a line updates the line. */
+/* Applies missed Adam steps to the lines that the points need, and marks these lines. There is one
+ * thread per point and hashed level. The thread that is the first to mark a line also updates it.
+ */
 static __global__ void need_kernel(struct spin_grid grid, int first_level, struct lines lines,
                                    size_t n, const float *x_u)
 {
@@ -124,7 +126,7 @@ static __global__ void need_kernel(struct spin_grid grid, int first_level, struc
         size_t line = at / SPIN_LINE;
         float last;
 
-        if (line == before) /* neighbours along x mostly share a line */
+        if (line == before) /* corners that are neighbours along x mostly share a line */
             continue;
         before = line;
         last = atomicExch(&lines.last[line], mark);
@@ -162,7 +164,8 @@ static __global__ void step_kernel(struct lines lines, struct spin_adam_step ste
 void cuda_lazy_adam_step(struct spin_device *d, struct spin_lazy_adam *lazy, double lr)
 {
     const struct cuda_lazy_adam *own = (const struct cuda_lazy_adam *)lazy;
-    struct spin_param_group first = own->table; /* the levels before the lines */
+    /* the dense levels, which are not divided into lines */
+    struct spin_param_group first = own->table;
 
     first.n = own->before;
     first.lr = lr;
@@ -195,7 +198,7 @@ void cuda_lazy_adam_advance(struct spin_device *d, struct spin_lazy_adam *lazy, 
 
 /* ---- Flush ----------------------------------------------------------------------------------- */
 
-/* out = the table as if every line had taken every step. */
+/* Sets `out` to the table as if every line had taken every step. */
 static __global__ void flush_kernel(struct lines lines, const float *table, float *out)
 {
     size_t i = GPU_INDEX(), at = i - lines.before;

@@ -1,6 +1,7 @@
-/* L1 + SSIM with gradient, and the differences of an image from the input image (docs/method.md 5).
- * As on the CPU, the SSIM window is applied to columns first, then to rows; a thread filters eight
- * vertically adjacent values of a column. Sums are in double and add the blocks in order. */
+/* Computes the loss, a combination of L1 and SSIM, with its gradient, and measures the differences
+ * of an image from the input image (docs/method.md 5). As on the CPU, the SSIM window is applied
+ * first to columns, then to rows. A thread filters eight vertically adjacent values of a column.
+ * Sums are in double; the sums of the blocks are added in order. */
 #include "device/cuda/cuda.h"
 #include "math/loss.h"
 
@@ -39,7 +40,7 @@ static struct photo photo_of(const struct spin_view_batch *views, int k,
     return p;
 }
 
-/* Value i of channel c of the input image. */
+/* Returns value i of channel c of the input image. */
 static __device__ float truth_of(const struct photo &p, size_t c, size_t i)
 {
     return p.rgb8 ? (float)p.rgb8[3 * i + c] / 255.0f : p.f32[c * p.plane + i];
@@ -52,7 +53,8 @@ static __device__ float weight_of(const struct photo &p, size_t i)
     return !p.mask ? 1.0f : bit_of(p, i) ? p.weight[1] : p.weight[0];
 }
 
-/* STRIP values of a column of one plane [h][w], from row y on; `at` is the index of the first. */
+/* STRIP values of a column of one plane [h][w], from row y on. `at` is the index of the first of
+ * these values. */
 struct strip {
     size_t plane, at, width;
     int y, height;
@@ -63,7 +65,7 @@ static unsigned strips(const struct photo &p, unsigned planes)
     return planes * (unsigned)p.width * (unsigned)((p.height + STRIP - 1) / STRIP);
 }
 
-/* The strip of this thread, whose index must be below strips(). */
+/* Returns the strip of this thread. The index of the thread must be below strips(). */
 static __device__ struct strip strip_of(const struct photo &p)
 {
     unsigned me = (unsigned)GPU_INDEX(), width = (unsigned)p.width;
@@ -78,7 +80,8 @@ static __device__ struct strip strip_of(const struct photo &p)
     return s;
 }
 
-/* v [TALL] = value(offset from s.at), starting HALF rows above the strip; 0 outside the plane. */
+/* Fills v [TALL] with the values of a column, starting HALF rows above the strip; rows outside the
+ * plane give 0. The values are obtained by calling value(offset from s.at). */
 template <class V> static __device__ void load_strip(const struct strip &s, float *v, V value)
 {
     for (int k = 0; k < TALL; k++) {
@@ -88,7 +91,7 @@ template <class V> static __device__ void load_strip(const struct strip &s, floa
     }
 }
 
-/* Filters v [TALL] with the vertical window and writes the result to the strip of map. */
+/* Filters v [TALL] with the vertical window, and writes the result to the strip of `map`. */
 static __device__ void store_strip(const struct strip &s, const float *v, float *map)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
@@ -104,7 +107,8 @@ static __device__ void store_strip(const struct strip &s, const float *v, float 
     }
 }
 
-/* maps [MAPS][3][h][w] = x, y, x^2 + y^2 and x y, filtered along columns. */
+/* Computes maps [MAPS][3][h][w]: x, y, x^2 + y^2 and x y of the two images x and y, filtered along
+ * columns. */
 static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
 {
     struct strip s = strip_of(p);
@@ -127,8 +131,8 @@ static __global__ void down_kernel(struct photo p, unsigned n, float *maps)
     store_strip(s, y, maps + 9 * p.plane);
 }
 
-/* One value of an image: pixel i of channel c, in column x. A block's values are all of one
- * channel. */
+/* One value of an image: pixel i of channel c, in column x. All values of a block belong to the
+ * same channel. */
 struct value {
     size_t c, i, at;
     int x;
@@ -136,7 +140,7 @@ struct value {
 
 static unsigned blocks_of(size_t plane) { return 3 * gpu_blocks(plane); }
 
-/* Finds the value that this thread computes. Returns false if there is none. */
+/* Finds the value that this thread computes. Returns false if it has none. */
 static __device__ bool value_of(const struct photo &p, struct value *v)
 {
     unsigned blocks = gridDim.x / 3, i = blockIdx.x % blocks * GPU_BLOCK + threadIdx.x;
@@ -148,7 +152,8 @@ static __device__ bool value_of(const struct photo &p, struct value *v)
     return i < p.plane;
 }
 
-/* The horizontal window applied to map at v. */
+/* Returns the sum of the values of `map` to the left and right of v, weighted by the horizontal
+ * window. */
 static __device__ float window_along(const float *map, const struct value &v, int width)
 {
     const float window[HALF + 1] = SPIN_SSIM_WINDOW;
@@ -163,8 +168,8 @@ static __device__ float window_along(const float *map, const struct value &v, in
     return sum;
 }
 
-/* slopes [SLOPES][3][h][w] = partial derivatives of the SSIM map (by mu, xx, xy); sums [blocks] =
- * the sums of L1, SSIM and weights of each block. */
+/* Computes slopes [SLOPES][3][h][w], the partial derivatives of the SSIM map by mu, xx and xy; and
+ * for each block the sums of L1, SSIM and weights, sums [blocks]. */
 static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps, float *slopes,
                                    double *sums)
 {
@@ -190,7 +195,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
     values[1][me] = ssim;
     values[2][me] = weight;
     __syncthreads();
-    if (warp < SUMS) { /* one warp per sum */
+    if (warp < SUMS) { /* each sum is computed by one warp */
         double sum = 0;
 
         for (unsigned k = lane; k < GPU_BLOCK; k += WARP)
@@ -202,7 +207,8 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
     }
 }
 
-/* to [n] = the sums of from [blocks][n] over its blocks. This kernel has one block per sum. */
+/* Sets to [n] to the sums of from [blocks][n] over the blocks that wrote it. This kernel has one
+ * block for each of the n sums. */
 static __global__ void add_blocks_kernel(unsigned blocks, const double *from, double *to)
 {
     __shared__ double sum[GPU_BLOCK];
@@ -216,7 +222,7 @@ static __global__ void add_blocks_kernel(unsigned blocks, const double *from, do
         to[s] = own;
 }
 
-/* Computes values [SPIN_LOSS_VALUES] from the sums. */
+/* Computes the loss and its parts, values [SPIN_LOSS_VALUES], from the sums over the image. */
 static __global__ void values_kernel(const double *sums, float lambda_dssim, double *values)
 {
     double lambda = (double)lambda_dssim;
@@ -255,7 +261,7 @@ static __global__ void d_image_kernel(struct photo p, float lambda_dssim, float 
     d_image[v.at] = l1 * spin_sign(x - y) + -lambda_dssim * view_weight / mass * slope;
 }
 
-/* Scratch of one image: maps, slopes, sums per block and total sums. */
+/* Scratch memory for one image: maps, slopes, sums of each block, and sums over the image. */
 struct work {
     float *maps, *slopes;
     double *blocks, *sums;
@@ -274,7 +280,7 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
     return at != NULL;
 }
 
-/* w.sums [SUMS] = the sums of L1, SSIM and weights over the image. */
+/* Computes w.sums [SUMS], the sums of L1, SSIM and weights over the image. */
 static void sum_loss(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
 {
     unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
@@ -318,7 +324,8 @@ static __global__ void clamp_kernel(size_t n, float *image)
         image[i] = fminf(fmaxf(image[i], 0.0f), 1.0f);
 }
 
-/* sums [blocks][2][3] = sums of squared differences by mask bit and channel. */
+/* Computes sums [blocks][2][3]: for each block, the sums of squared differences by mask bit and
+ * channel. */
 static __global__ void squares_kernel(struct photo p, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];

@@ -1,8 +1,9 @@
-/* The four heads, forward and backward, as matrix products, on tensor cores where these are faster
- * (mma.h). heads.cu computes heads up to 64 wide. For wider heads this file uses one launch per
- * product. Splats are processed in chunks, whose activations are in scratch memory; the backward
- * pass recomputes them. The gradient of the weights is a sum over splats. It is divided into slices
- * that depend only on the sizes, and the partial sums of the slices are added in order. */
+/* Computes the four heads, forward and backward, as matrix products, on tensor cores where these
+ * are faster (mma.h). heads.cu computes heads up to 64 wide. For wider heads, this file launches
+ * one kernel per product. Splats are processed in chunks, whose activations are in scratch memory;
+ * the backward pass recomputes the activations. The gradient of the weights is a sum over splats.
+ * This sum is divided into slices that depend only on the sizes, and the partial sums of the slices
+ * are added in order. */
 #include "device/cuda/cuda.h"
 
 #include "device/cuda/heads.h"
@@ -11,14 +12,15 @@
 
 enum { CHUNK = 1 << 15, SLICE = 1 << 10, TILE = 64, STEP = 16, EACH = 4, SIDE = TILE / EACH };
 
-/* C [m][n] = epilogue(A B), where A(i, k) = a[i * a_row + k * a_col] and B(k, j) = b[k * b_row + j
- * * b_col]. One dimension, m or k, is that of the splats, and ends at *count - first. */
+/* A matrix product C [m][n] = epilogue(A B), where A(i, k) = a[i * a_row + k * a_col] and B(k, j) =
+ * b[k * b_row + j * b_col]. One dimension, m or k, counts splats; it ends at *count - first. The
+ * epilogue is applied to each element of A B, called `sum` below: */
 enum epilogue {
     GELU,  /* gelu(sum + bias); `slope`, unless NULL, receives the derivative */
     RELU,  /* relu(sum + bias); `slope`, unless NULL, receives the derivative */
     BIAS,  /* sum + bias */
     TIMES, /* sum times `slope` */
-    ADD,   /* C + sum */
+    ADD,   /* adds the sum to C */
     SET,
 };
 struct product {
@@ -26,11 +28,12 @@ struct product {
     const float *a, *b;
     size_t a_row, a_col, b_row, b_col, c_row;
     float *c;
-    const float *bias;     /* [n] */
-    float *slope;          /* same layout as c, see enum epilogue */
-    const uint32_t *count; /* number of splats, or NULL */
-    size_t first;          /* first splat of the chunk */
-    /* The splats are dimension k instead of m. They are divided into slices, and C is
+    const float *bias; /* [n] */
+    float *slope;      /* has the layout of c, see enum epilogue */
+    /* number of splats; NULL: the dimension of the splats does not end earlier */
+    const uint32_t *count;
+    size_t first; /* first splat of the chunk */
+    /* True: the splats are dimension k instead of m. They are divided into slices, and C is
      * [slices][m][c_row]. */
     bool k_counts;
     enum epilogue epilogue;
@@ -67,12 +70,14 @@ static __device__ void finish(const struct product &x, float sum, size_t i, size
         x.slope[i * x.c_row + j] = slope;
 }
 
-/* A block computes a tile of C [TILE][TILE] and keeps STEP columns of A and STEP rows of B in
- * shared memory, with row strides that avoid bank conflicts.
+/* The structs `plain` and `tensor` have the same functions. A block computes a tile of C
+ * [TILE][TILE] and keeps STEP columns of A and STEP rows of B in shared memory, with row strides
+ * that avoid bank conflicts.
  *     at(): index in shared memory of element k of a row of A or of a column of B, i
  *     add(): adds STEP products to the EACH * EACH elements of a thread
  *     place(): row and column of element e of a thread */
-/* fp32: a thread has the rows side_i + SIDE u and the columns side_j + SIDE v. */
+/* In fp32, a thread computes the rows side_i + SIDE u and the columns side_j + SIDE v of the tile.
+ */
 struct plain {
     enum { ROOM = STEP * (TILE + 1) };
     static __device__ int at(int k, int i) { return k * (TILE + 1) + i; }
@@ -102,7 +107,8 @@ struct plain {
 };
 
 #if CUDA_HAS_MMA
-/* Tensor cores: a warp has 16 rows and 32 columns, EACH products of mma.h side by side. */
+/* On tensor cores, a warp computes 16 rows and 32 columns of the tile: EACH products of mma.h side
+ * by side. */
 struct tensor {
     enum { LONG = STEP + 4, ROOM = TILE * LONG, DEEP = 8 };
     static __device__ int at(int k, int i) { return i * LONG + k; }
@@ -134,7 +140,7 @@ struct tensor {
     }
 };
 #else
-typedef struct plain tensor; /* GPUs before sm_80 */
+typedef struct plain tensor; /* for GPUs before sm_80, which lack these tensor cores */
 #endif
 
 template <class form> static __device__ void multiply_tile(struct product x, float *a, float *b)
@@ -158,7 +164,7 @@ template <class form> static __device__ void multiply_tile(struct product x, flo
     if (i0 >= m)
         return;
     for (; k0 < k_end; k0 += STEP) {
-        /* Neighbouring threads read consecutive memory. */
+        /* The loop index is split so that neighbouring threads read consecutive memory. */
         for (int at = (int)threadIdx.x; at < STEP * TILE; at += (int)blockDim.x) {
             int k = x.a_col == 1 ? at % STEP : at / TILE, i = x.a_col == 1 ? at / STEP : at % TILE;
             bool in = i0 + i < m && k0 + k < k_end;
@@ -228,10 +234,11 @@ static const int column_of[SPIN_HEADS] = {SPIN_ATTR_SCALE, SPIN_ATTR_ROTATION, S
 struct chunk {
     const struct spin_heads *heads;
     const float *param, *z;
-    int n;                 /* capacity */
-    const uint32_t *count; /* number of splats, or NULL: n */
+    int n;                 /* capacity of the chunk, in splats */
+    const uint32_t *count; /* number of splats; NULL: n */
     size_t first;
-    float *a1, *a2, *slope1, *slope2; /* slopes are NULL in the forward pass */
+    /* activations and slopes; slopes are NULL in the forward pass */
+    float *a1, *a2, *slope1, *slope2;
 };
 
 static struct spin_head_layout layout_of(const struct spin_heads *heads, int h)
@@ -239,7 +246,7 @@ static struct spin_head_layout layout_of(const struct spin_heads *heads, int h)
     return spin_head_layout(heads->n_in, heads->hidden, heads->n_out[h]);
 }
 
-/* y = W x + b, W [n_out][n_in]. */
+/* Returns the product of a layer: y = W x + b, with W [n_out][n_in]. */
 static struct product layer(const struct chunk *chunk, const float *w, const float *bias, int n_in,
                             int n_out, const float *x, size_t x_ld, float *y, size_t y_ld)
 {
@@ -317,7 +324,8 @@ void cuda_mlp(struct spin_device *d, const struct spin_heads *heads, const float
 
 /* ---- Backward -------------------------------------------------------------------------------- */
 
-/* partial [slices][n] = sums of d_y over the splats of a slice. Rows of d_y are ld floats apart. */
+/* Computes partial [slices][n], the sums of d_y over the splats of each slice. Rows of d_y are ld
+ * floats apart. */
 static __global__ void bias_kernel(int n, const uint32_t *count, size_t first, int n_splats,
                                    const float *d_y, size_t ld, float *partial)
 {
@@ -342,7 +350,8 @@ static __global__ void add_slices_kernel(int n_slices, size_t n, const float *pa
         to[i] += partial[(size_t)s * n + i];
 }
 
-/* d_w [n_out][n_in] += d_y^T x, d_b [n_out] += sum of d_y over the splats. */
+/* Adds the gradients of a layer's weights and bias: d_w [n_out][n_in] += d_y^T x, and d_b [n_out]
+ * += the sum of d_y over the splats. */
 static void weights_back(struct spin_device *d, const struct chunk *chunk, int n_in, int n_out,
                          const float *d_y, size_t d_y_ld, const float *x, size_t x_ld,
                          float *partial, float *d_w, float *d_b)
@@ -373,7 +382,8 @@ static void weights_back(struct spin_device *d, const struct chunk *chunk, int n
     GPU_EACH(gpu_of(d), (size_t)n_out, add_slices_kernel, slices, (size_t)n_out, partial, d_b);
 }
 
-/* d_x = epilogue(d_y W). For TIMES, `slope` is the derivative of the activation below. */
+/* Computes the gradient of a layer's input, d_x = epilogue(d_y W). With TIMES, `slope` is the
+ * derivative of the activation function of the layer below. */
 static void layer_back(struct spin_device *d, const struct chunk *chunk, const float *w, int n_in,
                        int n_out, const float *d_y, size_t d_y_ld, enum epilogue epilogue,
                        float *slope, float *d_x)
@@ -407,7 +417,8 @@ static __global__ void gather_kernel(size_t n, size_t width, const uint32_t *cou
         to[i] = from[row[at] * width + i % width];
 }
 
-/* Backward pass of head h for a chunk. d_hidden and d_below [CHUNK][hidden] are scratch memory. */
+/* Runs the backward pass of head h for a chunk. d_hidden and d_below [CHUNK][hidden] are scratch
+ * memory. */
 static void head_back(struct spin_device *d, const struct chunk *chunk, int h, const float *d_raw,
                       float *d_hidden, float *d_below, float *partial, float *d_param, float *d_z)
 {

@@ -1,6 +1,6 @@
-/* Products of small matrices on a warp's tensor cores, from sm_80 on: tf32 factors, fp32 sums. Each
- * float is split into two tf32 numbers; the sum of three products of these has about the accuracy
- * of fp32.
+/* Multiplies small matrices on the tensor cores of a warp, from sm_80 on, with tf32 factors and
+ * fp32 sums. Each float is split into two tf32 numbers; the sum of three products of these has
+ * about the accuracy of fp32.
  *
  * All 32 lanes of a warp take part. With g = lane / 4 and t = lane % 4 a lane holds
  *     a[0..3] = A(g, t), A(g + 8, t), A(g, t + 4), A(g + 8, t + 4)         of A [16][8]
@@ -23,19 +23,20 @@
 #if defined(SPIN_EMU) || (defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800)
 #define CUDA_HAS_MMA 1
 
-/* The nearest tf32 number; NaN from 4e34 on, where the product overflows. cvt.rna.tf32.f32 takes
- * twice as many instructions on sm_90. */
+/* Returns the tf32 number that is nearest to v. Returns NaN if |v| is above 4e34, where the product
+ * below overflows. The instruction cvt.rna.tf32.f32 is not used, since it becomes twice as many
+ * instructions on sm_90. */
 static inline __device__ float cuda_tf32(float v)
 {
 #ifdef SPIN_EMU
     return spin_float_of_bits(emu_tf32(v));
 #else
-    /* Veltkamp splitting, which keeps the upper 11 bits of v. */
+    /* This is Veltkamp splitting, which keeps the upper 11 bits of the mantissa of v. */
     return fmaf(v, -8192.0f, __fmul_rn(v, 8193.0f));
 #endif
 }
 
-/* N floats, each split into high + low with relative error 2^-21. */
+/* N floats, each split into a high and a low part, whose sum has a relative error of 2^-21. */
 template <int N> struct cuda_split {
     uint32_t high[N], low[N];
 
@@ -50,7 +51,7 @@ template <int N> struct cuda_split {
 
 #ifndef SPIN_EMU
 struct cuda_mma_queue {
-    /* C += A B, immediately. */
+    /* Computes C += A B at once, without queueing the product. */
     __device__ void add(float *c, const uint32_t *a, const uint32_t *b)
     {
         asm("mma.sync.aligned.m16n8k8.row.col.f32.tf32.tf32.f32 "
@@ -61,17 +62,19 @@ struct cuda_mma_queue {
     __device__ void run() {}
 };
 #else
-typedef struct emu_mma_queue cuda_mma_queue; /* computes all products in run(), in this order */
+/* computes all queued products in run(), in the order of the queue */
+typedef struct emu_mma_queue cuda_mma_queue;
 #endif
 
-/* C [16][8 N] += A [16][8] B [8][8 N]: N products side by side, with consecutive registers. */
+/* Computes C [16][8 N] += A [16][8] B [8][8 N] as N products side by side, whose registers are
+ * consecutive. */
 template <int N>
 static inline __device__ void cuda_mma(float *c, const cuda_split<4> &a, const cuda_split<2 * N> &b)
 {
     cuda_mma_queue queue;
 
-    /* Consecutive products use different C: a product with the same C would wait for the previous
-     * one. */
+    /* Consecutive products add to different parts of C, since a product that adds to the same part
+     * would wait for the previous one. */
     CUDA_UNROLL
     for (int v = 0; v < N; v++)
         queue.add(c + 4 * v, a.low, b.high + 2 * v);

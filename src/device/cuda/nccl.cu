@@ -1,9 +1,9 @@
 /* All-reduce between the GPUs of ranks with NCCL, compiled if nccl.h is found (NCCL= in the
  * Makefile). libnccl is loaded on first use, since the machine that runs the program may lack it.
  *
- * The rules of NCCL are in https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html,
- * group calls and collective communication. Calls of one group run together; the ranks must make
- * matching calls in the same order. */
+ * The rules of NCCL are in https://docs.nvidia.com/deeplearning/nccl/user-guide/docs/api.html, in
+ * the parts about group calls and collective communication. The calls of one group run together;
+ * all ranks must make matching calls in the same order. */
 #include <dlfcn.h>
 #include <nccl.h>
 #include <stdio.h>
@@ -15,7 +15,7 @@
 static_assert(sizeof(ncclUniqueId) <= sizeof(struct spin_link_name),
               "a name of NCCL has its place");
 
-/* The functions used from libnccl. */
+/* The functions of libnccl that are used. */
 #define FUNCTIONS(X)                                                                               \
     X(ncclGetVersion)                                                                              \
     X(ncclGetUniqueId)                                                                             \
@@ -43,7 +43,7 @@ static spin_status nccl_error(const char *call, ncclResult_t result)
     return cuda_fail(SPIN_E_DEVICE, what, nccl.ncclGetErrorString(result));
 }
 
-/* Calls a function of NCCL; if it fails, returns its error from the calling function. */
+/* Calls a function of NCCL. If that fails, the calling function returns its error. */
 #define NCCL(name, ...)                                                                            \
     do {                                                                                           \
         ncclResult_t result = nccl.name(__VA_ARGS__);                                              \
@@ -100,7 +100,7 @@ spin_status cuda_link(struct spin_device *d, const struct spin_link_name *name, 
     ncclComm_t comm;
 
     memcpy(&id, name->text, sizeof id);
-    gpu_wait(gpu_of(d)); /* also makes the GPU current in this thread */
+    gpu_wait(gpu_of(d)); /* this also makes the GPU the current one of this thread */
     NCCL(ncclCommInitRank, &comm, n_ranks, id, rank);
     cuda_of(d)->link = comm;
     return SPIN_OK;
@@ -136,11 +136,12 @@ static void sleep_briefly(void)
     nanosleep(&nap, NULL);
 }
 
-/* Waits for the error message of another rank: when a rank fails, its link breaks first, and its
- * message arrives a little later. */
+/* Waits for the error message of another rank and returns that error. When a rank fails, its link
+ * breaks first, and its message arrives a little later. If no message arrives, returns the error of
+ * NCCL. */
 static spin_status wait_for_error(ncclResult_t result, spin_status (*listen)(void))
 {
-    enum { NAPS = 40000 }; /* at least two seconds */
+    enum { NAPS = 40000 }; /* sleeps at least two seconds in total */
 
     for (int i = 0; i < NAPS; i++) {
         SPIN_TRY(listen());
@@ -149,8 +150,8 @@ static spin_status wait_for_error(ncclResult_t result, spin_status (*listen)(voi
     return nccl_error("an all-reduce", result);
 }
 
-/* Waits until the all-reduce is done. Polls instead of waiting in CUDA, since the values of a rank
- * that has failed never arrive. */
+/* Waits until the all-reduce is done. The function polls instead of waiting in CUDA, which would
+ * never return if another rank has failed, since the values of that rank never arrive. */
 static spin_status wait_for_others(struct spin_device *d, spin_status (*listen)(void))
 {
     enum { EAGER = 2000 };
@@ -173,7 +174,7 @@ spin_status cuda_sum(struct spin_device *d, const struct spin_device_sum *sum, s
 {
     spin_status status;
 
-    SPIN_TRY(d->op->wait(d)); /* report an earlier error of this GPU first */
+    SPIN_TRY(d->op->wait(d)); /* returns an earlier error of this GPU first */
     status = queue_sums(d, sum, n);
     if (status == SPIN_OK)
         status = wait_for_others(d, listen);

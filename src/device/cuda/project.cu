@@ -1,14 +1,15 @@
-/* Projects Gaussians to screen ellipses, and gradients back, one thread per splat of a view. The
- * formulas are in math/project.h, math/sh.h and math/tile.h. A warp copies the attribute rows of
- * its splats through shared memory, so that its lanes access consecutive floats. Rows of splats
- * that are not visible and SH coefficients above the degree are not copied. */
+/* Projects splats to ellipses in the image, and propagates gradients back, with one thread per
+ * splat of a view. The formulas are in math/project.h, math/sh.h and math/tile.h. A warp copies the
+ * attribute rows of its splats through shared memory, so that its lanes access consecutive floats.
+ * Rows of splats that are not visible and SH coefficients above the degree are not copied. */
 #include "device/cuda/cuda.h"
 #include "math/project.h"
 #include "math/sh.h"
 #include "math/tile.h"
 
 enum { CLAMPED_X = 8, CLAMPED_Y = 16 };
-/* ALL: values of a warp's rows. AT_ONCE: values that a lane loads before it stores them. */
+/* ALL: number of values in the rows of a warp. AT_ONCE: number of values that a lane loads before
+ * it stores them. */
 enum { WARP = 32, BLOCK = 128, ALL = WARP * (int)SPIN_ATTR, AT_ONCE = 8 };
 static const unsigned all_lanes = 0xffffffffu;
 
@@ -17,8 +18,8 @@ struct rows {
     float of[WARP][SPIN_ATTR + 1];
 };
 
-/* The row of value k of 32 consecutive rows; -1 if the mask bit of this row is 0 or the degree does
- * not use the value. */
+/* Returns the row, of 32 consecutive rows, that contains value k; -1 if the mask bit of this row is
+ * 0, or if the value is an SH coefficient above the degree. */
 static __device__ int row_with(int k, unsigned mask, int degree)
 {
     int row = k / SPIN_ATTR, column = k % SPIN_ATTR;
@@ -27,7 +28,8 @@ static __device__ int row_with(int k, unsigned mask, int degree)
     return used && mask >> row & 1 ? row : -1;
 }
 
-/* rows = from [32][SPIN_ATTR], for rows whose mask bit is 1. All lanes must call it. */
+/* Copies from [32][SPIN_ATTR] to `rows`, only rows whose mask bit is 1. All lanes must call the
+ * function. */
 static __device__ void load_rows(struct rows *rows, const float *from, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
@@ -49,7 +51,8 @@ static __device__ void load_rows(struct rows *rows, const float *from, unsigned 
     __syncwarp(all_lanes);
 }
 
-/* to [32][SPIN_ATTR] += rows, for rows whose mask bit is 1. All lanes must call it. */
+/* Adds `rows` to `to` [32][SPIN_ATTR], only rows whose mask bit is 1. All lanes must call the
+ * function. */
 static __device__ void add_rows(float *to, const struct rows *rows, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
@@ -72,7 +75,7 @@ static __device__ void add_rows(float *to, const struct rows *rows, unsigned mas
     }
 }
 
-/* spin_sh_colour() with constant degrees, so that the arrays stay in registers. */
+/* Calls spin_sh_colour() with a constant degree, so that its arrays stay in registers. */
 static __device__ unsigned colour_of(int degree, spin_vec3 view, const float *sh, float *colour)
 {
     switch (degree) {
@@ -87,7 +90,8 @@ static __device__ unsigned colour_of(int degree, spin_vec3 view, const float *sh
     }
 }
 
-/* Replaces sh by its gradient; returns the gradient of the view direction. */
+/* Replaces the coefficients sh by their gradient, and returns the gradient of the view direction.
+ */
 template <int DEGREE>
 static __device__ spin_vec3 colour_adj(spin_vec3 view, const float *d_colour, float *sh)
 {
@@ -124,8 +128,8 @@ static __device__ struct spin_projection lens_of(const struct spin_camera_f32 &c
     return projection;
 }
 
-/* Projects a splat at pos_w, which is p in camera coordinates. Leaves radius_px 0 if the splat is
- * not visible or not finite. */
+/* Projects a splat with the position pos_w, which is p in camera coordinates. If the splat is not
+ * visible or not finite, its radius_px stays 0. */
 static __device__ void project_one(const struct spin_camera_f32 &cam, int degree,
                                    const float *pos_w, spin_vec3 p, const float *attr,
                                    struct spin_splat2d *s)
@@ -218,7 +222,8 @@ static __device__ bool all_zero(const struct spin_splat2d_grad &g)
            g.opacity == 0 && g.colour[0] == 0 && g.colour[1] == 0 && g.colour[2] == 0;
 }
 
-/* Replaces attr by its gradient, and adds the gradient of the position to d_pos_w. */
+/* Replaces the attributes attr by their gradient, and adds the gradient of the position to d_pos_w.
+ */
 static __device__ void project_one_back(const struct spin_camera_f32 &cam, int degree,
                                         const float *pos_w, uint32_t flags,
                                         const struct spin_splat2d_grad &g, float *attr,
@@ -287,7 +292,7 @@ void cuda_project_back(struct spin_device *d, const struct spin_view_batch *view
                        const struct spin_splat2d_grad *d_splat2d, float *d_attr)
 {
     cuda_clocked clocked(d, SPIN_OP_PROJECT_BACK);
-    /* One launch per view, since views of the same frame add to the same rows. */
+    /* Each view has its own launch, since views of the same frame add to the same rows. */
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
         const auto *frame = &frames->frame[view->frame];

@@ -1,6 +1,7 @@
-/* Adds residuals to rows of raw attributes and the values of tracks to those of splats, and
- * propagates gradients back (layouts: device.h). A track belongs to at most one splat of a frame,
- * so the rows of a frame are independent; frames are processed one after the other. */
+/* Adds residual values to rows of raw attributes, and the values of tracks to those of splats, and
+ * propagates gradients back. device.h describes the layouts. A track belongs to at most one splat
+ * of a frame, so the splats of a frame are processed independently. Frames are processed one after
+ * the other. */
 #include "device/cuda/cuda.h"
 #include "math/motion.h"
 #include "math/turn.h"
@@ -17,7 +18,8 @@ static const struct group groups[n_groups] = {
 /* The SH coefficients beyond the first, which are in a separate array. */
 static struct group group_of_sh(size_t width) { return {width, SPIN_ATTR_SH + 3}; }
 
-/* One thread per value. */
+/* Adds the values of one group to rows of raw attributes, or copies them if `add` is false, with
+ * one thread per value. */
 static __global__ void to_rows_kernel(struct group group, size_t n, bool add, const float *from,
                                       float *raw)
 {
@@ -95,13 +97,13 @@ struct track_job {
     const uint32_t *track; /* [n] */
     const float *own;      /* [n_own][width] */
     const float *shared;   /* [n_tracks][width] */
-    const float *motion;   /* motion of the tracks if it affects this group; else NULL */
+    const float *motion;   /* motion of the tracks if it affects this group, else NULL */
     const float *turn;     /* [n_turns][4], used if rotations affect this group */
     size_t n_turns;
     float t;
 };
 
-/* Logarithm of a track's Gaussian window. */
+/* Returns the logarithm of a track's Gaussian window at the frame's time. */
 static __device__ float seen_of(const struct track_job *job, const float *motion)
 {
     float x = (job->t - motion[3]) * motion[4];
@@ -109,7 +111,7 @@ static __device__ float seen_of(const struct track_job *job, const float *motion
     return -0.5f * x * x;
 }
 
-/* turned[c]. Indexing would move the array to local memory. */
+/* Returns turned[c]. Indexing the array would move it to local memory. */
 static __device__ float pick(const float turned[4], size_t c)
 {
     return c == 0 ? turned[0] : c == 1 ? turned[1] : c == 2 ? turned[2] : turned[3];
@@ -142,8 +144,8 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
     to[at] = value;
 }
 
-/* Job for one group of a frame. Motion affects only position and opacity; rotations (turn) affect
- * only position and rotation. */
+/* Returns the job for one group of values of a frame. The motion of tracks affects position and
+ * opacity only; rotations by `turn` affect position and rotation only. */
 static struct track_job job_of(const struct spin_frame_batch::spin_frame_of_batch *frame,
                                const struct spin_tracks_f32 *tracks, int k, const float *shared)
 {

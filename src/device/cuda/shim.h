@@ -5,8 +5,8 @@
 
 struct spin_device_ops;
 
-/* Depends on the sizes of the shared structs, so that a spin-cuda.so with other structs is
- * rejected. Requires device/device.h. */
+/* A number that depends on the sizes of the shared structs, so that a spin-cuda.so with other
+ * structs is rejected. A file that uses this macro must include device/device.h. */
 #define SPIN_CUDA_SHIM_ABI                                                                         \
     (int)(1 + 16 * (sizeof(struct spin_device_ops) + sizeof(struct spin_frame_batch) +             \
                     sizeof(struct spin_view_batch) + sizeof(struct spin_images) +                  \
@@ -16,7 +16,8 @@ struct spin_device_ops;
 typedef spin_status spin_fail_fn(spin_status status, const char *format, ...);
 
 struct spin_cuda_shim {
-    int abi; /* first member in every version */
+    int abi; /* the first member in every version of this struct */
     const struct spin_device_ops *op;
-    void (*use)(spin_fail_fn *fail); /* called first; sets the function that reports failures */
+    /* is called first, and sets the function that reports failures */
+    void (*use)(spin_fail_fn *fail);
 };

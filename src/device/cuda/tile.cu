@@ -1,6 +1,7 @@
 /* Lists the splats of every tile, front to back: sorts the splats by depth, writes their (splat,
- * tile) pairs in this order, and sorts the pairs by tile; the sorts are stable. Tiles of a splat's
- * rectangle in which alpha is below 1/255 everywhere get no pair. */
+ * tile) pairs in this order, and sorts the pairs by tile. The sorts are stable. A tile in which the
+ * alpha of a splat is below 1/255 everywhere gets no pair, even if it is inside the splat's
+ * rectangle. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -8,8 +9,8 @@
 
 static __device__ uint8_t byte_of(int v) { return (uint8_t)(v > 255 ? 255 : v); }
 
-/* The splats of all views, one view after the other: those of view k have the indices [at[k],
- * at[k + 1]) here, and start at first[k] in splat2d. */
+/* Numbers the splats of all views, one view after the other: the splats of view k have the numbers
+ * [at[k], at[k + 1]), and start at index first[k] in splat2d. */
 struct all_views {
     int n;
     size_t at[SPIN_MAX_VIEWS + 1], first[SPIN_MAX_VIEWS];
@@ -27,7 +28,7 @@ static struct all_views all_of(const struct spin_view_batch *views)
     return all;
 }
 
-/* The view of splat i of all views. */
+/* Returns the view to which splat number i of all views belongs. */
 static __device__ int view_of(const struct all_views &all, size_t i)
 {
     int k = 0;
@@ -37,7 +38,8 @@ static __device__ int view_of(const struct all_views &all, size_t i)
     return k;
 }
 
-/* Sets tile_cull, and count [n + 1] = the number of pairs of each splat, then 0. */
+/* Sets tile_cull of each splat, and count [n + 1] to the number of pairs of each splat, followed by
+ * 0. */
 static __global__ void cull_kernel(struct all_views all, struct spin_splat2d *splat2d,
                                    uint64_t *count)
 {
@@ -72,8 +74,9 @@ static __global__ void cull_kernel(struct all_views all, struct spin_splat2d *sp
     count[i] = spin_pair_count(spin_pair_rect(&s));
 }
 
-/* Sets first_intersection, counted from the start of the view, and pairs [views] = the number of
- * pairs of each view. before [n + 1]: prefix sums of the counts of all views. */
+/* Sets first_intersection of each splat, counted from the start of its view, and pairs [views] to
+ * the number of pairs of each view. before [n + 1] contains the exclusive prefix sums of the
+ * counts. */
 static __global__ void first_kernel(struct all_views all, const uint64_t *before,
                                     struct spin_splat2d *splat2d, uint64_t *pairs)
 {
@@ -89,7 +92,7 @@ static __global__ void first_kernel(struct all_views all, const uint64_t *before
     }
 }
 
-/* pairs [views] = the number of pairs of each view, in host memory (now). */
+/* Counts the pairs of each view, and waits until the numbers are in host memory, pairs [views]. */
 static spin_status count_pairs(struct spin_device *d, const struct spin_view_batch *views,
                                struct spin_splat2d *splat2d, uint64_t *pairs)
 {
@@ -146,7 +149,7 @@ static __global__ void count_kernel(size_t n, const struct spin_splat2d *splat2d
         count[i] = spin_pair_count(spin_pair_rect(&splat2d[order[i]]));
 }
 
-/* Writes tile and splat of all pairs, in order of depth. */
+/* Writes the tile and the splat of all pairs, in the order of depth. */
 static __global__ void pairs_kernel(size_t n, int tiles_x, const struct spin_splat2d *splat2d,
                                     const uint32_t *order, const uint64_t *before, uint32_t *tile,
                                     uint32_t *splat)
@@ -165,7 +168,8 @@ static __global__ void pairs_kernel(size_t n, int tiles_x, const struct spin_spl
         }
 }
 
-/* start [n_tiles + 1]: start[i] = first + the index of the first pair whose tile is at least i. */
+/* Computes start [n_tiles + 1]: start[i] is `first` plus the index of the first pair whose tile is
+ * i or greater. */
 static __global__ void start_kernel(size_t n_tiles, const uint32_t *tile, size_t n_pairs,
                                     uint32_t first, uint32_t *start)
 {
@@ -193,8 +197,8 @@ static int bits_of(size_t most)
     return bits;
 }
 
-/* Fills the lists of one view. Scratch memory: four 32-bit and two 64-bit arrays [n] for the
- * splats, then three 32-bit arrays [pairs]. */
+/* Fills the lists of one view. The scratch memory contains four 32-bit and two 64-bit arrays [n]
+ * for the splats, then three 32-bit arrays [pairs]. */
 static spin_status fill_view(struct spin_device *d, const spin_view_batch::spin_view_of_batch *view,
                              const struct spin_splat2d *splat2d, size_t pairs, uint32_t first,
                              uint32_t *lists, uint32_t *start)

@@ -5,7 +5,8 @@
 
 struct spin_train_log {
     size_t n_steps, n_tests;
-    double *step, *loss;  /* [n_steps] iteration, and mean loss of an interval that ends with it */
+    /* [n_steps] last iteration of each interval, and mean loss of the interval */
+    double *step, *loss;
     double total_seconds; /* duration of the run, including resumed parts */
     /* [n_tests] iteration, time in seconds, and PSNR and SSIM of the test views */
     double *test, *seconds, *psnr, *ssim;
