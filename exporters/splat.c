@@ -8,7 +8,8 @@
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.splat"),
     SPIN_FRAMES_OPTION_FPS,
-    {"order", "source|size", "order of the splats; size: the most visible first", "source"},
+    {"order", "source|size", "order of the splats; size: the largest and most opaque first",
+     "source"},
     {0},
 };
 

@@ -10,7 +10,8 @@ static const struct spin_plugin_option options[] = {
     {"camera", "ID", "a camera of the data set; default: the first held-out one", NULL},
     SPIN_DRAWING_OPTIONS,
     {"fps", "F",
-     "frames per second; default: the bundle's, else 30, but a video of two seconds at least",
+     "frames per second; default: the bundle's, else 30, or fewer if the video would take less "
+     "than two seconds",
      NULL},
     {"quality", "Q", "0 (best) to 51 (smallest)", "18"},
     {0},

@@ -536,7 +536,10 @@ static spin_status stream_frame(void *self, int frame, double time, unsigned col
 
 static const struct spin_plugin_option options[] = {
     {"init", "PATH", "the model of frame 0 (default: beside the frames)", NULL},
-    {"way", "auto|clouds|networks", "read the moved clouds or evaluate the networks", "auto"},
+    {"way", "auto|clouds|networks",
+     "clouds: read the moved clouds; networks: evaluate the networks; auto: clouds if every frame "
+     "has one, else networks",
+     "auto"},
     {"config", "FILE", "configuration of the networks (default: NTCs/config.json)", NULL},
     {NULL, NULL, NULL, NULL},
 };

@@ -404,8 +404,9 @@ static spin_status count(struct tc_run *run)
 
 static const struct spin_plugin_option tc3dgs_options[] = {
     {"tc-mask", "MODE",
-     "what the mask does: frame (hide per frame), avg, any, all (leave out of the whole clip), "
-     "none",
+     "what a low presence in the mask does: frame hides the Gaussian in that frame; avg, any and "
+     "all drop it from the clip if the presence is low on average, in any frame or in all frames; "
+     "none: nothing",
      "frame"},
     {"tc-threshold", "P", "presence at or below which a Gaussian is hidden, 0 to 1", "0.1"},
     {NULL, NULL, NULL, NULL},

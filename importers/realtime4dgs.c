@@ -637,7 +637,9 @@ static spin_status realtime_open_run(void *self, const char *path)
 static const struct spin_plugin_option realtime_options[] = {
     {"time-duration", "A,B", "the clip's first and last time, as in the training YAML", NULL},
     {"config", "FILE", "the training YAML (default: the one beside the checkpoint)", NULL},
-    {"convention", "WORD", "convention of rotations: auto, today, or older (before 2024-09)",
+    {"convention", "WORD",
+     "convention of rotations: today, older (before 2024-09), or auto for the one that makes the "
+     "Gaussians smaller",
      "auto"},
     {"cull", "RULE", "Gaussians that a frame omits: by time (weight below 0.05), or none", "time"},
     {NULL, NULL, NULL, NULL},

@@ -27,7 +27,7 @@
     {                                                                                              \
         "duration", "S",                                                                           \
             "duration of the clip in seconds, instead of --repeat: frames are repeated or "        \
-            "skipped to fit; default for a moving camera: at least 8",                             \
+            "skipped to fit; default for a moving camera: that of the clip, but at least 8",       \
             NULL                                                                                   \
     }
 

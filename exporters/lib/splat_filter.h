@@ -53,7 +53,7 @@
     }
 #define SPIN_ROWS_OPTIONS                                                                          \
     {"up", "AXIS",                                                                                 \
-     "the source's axis that points up, x, y, z, -x, -y or -z: rotate the scene so that y does",   \
+     "axis of the source that points up, x, y, z, -x, -y or -z: rotate the scene so that it is y", \
      NULL},                                                                                        \
     {                                                                                              \
         "rotate", "X,Y,Z", "rotate the scene about x, then y, then z, in degrees; after --up",     \

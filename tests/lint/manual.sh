@@ -11,7 +11,9 @@ checked=0
 # Lines "--name argument (default)": of a --help text, and of a page, where "Default: " begins a line.
 lines_of_help() {
     awk 'function flush() {
-            if (name) print "--" name, arg, match(help, /\([^()]*\)$/) ? substr(help, RSTART) : ""
+            fallback = match(help, /\([^()]*\)$/) ? substr(help, RSTART) : ""
+            sub(/^\(default: /, "(", fallback)
+            if (name) print "--" name, arg, fallback
             name = ""
         }
         /^  (-., |    )--/ {
