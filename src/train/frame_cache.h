@@ -8,7 +8,7 @@
 
 /* A cached frame. */
 struct spin_shelved {
-    size_t n;      /* splats */
+    size_t n;      /* number of splats */
     char path[16]; /* SIMD path of the device that refined the frame */
 };
 

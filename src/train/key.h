@@ -8,7 +8,8 @@
 enum { SPIN_FRAME_KEY = 40 }; /* bytes of a key, including the terminating null */
 
 struct spin_refined {
-    char key[SPIN_FRAME_KEY]; /* inputs and options */
+    /* Identifies the inputs and options of the frame's refinement. */
+    char key[SPIN_FRAME_KEY];
     /* True if the refined frame is in the input bundle, false if it is in the frame cache. */
     bool from_input;
 };
