@@ -18,22 +18,25 @@ struct spin_retrain_report {
     int iterations;
     int densify_every; /* iterations between densifications of the clip; 0: none */
     double seconds,
-        seconds_per_iteration; /* seconds_per_iteration is NaN if all frames were reused */
+        /* Seconds of the run, and of an iteration; the latter is NaN if --method frames reused all
+           frames. */
+        seconds_per_iteration;
     int frames;
     double splats_mean;
     char device[64];
-    struct spin_quality before, refined, test; /* quality of source, refined frames, result */
-    double refine_seconds;                     /* seconds of refinement, included in `seconds` */
-    double outside_ball; /* share of splats outside the unit ball of the encoder, 0..1 */
+    /* Quality of the test views: in the source, in the refined frames, and in the result. */
+    struct spin_quality before, refined, test;
+    double refine_seconds; /* seconds of refinement, included in `seconds` */
+    double outside_ball;   /* share of splats outside the unit ball of the encoder, 0..1 */
     size_t bytes_needed, bytes_available; /* bytes_available is 0 if unknown */
     /* If memory is short: changes of options with which the run would fit; empty if none were
      * found. */
     char fitting[96];
-    size_t bytes_peak;        /* largest memory use of this process so far */
-    double seconds_estimated; /* of the whole run; only for a dry run; NaN if unknown */
-    int ranks;                /* number of processes that share the work */
-    /* Set by a dry run only: upper bound of the bytes that all ranks together send in one
-     * iteration. */
+    size_t bytes_peak; /* largest memory use of this process so far */
+    /* For a dry run: estimated seconds of the whole run; NaN if unknown, as on a GPU. */
+    double seconds_estimated;
+    int ranks; /* number of processes that share the work */
+    /* For a dry run: upper bound of the bytes that all ranks together send in one iteration. */
     double bytes_sent;
     /* Message of the first error in writing files beside the output; empty if there was none. */
     char incomplete[512];
