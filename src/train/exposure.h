@@ -10,8 +10,8 @@ struct spin_exposures {
      * no exposure is learned. */
     struct spin_param param;
     size_t n_cameras;
-    float SPIN_DEV
-        *exposed; /* [pixels][3] rendered images after exposure and falloff were applied */
+    /* [pixels][3] rendered images after exposure and falloff were applied. */
+    float SPIN_DEV *exposed;
     size_t pixels;
 };
 
