@@ -1,11 +1,13 @@
-/* Layout and initial values of the network (docs/method.md section 3), and its JSON. */
+/* Computes the layout and the initial values of the network (docs/method.md section 3), and
+ * converts the layout to and from JSON. */
 #include "model/field.h"
 
 #include "base/base.h"
 #include "math/grid.h"
 #include "math/rng.h"
 
-/* Streams of the counter-based generator, for initial values. */
+/* Streams of the random generator (math/rng.h) for the initial values of the table and of the
+ * heads. */
 enum { STREAM_TABLE = 1, STREAM_HEADS = 2 };
 
 static const int head_outputs[SPIN_HEADS] = {3, 4, 48, 1};
@@ -186,7 +188,7 @@ static spin_json *network_to_json(const struct spin_field *field)
         spin_json_push_number(centre, (double)field->transform.centre[i]);
     spin_json_set(transform, "centre", centre);
     spin_json_set_number(transform, "inv_radius", (double)field->transform.inv_radius);
-    if (field->transform.raw) /* written only if it differs from the paper */
+    if (field->transform.raw) /* the paper has a contraction: written only if there is none */
         spin_json_set_bool(transform, "raw", true);
     if (field->heads.relu)
         spin_json_set_string(j, "activation", "relu");
@@ -237,8 +239,8 @@ static bool get_float(const spin_json *j, double lo, double hi, float *out)
     return true;
 }
 
-/* Reads a level and checks that its numbers are consistent: a dense level with fewer rows than
- * vertices would be read beyond its end. */
+/* Reads the numbers of a level of the hash grid and checks that they are consistent. If a dense
+ * level had fewer rows than vertices, its evaluation would read beyond the end of the level. */
 static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
 {
     const spin_json *scale = spin_json_at(spin_json_get(json, "scale"), (size_t)l);

@@ -1,6 +1,6 @@
-/* The network: layout of the hash-grid table and of the four heads, and their initial values. It
- * maps (x, y, z, t) to scale, rotation, SH colour and opacity of a splat (docs/method.md section
- * 3). */
+/* The network, which maps the position and time (x, y, z, t) of a splat to its scale, rotation, SH
+ * colour and opacity (docs/method.md section 3). This file defines the layout of its parameters,
+ * the table of the hash grid and the four heads, and computes their initial values. */
 #pragma once
 
 #include "device/device.h"
@@ -10,35 +10,43 @@ struct spin_field {
     struct spin_grid grid;
     struct spin_heads heads;
     struct spin_scene_transform transform;
-    double time_first, time_last; /* first and last time of the clip, in the source's unit */
+    /* First and last time of the clip, in the unit of the source. */
+    double time_first, time_last;
     int sh_degree;
-    bool antialias;          /* splats are rendered with antialiasing */
-    size_t n_table, n_heads; /* floats of the table and of the heads */
+    bool antialias; /* true if splats are rendered with antialiasing */
+    /* Number of floats of the table, and of all heads. */
+    size_t n_table, n_heads;
 };
 
-/* Derives the layout from the options. finest[3] must be resolved (not 0). SPIN_E_USAGE if an
- * option is out of range. */
+/* Computes the layout from the options of the same names in spin_train.h. The scene transform gets
+ * centre 0 and radius 1. finest[3] must not be 0: the caller replaces 0 by the number of frames.
+ * SPIN_E_USAGE if an option is out of range. */
 spin_status spin_field_plan(struct spin_field *field, int levels, int features, int hash_log2,
                             int hidden, int sh_degree, const int base[4], const int finest[4]);
 
-/* Initial values, which depend on the seed only: table uniform(-range, range), Linear layers
- * uniform(+-1/sqrt(fan_in)), last biases as in docs/method.md 3.4 with init_log_scale as the bias
- * of the scale. Host arrays. */
+/* Sets table [n_table] and heads [n_heads], in host memory, to initial values. The table is
+ * uniformly random in -range to range. Weights and biases of a linear layer with n inputs are
+ * uniformly random in -1/sqrt(n) to 1/sqrt(n), except the biases of the last layers, which
+ * docs/method.md 3.4 gives; init_log_scale is the last bias of the scale head. The random numbers
+ * depend only on the seed. */
 void spin_field_init(const struct spin_field *field, uint64_t seed, double range,
                      double init_log_scale, float *table, float *heads);
 
-/* Clears the rows of the colour head for SH coefficients beyond the first, for trainings that add
- * SH degrees one by one, as 3DGS does. Without a gradient they stay 0 until their degree is
- * added. */
+/* Sets the weights and biases of the colour head that compute SH coefficients beyond the first to
+ * 0, for trainings that raise the SH degree step by step, as 3DGS does. Since coefficients above
+ * the current degree have no gradient, they stay 0 until the training reaches their degree. */
 void spin_field_clear_sh(const struct spin_field *field, float *heads);
-/* Clears the last layer of all heads: the network then adds nothing to the splats' own values. */
+/* Sets the last layer of all heads to 0. The output of the network is then 0, so it leaves the
+ * values that splats own unchanged until it has learned. */
 void spin_field_clear_heads(const struct spin_field *field, float *heads);
 
-/* Maps a frame's time to t in 0..1 (docs/method.md 3.2). */
+/* Maps the time of a frame, in the unit of the source, to the network's t in 0..1
+ * (docs/method.md 3.2). */
 float spin_field_time(const struct spin_field *field, double time);
 
-/* Writes and reads the first members of the "trained" object of meta.json; reading checks all
- * values. there: the training has a network; otherwise "field" is null and only sh_degree and
- * antialias are set. */
+/* The first function returns a new "trained" object for meta.json with the members "field",
+ * "sh_degree" and "antialias"; with `there` false there is no network and "field" is null. The
+ * second reads these members and checks their values. It sets *there to whether there is a network;
+ * if not, it sets only sh_degree and antialias of *out, and all other members to 0. */
 spin_json *spin_field_to_json(const struct spin_field *field, bool there);
 spin_status spin_field_from_json(const spin_json *trained, struct spin_field *out, bool *there);

@@ -1,9 +1,11 @@
-/* The network's forward and backward pass over the splats of frames (docs/method.md section 3). */
+/* Calls the device for the forward and the backward pass of the network over the splats of frames
+ * (docs/method.md section 3). */
 #include "model/field_eval.h"
 
 #include "base/base.h"
 
-/* A buffer: `floats` 4-byte values per splat. training: needed in training only. */
+/* A buffer in device memory with `floats` values of 4 bytes for each splat. training: true if only
+ * training needs it. */
 struct piece {
     void SPIN_DEV **at;
     size_t floats;
@@ -11,7 +13,8 @@ struct piece {
 };
 enum { N_PIECES = 9 };
 
-/* Lists all buffers, for allocation and release. Without a network the encoder has none. */
+/* Lists all buffers, for their allocation and release. Without a network, the buffers of the
+ * encoder have no values. */
 static void list_pieces(struct spin_field_eval *w, const struct spin_field *field,
                         struct piece piece[N_PIECES])
 {
@@ -163,8 +166,8 @@ void spin_field_backward(struct spin_field_eval *w, const struct spin_field *fie
 
 /* ---- Rows and columns ------------------------------------------------------------------------ */
 
-/* Copies log scale and logit opacity from the raw outputs, which avoids the rounding of exp and
- * log. */
+/* Copies log scale and logit opacity from the raw attributes: computing them from the activated
+ * ones would add the rounding errors of exp and log. */
 void spin_attr_to_splats(const float *raw, const float *attr, size_t width, struct spin_splats *s)
 {
     size_t k = (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1) * 3;

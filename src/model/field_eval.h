@@ -1,55 +1,67 @@
-/* Forward and backward pass of the network over the splats of frames, and their buffers. It maps
- * (x, y, z, t) to scale, rotation, SH colour and opacity (docs/method.md section 3). */
+/* Forward and backward pass of the network over the splats of frames, with the buffers of the
+ * passes. The network maps (x, y, z, t) of a splat to scale, rotation, SH colour and opacity
+ * (docs/method.md section 3). */
 #pragma once
 
 #include "model/field.h"
 
-/* Buffers for up to `capacity` splats. In all calls, field NULL means that the attributes are
- * stored values and there is no network. */
+/* Buffers for frame batches of up to `capacity` splats. In all functions below, field NULL means
+ * that there is no network: attributes are values that splats store. */
 struct spin_field_eval {
     struct spin_device *device;
-    size_t capacity;
-    bool training;
-    float SPIN_DEV *x_u;       /* [n][4] */
-    float SPIN_DEV *z;         /* [n][n_in] */
-    bool narrow;               /* rows are narrow; must equal `narrow` of the frames */
-    float SPIN_DEV *raw;       /* [n][SPIN_ATTR, or narrow] */
-    float SPIN_DEV *attr;      /* same shape as raw */
-    float SPIN_DEV *d_attr;    /* same shape as raw; d_attr to active: in training only */
-    float SPIN_DEV *d_raw;     /* [active][SPIN_ATTR, or narrow] */
+    size_t capacity;     /* largest number of splats of a batch */
+    bool training;       /* true if there are buffers for the backward pass */
+    float SPIN_DEV *x_u; /* [n][4] input of the encoder: contracted position, and time */
+    float SPIN_DEV *z;   /* [n][n_in] output of the encoder, which is the input of the heads */
+    /* True if rows have SPIN_ATTR_NARROW floats, false if they have SPIN_ATTR. Must equal `narrow`
+     * of the frame batches. */
+    bool narrow;
+    float SPIN_DEV *raw;  /* [n][row] attributes before activation functions */
+    float SPIN_DEV *attr; /* [n][row] activated attributes */
+    /* Gradients with respect to attr, raw, z and x_u; in training only. Those with [active] have a
+     * row only for each active splat. */
+    float SPIN_DEV *d_attr;    /* [n][row] */
+    float SPIN_DEV *d_raw;     /* [active][row] */
     float SPIN_DEV *d_z;       /* [active][n_in] */
     float SPIN_DEV *d_x_u;     /* [active][4] */
-    struct spin_active active; /* rows with a gradient in the last backward pass */
+    struct spin_active active; /* splats that had a gradient in the last backward pass */
 
-    struct spin_lazy_adam *lazy; /* lazy Adam of the table, or NULL */
-    bool still; /* positions are not trained: the encoder adds nothing to d_means */
+    struct spin_lazy_adam *lazy; /* lazy Adam of the table; NULL: the whole table is updated */
+    /* True if positions are not trained: the encoder then adds nothing to d_means. */
+    bool still;
 };
-/* sh: without a network, frames may have SH coefficients beyond the first. */
+/* Allocates the buffers for batches of up to `capacity` splats, and with `training` also those for
+ * the backward pass. sh: frames may have SH coefficients beyond the first; if there is a network,
+ * this has no effect. */
 spin_status spin_field_eval_open(struct spin_field_eval *eval, struct spin_device *device,
                                  const struct spin_field *field, bool sh, size_t capacity,
                                  bool training);
 void spin_field_eval_close(struct spin_field_eval *eval, const struct spin_field *field);
 
-/* attr = network(means, t) + residual, for all frames. Without a network attr is the residual
- * alone, at SH degree 0. Lazy Adam updates the lines of the table that are read. */
+/* Computes eval->attr for all splats of the batch: attr = activate(network(means, t) + residual).
+ * Without a network, attr = activate(residual). With lazy Adam, it first updates the lines of the
+ * table that it reads. */
 void spin_field_forward(struct spin_field_eval *eval, const struct spin_field *field,
                         const float SPIN_DEV *table, const float SPIN_DEV *heads,
                         const struct spin_frame_batch *frames);
-/* The same in two halves: z = encode(means, t); then attr from z. */
+/* The two halves of spin_field_forward(): spin_field_encode() computes eval->z from means and t,
+ * and spin_field_decode() computes eval->attr from eval->z. */
 void spin_field_encode(struct spin_field_eval *eval, const struct spin_field *field,
                        const float SPIN_DEV *table, const struct spin_frame_batch *frames);
 void spin_field_decode(struct spin_field_eval *eval, const struct spin_field *field,
                        const float SPIN_DEV *heads, const struct spin_frame_batch *frames);
-/* From d_attr and the d_means accumulated so far: d_table +=, d_heads +=, d_means +=, d_residual
- * +=. Without a network only d_residual is set. Splats whose gradient is exactly zero are skipped,
- * which does not change the result. */
+/* Propagates eval->d_attr, the gradient with respect to the attributes, back: adds to d_table and
+ * d_heads and, in each frame of the batch, to d_residual, d_sh and d_means. Without a network it
+ * adds to d_residual and d_sh only. It skips splats for which both d_attr and d_means are exactly
+ * zero, which does not change the result. */
 void spin_field_backward(struct spin_field_eval *eval, const struct spin_field *field,
                          const float SPIN_DEV *table, const float SPIN_DEV *heads,
                          const struct spin_frame_batch *frames, float SPIN_DEV *d_table,
                          float SPIN_DEV *d_heads);
 
-/* The same in two halves: first d_heads, d_residual and, for the active rows, d_z; then d_table and
- * d_means. */
+/* The two halves of spin_field_backward(): spin_field_decode_back() adds to d_heads, d_residual and
+ * d_sh, and computes eval->d_z of the active rows; spin_field_encode_back() then adds to d_table
+ * and d_means. */
 void spin_field_decode_back(struct spin_field_eval *eval, const struct spin_field *field,
                             const float SPIN_DEV *heads, const struct spin_frame_batch *frames,
                             float SPIN_DEV *d_heads);
@@ -57,12 +69,14 @@ void spin_field_encode_back(struct spin_field_eval *eval, const struct spin_fiel
                             const float SPIN_DEV *table, const struct spin_frame_batch *frames,
                             float SPIN_DEV *d_table);
 
-/* A batch of one frame, without gradients. */
+/* Returns a batch of one frame, with n splats and time t, that has no memory for gradients. */
 struct spin_frame_batch spin_one_frame(size_t n, const float SPIN_DEV *means, float t,
                                        const float SPIN_DEV *residual);
 
-/* Converts rows of raw and activated attributes to columns, and columns to activated rows; in host
- * memory. n and sh_degree of the splats must be set. */
+/* Both functions work in host memory. The first converts raw and activated attributes, in rows of
+ * `width` floats, to the columns of *splats that are not NULL; n and sh_degree of *splats must be
+ * set. The second converts the columns of splats to activated attributes, in rows of SPIN_ATTR
+ * floats. */
 void spin_attr_to_splats(const float *raw, const float *attr, size_t width,
                          struct spin_splats *splats);
 void spin_attr_from_splats(const struct spin_splats *splats, float *attr);

@@ -1,4 +1,4 @@
-/* Conversion between rows and groups. */
+/* Converts residual values between rows and groups. */
 #include "model/residual.h"
 
 #include <string.h>

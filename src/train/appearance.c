@@ -1,14 +1,16 @@
-/* Measures the brightness of places in the training images and compares it with each camera's
- * median over time. */
+/* Measures the brightness of points of the scene in the training images, and compares it with the
+ * point's median brightness over time in the same camera. */
 #include "train/appearance.h"
 
 #include "base/base.h"
 
 enum {
-    FRAMES = 32,      /* frames examined, evenly spaced over the clip */
-    THRESHOLD = 5,    /* of 255: noise and JPEG change a mean of 3 x 3 pixels by less */
-    CAMERAS = 2,      /* least number of cameras that must deviate */
-    NONE = UINT8_MAX, /* no brightness: the place is outside the camera's image */
+    FRAMES = 32, /* largest number of examined frames, which are evenly spaced over the clip */
+    /* A brightness that differs from the median by more than this, of 255, deviates. Noise and JPEG
+       change a mean of 3 x 3 pixels by less. */
+    THRESHOLD = 5,
+    CAMERAS = 2,      /* number of cameras that must deviate, at least */
+    NONE = UINT8_MAX, /* stands for a brightness if the point is outside the image */
 };
 
 struct look {
@@ -18,13 +20,14 @@ struct look {
     const float *place;
     int n_frames;    /* number of examined frames */
     uint8_t *image;  /* [max pixels][3] */
-    uint8_t *bright; /* [n][n_frames] brightness in one camera */
-    /* [n][n_frames] numbers of cameras, at most 255: that see the place; that deviate. */
+    uint8_t *bright; /* [n][n_frames] brightness of each point in the current camera */
+    /* [n][n_frames] number of cameras, at most 255, in whose image a point is (seen), and in which
+     * its brightness deviates (changed). */
     uint8_t *seen, *changed;
 };
 
-/* Mean brightness of the 3 x 3 pixels around a point, 0 to 254. NONE outside the image or at its
- * border. */
+/* Returns the mean brightness of the 3 x 3 pixels around the projection of a point, 0 to 254; NONE
+ * if they are not all inside the image. */
 static uint8_t brightness(const struct spin_camera *camera, const uint8_t *image, const float at[3])
 {
     double p[3];
@@ -53,7 +56,8 @@ static int compare_bytes(const void *a, const void *b)
     return *(const uint8_t *)a - *(const uint8_t *)b;
 }
 
-/* Median over the frames in which the place is visible; NONE if it never is. */
+/* Returns the median brightness of a point over the frames in which it is inside the image; NONE if
+ * there is no such frame. */
 static uint8_t median_of(const uint8_t *bright, int n_frames)
 {
     uint8_t value[FRAMES];
@@ -68,7 +72,7 @@ static uint8_t median_of(const uint8_t *bright, int n_frames)
     return value[n / 2];
 }
 
-/* Index of a frame among the examined ones, or -1. */
+/* Returns the index of a frame among the examined frames; -1 if it is not examined. */
 static int examined_index(const struct look *l, int frame)
 {
     int64_t all = l->plan->clip.n_frames, k = (int64_t)frame * l->n_frames / all;
@@ -76,7 +80,7 @@ static int examined_index(const struct look *l, int frame)
     return (k * all + l->n_frames - 1) / l->n_frames == frame ? (int)k : -1;
 }
 
-/* Counts one camera, for each place and frame: whether it sees the place, whether it deviates. */
+/* Adds one camera to the counts `seen` and `changed` of each point and frame. */
 static spin_status count_camera(struct look *l, int camera_id)
 {
     size_t n_frames = (size_t)l->n_frames;

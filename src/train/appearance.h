@@ -4,9 +4,11 @@
 
 #include "train/photos.h"
 
-/* varies [n]: whether the brightness at place [n][3] (world units) varies over the clip. It does
- * if, in some frame, more than half and at least two of the training cameras that see the place
- * deviate from their own median over time. An object that only passes in front of the place does
- * not count, since few cameras see it there. At most 32 frames of the clip are examined. */
+/* Sets varies [n] to 1 for each point of place [n][3] (world units) whose brightness varies over
+ * the clip, and to 0 for the others. The brightness varies if there is a frame in which at least
+ * two training cameras, and more than half of those whose image contains the point, measure a
+ * brightness that differs from the camera's own median over time. An object that passes in front of
+ * a point does not count, since at any time it covers the point in the images of few cameras only.
+ * At most 32 frames of the clip are examined. */
 spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_photos *photos,
                                    size_t n, const float *place, uint8_t *varies);

@@ -18,8 +18,8 @@ struct spin_average spin_average_of(double share, int64_t until, int64_t iterati
                                  .every = (iterations - first + MOMENTS - 1) / MOMENTS};
 }
 
-/* Number of averaged iterations up to this one. Counts backwards, since the last iteration is
- * always averaged. */
+/* Returns how many of the iterations up to `iteration` are averaged. These are counted backwards
+ * from the last iteration of the training, which is always averaged. */
 static int count_by(const struct spin_average *a, int64_t iterations, int64_t iteration)
 {
     int64_t left = iterations - iteration;
@@ -56,7 +56,7 @@ spin_status spin_average_resume(struct spin_trainer *t)
     return t->average.n > 0 ? reserve_mean(t) : SPIN_OK;
 }
 
-/* Updates the mean of n - 1 samples with sample n. */
+/* Adds sample n to the mean of the first n - 1 samples. */
 static void add_sample(float *mean, const float *values, size_t n_values, int n)
 {
     float share = 1 / (float)n;

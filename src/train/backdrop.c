@@ -1,10 +1,10 @@
 /* Places the backdrop behind the farthest points along the rays of the training cameras.
  *
- * Each view is divided into cells. The farthest points of a cell form its outermost surface, and a
- * flat splat of about the cell's size is placed behind that surface, far enough to stay behind the
- * surface's own splats in the sort by depth. The splat is pushed back while it would appear in
- * front of the outermost surface of any view, and dropped where an earlier view has already placed
- * a splat. */
+ * Each view is divided into cells. The farthest points that project into a cell form the outermost
+ * surface of the cell. A flat splat of about the size of the cell is placed behind that surface, at
+ * such a distance that the sort by depth keeps it behind the splats of the surface. The splat is
+ * pushed away from the camera as long as it is in front of the outermost surface of any other view.
+ * It is dropped if there is already a splat at its position. */
 #include "train/backdrop.h"
 
 #include "base/base.h"
@@ -14,28 +14,36 @@
 #include "scene/columns.h"
 
 enum {
-    MOST_FRAMES = 16,    /* frames to sample points from */
-    MOST_POINTS = 20000, /* points sampled per frame */
-    MOST_VIEWS = 64,     /* views to place splats for */
-    LEAST_COLUMNS = 8,   /* cells along the width of an image */
+    MOST_FRAMES = 16,    /* largest number of frames whose points are sampled */
+    MOST_POINTS = 20000, /* largest number of points sampled in a frame */
+    MOST_VIEWS = 64,     /* largest number of views for which splats are placed */
+    LEAST_COLUMNS = 8,   /* limits for the number of cells along the width of an image */
     MOST_COLUMNS = 40,
     MOST_ROWS = 64,
-    CELL_POINTS = 12, /* mean number of points per frame in a visible cell */
-    N_BINS = 96,      /* bins of log depth */
-    DEPTH_BINS = 3,   /* largest number of bins that a surface spans */
+    CELL_POINTS = 12, /* number of points of a frame that a cell contains on average */
+    N_BINS = 96,      /* bins of log depth in a cell */
+    DEPTH_BINS = 3,   /* number of adjacent bins that form a surface */
     MOST_SPLATS = 20000,
-    FEWEST_SPLATS = 1000 /* auto needs as many per frame: fewer do not show where surfaces are */
+    /* With fewer splats per frame, --backdrop auto means off: they do not show where surfaces are.
+     */
+    FEWEST_SPLATS = 1000
 };
-/* Largest share of a cell's points treated as outliers behind its surface. */
+/* Largest share of the points of a cell that are treated as outliers behind the surface of the
+ * cell. */
 static const double far_share = 0.005;
-static const double behind = 2;     /* distance of a splat behind its surface, in cells */
-static const double scale = 1;      /* standard deviation along the surface, in spacings of cells */
-static const double most_scale = 2; /* largest spacing on slanted surfaces, in cells */
-static const double thickness = 0.1;  /* standard deviation across the surface, in spacings */
-static const double reach = 2;        /* radius that must stay hidden, in standard deviations */
-static const double tolerance = 0.03; /* difference of log depth that still counts as equal */
-static const double covered = 0.7;    /* least distance between two splats, in spacings */
-static const double darkest = 0.02;   /* minimum colour: 0 would have no gradient */
+static const double behind = 2; /* distance of a splat from the surface, in cells */
+static const double scale = 1;  /* standard deviation along the surface, in spacings of splats */
+static const double most_scale = 2; /* largest spacing of splats on slanted surfaces, in cells */
+/* Standard deviation across the surface, in spacings of splats. */
+static const double thickness = 0.1;
+/* Radius of a splat that must not be visible, in standard deviations. */
+static const double reach = 2;
+/* A splat whose log depth is smaller than that of a surface by less than this is not in front of
+ * it. */
+static const double tolerance = 0.03;
+static const double covered = 0.7; /* smallest distance between two splats, in spacings */
+/* Minimum of a colour channel: at 0 it would have no gradient. */
+static const double darkest = 0.02;
 static const float logit_opacity = 5; /* opacity 0.993 */
 
 struct cell {
@@ -57,7 +65,7 @@ struct layout {
     struct view view[MOST_VIEWS];
     int n_views;
     struct spin_backdrop *out;
-    float *spacing; /* [MOST_SPLATS] */
+    float *spacing; /* [MOST_SPLATS] distance of each splat to those placed beside it */
 };
 
 static void close_layout(struct layout *l)
@@ -109,7 +117,8 @@ static spin_status sample_points(struct layout *l, struct spin_plan *plan)
 
 /* ---- Surfaces -------------------------------------------------------------------------------- */
 
-/* Cell that contains the projection of a point, or NULL outside the image. */
+/* Returns the cell of a view into which a point projects, and sets *depth to the depth of the
+ * point. Returns NULL if the projection is outside the image. */
 static struct cell *cell_of(const struct view *v, const float point[3], double *depth)
 {
     double p[3], x, y;
@@ -128,8 +137,9 @@ struct bin {
     double n, log_depth, colour[3];
 };
 
-/* A cell's surface is the mean of its farthest bin, outliers excluded, and the bins just in front
- * of that bin. */
+/* Sets the surface of a cell to the mean of its farthest points: first skips outliers from the
+ * back, then averages the farthest remaining bin and the DEPTH_BINS - 1 bins in front of that bin.
+ */
 static void find_surface(const struct bin *bin, struct cell *cell)
 {
     double all = 0, behind_it = 0;
@@ -191,7 +201,8 @@ static const struct cell *neighbour(const struct view *v, int i, int dx, int dy)
     return x >= 0 && y >= 0 && x < v->columns && y < v->rows ? &v->cell[y * v->columns + x] : NULL;
 }
 
-/* Gives cells without points the mean of their known neighbours, until all cells are known. */
+/* Fills cells without points: sets each to the mean of its known neighbours, and repeats this until
+ * all cells are known. */
 static spin_status fill_cells(struct view *v)
 {
     int n = v->columns * v->rows;
@@ -228,7 +239,7 @@ static spin_status fill_cells(struct view *v)
     return SPIN_OK;
 }
 
-/* Unprojects the surface at the centre of a cell to world space. */
+/* Computes the world position of the surface at the centre of cell i. */
 static void unproject_cell(const struct view *v, int i)
 {
     const struct spin_camera *c = v->camera;
@@ -242,9 +253,10 @@ static void unproject_cell(const struct view *v, int i)
         v->cell[i].at[k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2];
 }
 
-/* Chooses cells that contain CELL_POINTS points on average. The outermost surface of a cell with
- * few points is unreliable, and the backdrop could cover real surfaces: the clip court-mini loses
- * 0.6 dB with 40 columns and gains 0.6 dB with cells of this size. */
+/* Returns the number of columns with which a cell contains CELL_POINTS points of a frame on
+ * average. In cells with fewer points the outermost surface is unreliable, and the backdrop could
+ * cover real surfaces: the clip "court-mini" (docs/results.md) loses 0.6 dB with 40 columns and
+ * gains 0.6 dB with cells of this size. */
 static int choose_columns(const struct layout *l, const struct spin_camera *camera)
 {
     double visible = 0, columns, p[3];
@@ -280,7 +292,8 @@ static double dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Returns the previous length. */
+/* Scales a vector to length 1; leaves a zero vector unchanged. Returns the length that it had
+ * before. */
 static double normalise(double v[3])
 {
     double length = sqrt(dot(v, v));
@@ -298,11 +311,13 @@ static void cross(const double a[3], const double b[3], double out[3])
 
 /* A flat splat under construction. */
 struct patch {
-    double at[3], axis[3][3]; /* two axes along the surface; the normal away from the camera */
-    double size[2];           /* spacing of cells along the first two axes */
+    /* Centre; axes: two along the surface, and the normal that points away from the camera. */
+    double at[3], axis[3][3];
+    double size[2]; /* spacing of splats along the first two axes */
 };
 
-/* Change of the surface position from one cell to the next, by central differences. */
+/* out = difference of the surface's position between cell i and the next cell in the direction (dx,
+ * dy), by central differences. */
 static void find_surface_step(const struct view *v, int i, int dx, int dy, double out[3])
 {
     const struct cell *from = neighbour(v, i, -dx, -dy), *to = neighbour(v, i, dx, dy);
@@ -353,7 +368,7 @@ static bool is_in_front(const struct layout *l, const struct patch *p, double x,
     return false;
 }
 
-/* True if the centre or rim of the splat would be in front of some view's outermost surface. */
+/* True if the centre or the rim of the splat is in front of the outermost surface of any view. */
 static bool sticks_out(const struct layout *l, const struct patch *p)
 {
     return is_in_front(l, p, 0, 0) || is_in_front(l, p, reach, 0) || is_in_front(l, p, -reach, 0) ||
@@ -408,7 +423,8 @@ static void add_splat(struct layout *l, const struct patch *p, const double colo
 
 static void add_view(struct layout *l, const struct view *v)
 {
-    const int most_steps = 40; /* up to 1.05^40 = 7 times as far */
+    /* A splat ends at most 1.05^40 = 7 times as far from the camera as it was placed. */
+    const int most_steps = 40;
 
     for (int i = 0; i < v->columns * v->rows && l->out->n < MOST_SPLATS; i++) {
         struct patch p;
@@ -433,8 +449,8 @@ static spin_status place_splats(struct spin_plan *plan)
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.spacing, (void **)&l.spacing));
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.out->row, (void **)&l.out->row));
     for (size_t i = 0; i < n; i++) {
-        /* Stride n_train / n + 1: the number of cameras may divide n_train / n, and a single camera
-         * would then provide all views. */
+        /* The stride is n_train / n + 1. With a stride of n_train / n, which the number of cameras
+         * may divide, all views could be those of a single camera. */
         size_t pair = (i * (plan->n_train / n) + i) % plan->n_train;
 
         SPIN_TRY(open_view(&l, &plan->clip.views.view[plan->train[pair].view].camera));

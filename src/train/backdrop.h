@@ -1,24 +1,29 @@
-/* Opaque splats behind the outermost surfaces of a scene. In training over black, dark surfaces may
- * become transparent, since the black behind them shows through; over any other background they are
- * holes. A backdrop with the colours of the surfaces fills these holes already during training, so
- * the result looks the same over any background.
+/* Opaque splats behind the outermost surfaces of a scene. In training over a black background, dark
+ * surfaces may become transparent, since the black that shows through them matches their colour;
+ * over any other background such surfaces look like holes. A backdrop with the colours of the
+ * surfaces fills these holes already during training, so the result looks the same over any
+ * background.
  *
- * Its splats are static tracks, the last ones of the clip. They are trained like others, but stay
- * opaque and are neither split nor pruned. */
+ * The splats of the backdrop are static tracks, the last ones of the clip. They are trained like
+ * other static tracks, except that their opacity is fixed and that they are neither split nor
+ * pruned. */
 #pragma once
 
 #include "train/cloud.h"
 #include "train/photos.h"
 #include "train/tracks.h"
 
-/* Resolves SPIN_BACKDROP_AUTO in the report's options: off where image borders are flat (a subject
- * before a uniform colour), else on. Always off without tracks, with refined frames and for 4D
- * splats. */
+/* Resolves SPIN_BACKDROP_AUTO in the options of the report to off or on. AUTO becomes off if frames
+ * have fewer than 1000 splats on average, or if the borders of the training images show one flat
+ * colour (a subject in front of a uniform background). Any choice becomes off without tracks, with
+ * refined frames, or with --method 4d. */
 spin_status spin_backdrop_choose(struct spin_plan *plan, struct spin_photos *photos);
-/* If the backdrop is on, lays out plan->backdrop, appends its tracks to those of the source and
- * adds its splats to plan->counts. SPIN_E_MALFORMED if a mean is not finite. */
+/* If the option is on, computes the splats of plan->backdrop, appends one track for each of them to
+ * those of the source and adds the number of these splats to plan->counts of every frame.
+ * SPIN_E_MALFORMED if a mean of the source is not finite. */
 spin_status spin_backdrop_add(struct spin_plan *plan, struct spin_tracks *tracks);
-/* Appends the backdrop's splats to a frame of the source; their columns other than means are 0. */
+/* Appends the backdrop's splats to a frame of the source. Sets their means; their values in all
+ * other columns are 0. */
 spin_status spin_backdrop_append(const struct spin_backdrop *b, struct spin_splats *s);
-/* Sets the initial values of a frame's last b->n splats. */
+/* Sets the last b->n points of a frame's cloud to the initial values of the backdrop's splats. */
 void spin_backdrop_first_values(const struct spin_backdrop *b, struct spin_refine_cloud *cloud);

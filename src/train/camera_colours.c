@@ -1,6 +1,7 @@
-/* Projects points of a few frames into the training views and compares their colours there. A point
- * counts where a coarse depth map of the nearest points shows nothing in front of it; medians
- * absorb the occlusions that the map misses. */
+/* Projects points of a few frames into the training views and compares their colours there. In each
+ * view a coarse depth map of the nearest points is computed, and points that the map shows to be
+ * occluded are ignored. The map misses some occlusions, so results are medians, which a few wrong
+ * colours do not change. */
 #include "train/camera_colours.h"
 
 #include "base/base.h"
@@ -8,42 +9,51 @@
 #include "train/point_sample.h"
 
 enum {
-    FRAMES = 3,        /* frames examined */
-    POINTS = 4096,     /* points per frame whose colours are compared */
-    CELLS = 64,        /* cells of the depth map along each axis */
-    LEAST_CAMERAS = 3, /* least number of cameras that see a point, for the spread */
-    LEAST_POINTS = 32, /* least number of points that a camera sees, for the spread */
-    FIT_CAMERAS = 3,   /* least number of cameras that see a point, for the fit */
-    FIT_POINTS = 200   /* least number of points for the fit of gains and falloff */
+    FRAMES = 3,    /* largest number of examined frames */
+    POINTS = 4096, /* largest number of points of a frame whose colours are compared */
+    CELLS = 64,    /* cells of the depth map along each axis */
+    /* A point is used for the spread if it is visible to at least this many cameras. */
+    LEAST_CAMERAS = 3,
+    /* A camera is used for the spread if at least this many such points are visible to it. */
+    LEAST_POINTS = 32,
+    /* A point is used for the fit if it is visible to at least this many cameras. */
+    FIT_CAMERAS = 3,
+    /* Gains and falloff are fitted if there are at least this many such points. */
+    FIT_POINTS = 200
 };
-/* Range of values that determine a gain: dark ones are noisy, bright ones clipped. */
+/* Only values in this range are used for the fit: darker ones are noisy, brighter ones may be
+ * clipped. */
 static const float darkest = 0.1f, brightest = 0.95f;
-/* Edge length of the cubes in which half_of() divides the scene, in radii of the ball that contains
- * most points. */
+/* Edge length of the cubes into which half_of() divides the scene, relative to the radius of the
+ * ball that contains most points. */
 static const double region = 0.5;
-/* A point is occluded if its depth exceeds the smallest depth of its cell by this factor. */
+/* A point is occluded if its depth is more than `behind` times the smallest depth in its cell of
+ * the depth map. */
 static const double behind = 1.05;
 
 struct colours {
     struct spin_plan *plan;
     struct spin_photos *photos;
     struct spin_splats splats; /* splats of the current frame */
-    size_t step, n_points;     /* every step-th splat is one of the points */
-    uint8_t *image;            /* image of a view */
-    float (*seen)[4];          /* [points][cameras] of the frame: r g b and r^2; NaN: not visible */
-    int *lens;                 /* [cameras] index of the camera's lens */
-    /* [cameras][FRAMES * POINTS] for each channel: deviations (colours are 0..1) from the mean
-     * colour of all cameras. */
+    size_t step, n_points;     /* the points are every step-th splat of the frame */
+    uint8_t *image;            /* the image of the current view */
+    /* [points][cameras] samples of the current frame: colour r g b, and r^2 of the pixel
+     * (spin_lens_r2()); NaN if the point is not visible. */
+    float (*seen)[4];
+    int *lens; /* [cameras] index of the lens of each camera */
+    /* For each channel [cameras][FRAMES * POINTS]: how much the colour of a point in a camera,
+     * 0..1, deviates from the point's mean colour in all cameras. */
     float *difference[3];
-    size_t *n;     /* [cameras] number of deviations */
+    size_t *n;     /* [cameras] number of deviations of each camera */
     float ball[3]; /* centre of the ball that contains most points */
     double radius;
     struct spin_look_sample *sample;
-    size_t n_samples, n_points_seen; /* n_points_seen: points in the samples */
+    size_t n_samples, n_points_seen; /* n_points_seen: number of points that have samples */
     double nearest[CELLS][CELLS];
 };
 
-/* Projects a splat to its pixel and depth; false if it is not visible in the view. */
+/* Projects a splat of the current frame: sets its pixel and depth. Returns false if the splat is
+ * not visible to the camera. */
 static bool project(const struct colours *c, const struct spin_camera *camera, size_t splat,
                     int pixel[2], double *depth)
 {
@@ -78,7 +88,7 @@ static void map_nearest(struct colours *c, const struct spin_camera *camera)
         }
 }
 
-/* Samples the colours of the frame's points in a view. */
+/* Samples the colours of the current frame's points in a view, into c->seen. */
 static spin_status sample_view(struct colours *c, size_t view)
 {
     const struct spin_view *v = &c->plan->clip.views.view[view];
@@ -106,7 +116,7 @@ static spin_status sample_view(struct colours *c, size_t view)
     return SPIN_OK;
 }
 
-/* Deviations of each camera from the mean colour of the frame's points. */
+/* Adds the deviations of all cameras in the points of the current frame to c->difference. */
 static void add_deviations(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
@@ -141,7 +151,8 @@ static bool determines_gain(const float seen[4])
     return tells;
 }
 
-/* Half of the scene, 0 or 1, that a splat belongs to: cubes alternate as on a chessboard. */
+/* Returns the half of the scene, 0 or 1, to which a splat belongs. The scene is divided into cubes,
+ * which belong to the halves alternately, as the squares of a chessboard do to the colours. */
 static int half_of(const struct colours *c, size_t splat)
 {
     const float *mean = c->splats.means + 3 * splat;
@@ -155,7 +166,7 @@ static int half_of(const struct colours *c, size_t splat)
     return (int)(sum & 1);
 }
 
-/* Adds the points of the frame that enough cameras see to the samples. */
+/* Adds the samples of those points of the current frame that are visible to enough cameras. */
 static spin_status add_fit_samples(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;
@@ -234,7 +245,8 @@ static spin_status sample_frame(struct colours *c, int frame)
     return add_fit_samples(c);
 }
 
-/* Largest absolute median deviation of a camera; -1 if no camera has enough points. */
+/* Returns the largest deviation of any camera in a channel, where the deviation is the absolute
+ * value of the camera's median; -1 if no camera has enough points. */
 static double spread_of(struct colours *c, int rgb)
 {
     double most = -1;

@@ -1,4 +1,5 @@
-/* Matches frame by frame in one pass; only two frames are in memory at a time. */
+/* Matches the splats of each frame with those of the next, in one pass; only two frames are in
+ * memory at a time. */
 #include "train/chains.h"
 
 #include "base/base.h"
@@ -6,22 +7,23 @@
 #include "train/knn.h"
 #include "train/link.h"
 
-/* Tuned on the clip basketball. */
-static const float reach_of_spacing = 3, /* search radius, in distances to the neighbours */
-    colour_tolerance = 0.1f,             /* largest difference in a colour channel of 0..1 */
-    share_of_step = 0.7f;                /* share of the last displacement that is expected again */
-/* Upper limit of a splat's distance to its neighbours, in means over all splats: caps the search
- * radius so that outliers are not matched across the scene. */
+/* Tuned on the clip "basketball" (docs/results.md). The search radius of a splat is
+ * reach_of_spacing times its distance to its neighbours. Matched splats differ by at most
+ * colour_tolerance in each colour channel, 0..1. A splat is expected to repeat share_of_step of its
+ * last displacement. */
+static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
+/* For the search radius, the distance of a splat to its neighbours is limited to this many times
+ * the mean distance of all splats, so that outliers are not matched across the scene. */
 static const float most_spacing = 4;
 
-/* Splats of a frame that have no track. */
+/* The splats of a frame that may be matched. */
 struct loose {
     size_t n;
-    uint32_t *splat; /* [n] rows of the frame */
-    uint32_t *chain; /* [n] index of the track, or SPIN_NO_TRACK */
-    float *at;       /* [n][3] */
+    uint32_t *splat; /* [n] row of each splat in the frame */
+    uint32_t *chain; /* [n] index of the track built by matching, or SPIN_NO_TRACK */
+    float *at;       /* [n][3] position */
     float *expected; /* [n][3] expected position in the next frame */
-    float *colour;   /* [n][3] in units of the tolerance */
+    float *colour;   /* [n][3] in units of colour_tolerance */
     float *reach;    /* [n] search radius */
 };
 
@@ -54,7 +56,7 @@ static float colour_of(const struct spin_splats *s, size_t i, size_t c)
     return s->sh ? (float)(SPIN_SH_C0 * (double)s->sh[3 * coefficients * i + c]) : 0;
 }
 
-/* Sets the search radius around the expected position of each splat. */
+/* Sets the search radius of each splat, around its expected position. */
 static spin_status set_reach(struct spin_pool *pool, struct loose *l)
 {
     double mean = 0;
@@ -69,7 +71,7 @@ static spin_status set_reach(struct spin_pool *pool, struct loose *l)
     return SPIN_OK;
 }
 
-/* Splats with a track and splats with values that are not finite are not matched. */
+/* True if splat i may be matched: it has no track, and all its values are finite. */
 static bool may_be_linked(const struct spin_splats *s, const uint32_t *of, size_t i)
 {
     float sum = 0;
@@ -111,7 +113,8 @@ static spin_status add_track(struct spin_chains *chains, const float at[3], uint
     return SPIN_OK;
 }
 
-/* Matches splat k of `to` with splat i of `from`. */
+/* Records that splat k of `to` is the match of splat i of `from`: adds it to the track of i, and
+ * updates its expected position. */
 static spin_status add_link(struct spin_chains *chains, struct loose *from, size_t i,
                             struct loose *to, size_t k)
 {

@@ -6,12 +6,13 @@
 
 struct spin_chains {
     size_t n, capacity;
-    float *place; /* [n][3] position of the track's first splat */
+    float *place; /* [n][3] position of the first splat of each track */
 };
 
-/* of [frames][splats, in the bundle's order]: the track of each splat. Splats with SPIN_NO_TRACK
- * may be matched; matched ones are assigned first + the index of their track in `chains`. Makes one
- * pass over the means and colours of the bundle. Zero it first; close it also after a failure. */
+/* of [frames][splats, in the bundle's order] is the track of each splat. Only splats whose entry is
+ * SPIN_NO_TRACK are matched. The entry of each matched splat becomes `first` plus the index of its
+ * track in `chains`. Reads the means and colours of the bundle once. Zero it first; close it also
+ * after a failure. */
 spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan, uint32_t **of,
                              uint32_t first);
 void spin_chains_close(struct spin_chains *chains);

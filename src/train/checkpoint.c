@@ -1,4 +1,4 @@
-/* Stores the state of a training as an archive of arrays with a header, state.json. */
+/* Saves and loads the state of a training: an archive of arrays, with a header "state.json". */
 #include "train/checkpoint.h"
 
 #include "base/base.h"
@@ -6,8 +6,8 @@
 #include "train/state_arrays.h"
 
 enum { PORTION = 1 << 20 }; /* floats downloaded at a time */
-/* Upper bounds in bytes: state.json without its frames, the archive's overhead per array, and a
- * frame in state.json. */
+/* Upper bounds in bytes, for the estimate of a checkpoint's size: of state.json without its frames,
+ * of what the archive needs for each array beside the values, and of each frame in state.json. */
 enum { HEADER_BYTES = 4096, PIECE_BYTES = 512, FRAME_BYTES = 128 };
 
 double spin_checkpoint_seconds(const struct spin_checkpoint *c)
@@ -15,7 +15,8 @@ double spin_checkpoint_seconds(const struct spin_checkpoint *c)
     return c->before_s + spin_now_s() - c->start_s;
 }
 
-/* Fails if one of the values [first, first + n) of an array is not finite. */
+/* Fails if one of the n values v, which are the values [first, first + n) of an array, is not
+ * finite. */
 static spin_status check_values(const struct spin_trainer *t, const char *name, size_t first,
                                 const float *v, size_t n)
 {
@@ -33,7 +34,8 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
                           name, first + i, (long long)t->iteration);
 }
 
-/* All ranks update the parameters identically, so the hashes must be equal. */
+/* Fails if the hashes of the parameters differ between ranks. All ranks update the parameters
+ * identically, so the hashes must be equal. */
 static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 {
     SPIN_FREED uint64_t *all = NULL;
@@ -53,7 +55,7 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     return status;
 }
 
-/* *bad: some parameter is not finite. The check runs on the device. */
+/* Sets *bad to whether a parameter is not finite. The check runs on the device. */
 static spin_status find_nonfinite(const struct spin_trainer *t,
                                   const struct spin_state_array *piece, size_t n_pieces, bool *bad)
 {
@@ -86,7 +88,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     SPIN_TRY_OUT(find_nonfinite(t, piece, n_pieces, &bad));
     if (!bad && spin_n_ranks() == 1)
         goto out;
-    /* Download the values, to locate the bad one or to compare ranks. */
+    /* Download the values, to find the one that is not finite or to compare the ranks. */
     SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block));
     for (size_t i = 0; i < n_pieces; i++) {
         if (!spin_state_is_parameter(&piece[i]))
@@ -130,8 +132,9 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
     return spin_zip_member_end(w);
 }
 
-/* Checks that the tracks of a frame's splats exist, occur once and have the order of the frame's
- * sizes; or that rows in the output are a permutation. */
+/* Checks an array of 32-bit numbers of a frame. Tracks of splats must exist, must not occur twice,
+ * and must be in the order that the frame's sizes state. Rows in the output must be a permutation.
+ */
 static spin_status check_numbers(const struct spin_trainer *t, const struct spin_state_array *piece,
                                  const uint32_t *number)
 {
@@ -233,10 +236,12 @@ static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t
 {
     SPIN_LEAVES(spin_zip_writer_abandon) struct spin_zip_writer w = {0};
 
-    spin_inputs_own(c->path); /* allow to replace it although a resume has read it */
+    /* A resume has read this file, so it counts as an input; allow replacing it nevertheless. */
+    spin_inputs_own(c->path);
     spin_reserve_set(&c->reserve, c->path, 0);
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
-    w.out.sync = true; /* hours of work must survive a power failure */
+    /* Wait until the file is on disk: hours of work must survive a power failure. */
+    w.out.sync = true;
     SPIN_TRY(write_text(&w, "state.json", header));
     SPIN_TRY(save_pieces(c, t, &w));
     return spin_zip_writer_commit(&w);
@@ -294,8 +299,8 @@ spin_status spin_checkpoint_bytes(const struct spin_checkpoint *c, struct spin_t
     return SPIN_OK;
 }
 
-/* The last steps of lazy Adam are indices into tables of rates, so they must not exceed
- * `iteration`. */
+/* Checks the last steps of lazy Adam: they are used as indices into a table of the rates of all
+ * steps so far, so they must not exceed `iteration`. */
 static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
@@ -306,9 +311,9 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
     return SPIN_OK;
 }
 
-/* Copies an array to the trainer, on the host or the device; floats and 32-bit integers have the
- * same size. Statistics are restored on rank 0 only, since the next all-reduce adds those of all
- * ranks. */
+/* Checks an array and copies it to the trainer, to host or device memory. `values` is scratch:
+ * floats and 32-bit integers have the same size. Statistics are copied on rank 0 only: the next
+ * all-reduce adds up those of all ranks and must count them once. */
 static spin_status load_piece(struct spin_trainer *t, const struct spin_state_array *piece,
                               const struct spin_array *a, void *values)
 {
@@ -351,8 +356,8 @@ static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trai
     return SPIN_OK;
 }
 
-/* Parses state.json, which the caller frees. Fails if the checkpoint was made from another input or
- * with other options. */
+/* Parses state.json. Fails if the checkpoint was made from another input or with other options. The
+ * caller frees *out. */
 static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz *npz,
                                spin_json **out)
 {
@@ -402,7 +407,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     return SPIN_OK;
 }
 
-/* Reads a count of state.json, which must be at most `most`. */
+/* Reads a count from state.json; fails if it is negative or above `most`. */
 static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
 {
     int64_t n;

@@ -1,5 +1,5 @@
-/* Initial values of the points of a frame, from coloured points as in 3DGS or from splats, and
- * their transfer to and from the device. */
+/* Computes the initial values of the points of a frame, from coloured points as in 3DGS or from
+ * splats, and transfers points to and from the device. */
 #include "train/cloud.h"
 
 #include "base/base.h"
@@ -37,7 +37,7 @@ void spin_refine_cloud_free(struct spin_refine_cloud *cloud)
     memset(cloud, 0, sizeof *cloud);
 }
 
-/* Rows of the values, or of one of the moments. */
+/* Describes the rows of the points' values, or of one of their moments. */
 static struct spin_frame_rows rows_of(const struct spin_refine_cloud *cloud,
                                       enum spin_train_array which)
 {

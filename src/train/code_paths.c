@@ -1,4 +1,4 @@
-/* Keeps a list of distinct SIMD paths. */
+/* Keeps a list of SIMD paths, in which each path occurs once. */
 #include "train/code_paths.h"
 
 #include <string.h>

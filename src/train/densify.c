@@ -1,5 +1,6 @@
-/* Clone, split and prune as in 3DGS. Points are processed in order, and random numbers are indexed
- * instead of drawn from a sequence, so the result depends only on the statistics and the seed. */
+/* Clones, splits and prunes points. Points are processed in order, and each random number is
+ * computed from its index instead of drawn from a sequence, so the result depends only on the
+ * statistics and the seed. */
 #include "train/densify.h"
 
 #include <math.h>
@@ -11,10 +12,11 @@
 #include "math/quat.h"
 #include "math/rng.h"
 
-enum { STREAM_SPLIT = 32 }; /* random numbers, see math/rng.h */
+enum { STREAM_SPLIT = 32 }; /* stream of random numbers, see math/rng.h */
 enum { KEEP, CLONE, SPLIT };
 
-static const float log_shrink = 0.47000363f; /* ln 1.6: a child's scale is its parent's / 1.6 */
+/* Ln 1.6: the scale of a child is that of its parent / 1.6. */
+static const float log_shrink = 0.47000363f;
 
 /* ---- Choosing points ------------------------------------------------------------------------- */
 
@@ -71,8 +73,9 @@ static int compare_wishes(const void *a, const void *b)
     return (x->point > y->point) - (x->point < y->point);
 }
 
-/* Each clone and each split adds one point. If max_points allows fewer, points with the largest
- * mean gradients take precedence. */
+/* Limits the number of marked points, since each clone and each split adds one point. If max_points
+ * allows fewer new points than are marked, only those with the largest mean gradients stay marked.
+ */
 static spin_status respect_cap(const struct spin_densify_options *o,
                                const struct spin_refine_cloud *c, size_t marked, uint8_t *mark)
 {
@@ -98,7 +101,7 @@ static spin_status respect_cap(const struct spin_densify_options *o,
 
 enum { SH_ROW = 3 * SPIN_REFINE_SH };
 
-/* Adds a point with its parent's parameters, and with zero moments and statistics. */
+/* Adds a point with the parameters of its parent, and with moments and statistics of zero. */
 static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t parent)
 {
     struct spin_refine_point *p = &c->point[c->n];
@@ -138,9 +141,10 @@ static void add_child(struct spin_refine_cloud *c, size_t parent, const float no
     shift_point(p, along);
 }
 
-/* Half of a point: shifted along the longest axis by half_offset times the scale of that axis.
- * half_long multiplies this scale, half_other the other scales, and half_opacity the opacity. Tuned
- * on the clips court and basketball. */
+/* With long_axis, each half of a split point is shifted along the point's longest axis by
+ * half_offset times the scale of that axis. The scale of this axis is multiplied by half_long, the
+ * other two scales by half_other, and the opacity by half_opacity. Tuned on the clips "court" and
+ * "basketball" (docs/results.md). */
 static const float half_offset = 0.6f, half_long = 0.5f, half_other = 0.85f, half_opacity = 0.6f;
 
 static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
@@ -197,8 +201,8 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* Unlike 3DGS, rejects points with values that are not finite, which would enter the network's
- * training. */
+/* True if a point is not pruned. Unlike 3DGS, this prunes points with values that are not finite,
+ * since such values would spread through the training of the network. */
 static bool is_kept(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {
     const struct spin_refine_row *p = &c->point[i].p;
@@ -213,8 +217,9 @@ static bool is_kept(const struct spin_refine_cloud *c, size_t i, float prune_opa
     return spin_opacity_of(p->logit_opacity) >= prune_opacity;
 }
 
-/* Removes split parents (the first n_marked points have marks) and pruned points, and clears the
- * statistics. Returns the number of pruned points. */
+/* Removes the points that were split, which are marked SPLIT (only the first n_marked points have
+ * marks), and the points that is_kept() rejects; clears the statistics of the others. Returns the
+ * number of points that is_kept() rejected. */
 static size_t remove_points(struct spin_refine_cloud *c, const uint8_t *mark, size_t n_marked,
                             double prune_opacity)
 {

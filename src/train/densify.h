@@ -1,7 +1,7 @@
-/* Densification: clone, split and prune points during training (docs/method.md section 2). The
- * rules are those of 3DGS (Kerbl et al. 2023) or, with long_axis, a split that changes the image
- * less (Deng et al. 2024, "Efficient Density Control for 3D Gaussian Splatting"). Works in host
- * memory. */
+/* Densification: clones, splits and prunes points during training (docs/method.md section 2), in
+ * host memory. The rules are those of 3DGS (Kerbl et al. 2023). The option long_axis replaces the
+ * clones and splits of 3DGS by a split that changes the image less (Deng et al. 2024, "Efficient
+ * Density Control for 3D Gaussian Splatting"). */
 #pragma once
 
 #include "train/cloud.h"
@@ -10,33 +10,41 @@
 extern const double spin_prune_opacity;
 
 struct spin_densify_options {
-    double extent;             /* extent of the cameras, spin_views_extent(); no default */
-    double gradient_threshold; /* least mean gradient that densifies a point; default 2e-4 */
-    /* Split into two halves along the longest axis; no clones, no random numbers. */
+    /* Extent of the training cameras in world units, see spin_views_extent(); no default. */
+    double extent;
+    /* A point with at least this mean gradient is cloned or split; default 2e-4. */
+    double gradient_threshold;
+    /* If true, each densified point is split into two halves along its longest axis, without random
+     * numbers, and no point is cloned. */
     bool long_axis;
-    double percent_dense; /* larger points are split, not cloned: share of extent, default 0.01 */
-    double prune_opacity; /* default spin_prune_opacity */
-    size_t max_points;    /* 0: no limit */
+    /* A point whose largest scale exceeds this share of `extent` is split, a smaller one is cloned;
+     * default 0.01. */
+    double percent_dense;
+    double prune_opacity; /* points with a smaller opacity are pruned; default spin_prune_opacity */
+    size_t max_points;    /* limit for the number of points after densification; 0: no limit */
     uint64_t seed;
-    int frame; /* selects the random numbers, with the seed */
-    /* Standard normal samples for splits: out [n][3], all first children, then all second ones.
-     * NULL: generated from (seed, frame, iteration, row). */
+    int frame; /* with the seed, selects the random numbers */
+    /* Sets out [n][3] to standard normal samples for splits: one sample for the first child of each
+     * split point, then one for the second child of each. NULL: the samples are generated from the
+     * seed, the frame, the iteration and their index. */
     void (*normals)(void *context, int iteration, size_t n, float *out);
     void *context;
 };
 void spin_densify_defaults(struct spin_densify_options *o);
 
 struct spin_densify_change {
-    size_t clones; /* points added */
-    size_t splits; /* parents, each replaced by two children */
-    size_t pruned; /* points removed, not counting split parents */
+    size_t clones; /* number of clones, which are added points */
+    size_t splits; /* number of split points, each of which is replaced by two children */
+    size_t pruned; /* number of removed points, without the split ones */
 };
 
-/* Clones and splits by the statistics, then prunes and clears all statistics. Order of the result:
- * kept points, clones, first children, second children, each in the order of their parents. */
+/* Clones and splits points according to their statistics (spin_refine_point), then prunes points
+ * and clears the statistics of all. Order of the result: kept points, clones, first children,
+ * second children. Within each of these groups points have the order that they, or their parents,
+ * had before. */
 spin_status spin_densify(const struct spin_densify_options *o, int iteration,
                          struct spin_refine_cloud *cloud, struct spin_densify_change *change);
 
-/* Drops points with an opacity below prune_opacity or a value that is not finite. Returns their
- * number. */
+/* Removes points that have an opacity below prune_opacity or a value that is not finite. Returns
+ * the number of removed points. */
 size_t spin_refine_prune(struct spin_refine_cloud *cloud, double prune_opacity);

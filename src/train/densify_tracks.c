@@ -1,5 +1,5 @@
-/* Densification in host memory: downloads the tracks and then one frame at a time, changes and
- * uploads them. All ranks do the same work. */
+/* Densifies a clip in host memory: downloads the tracks, densifies and uploads them; then it does
+ * this for one frame at a time. All ranks do the same work. */
 #include "train/densify_tracks.h"
 
 #include "base/base.h"
@@ -10,11 +10,13 @@ struct change {
     struct spin_trainer *t;
     const struct spin_densify_options *o;
     int iteration;
-    /* The new tracks, sorted by kind: dynamic, varying, static, backdrop. */
+    /* The densified tracks, sorted by kind: dynamic, varying, static, backdrop. */
     struct spin_refine_cloud tracks;
     size_t n_before, n_moving, n_varying;
-    uint32_t *row; /* [n_before] splat of each old track in this frame, or SPIN_NO_TRACK */
-    struct spin_refine_cloud before, after; /* splats of this frame; reused for the next */
+    /* [n_before] row of each old track's splat in the current frame, or SPIN_NO_TRACK. */
+    uint32_t *row;
+    /* Splats of the current frame, before and after; the memory is reused for the next frame. */
+    struct spin_refine_cloud before, after;
 };
 
 /* ---- The tracks' parameters ------------------------------------------------------------------ */
@@ -24,7 +26,8 @@ static struct spin_refine_row *row_of_part(struct spin_refine_point *p, int part
     return part == 0 ? &p->p : part == 1 ? &p->m : &p->v;
 }
 
-/* Copies values, first and second moments between the device's groups and rows of the cloud. */
+/* Copies values and moments of the tracks from the cloud's rows to the groups of the device (up),
+ * or back. */
 static spin_status copy_tracks(struct spin_device *d, const struct spin_param *param,
                                struct spin_refine_cloud *cloud, bool up)
 {
@@ -53,7 +56,7 @@ static spin_status copy_tracks(struct spin_device *d, const struct spin_param *p
     return SPIN_OK;
 }
 
-/* Statistics of a frame's splats, and their tracks. */
+/* The statistics and the tracks of a frame's splats, in host memory. */
 struct seen_frame {
     float *gradient;
     uint32_t *seen, *track;
@@ -75,7 +78,7 @@ static spin_status fetch_seen(struct spin_trainer *t, int f, struct seen_frame *
                             : d->op->download(d, out->track, frame->track, n * sizeof *out->track);
 }
 
-/* The statistics of a track are the sums of those of its splats. */
+/* Adds the statistics of all splats of a track to those of the track, in all frames. */
 static spin_status add_statistics(struct change *c)
 {
     spin_status status = SPIN_OK;
@@ -95,8 +98,8 @@ static spin_status add_statistics(struct change *c)
     return SPIN_OK;
 }
 
-/* Kind of the old track `origin`, which its children inherit: 0 dynamic, 1 varying, 2 static, 3
- * backdrop. */
+/* Returns the kind of the old track `origin`: 0 dynamic, 1 varying, 2 static, 3 backdrop. A track
+ * that it was split or cloned into has the same kind. */
 static int kind_of(const struct spin_trainer *t, uint32_t origin)
 {
     return origin < t->n_moving                   ? 0
@@ -124,7 +127,8 @@ static spin_status sort_tracks(struct change *c)
     return SPIN_OK;
 }
 
-/* Remaining splat budget beside `others` splats of a frame; at least 1, since 0 is unlimited. */
+/* Returns how many splats a frame may have in addition to `others` splats, as a value of
+ * max_points: 0 if there is no limit; at least 1 otherwise. */
 static size_t remaining_budget(const struct change *c, size_t others)
 {
     size_t most = c->o->max_points;
@@ -160,17 +164,17 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
-/* The new splats of a frame. The cloud contains the leading splats, which own values; values that a
- * splat does not own are zero. */
+/* The new splats of a frame. The cloud contains only the first of them, which own values. */
 struct rows {
     struct spin_refine_cloud *cloud;
-    uint32_t *track;  /* [n] */
-    uint32_t *origin; /* [n] previous row, or NEW_ROW */
+    uint32_t *track;  /* [n] track of each splat, or SPIN_NO_TRACK */
+    uint32_t *origin; /* [n] row that each splat had before, or NEW_ROW */
     struct spin_frame_size size;
 };
 static const uint32_t NEW_ROW = UINT32_MAX;
 
-/* Sets c->row for a frame. Returns the number of splats that the new tracks have in this frame. */
+/* Sets c->row for a frame with n splats. Returns the number of splats that the new tracks have in
+ * this frame. */
 static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t n)
 {
     size_t n_tracked = 0;
@@ -184,7 +188,7 @@ static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t 
     return n_tracked;
 }
 
-/* c->after = the splats without a track, densified. */
+/* Densifies the splats without a track of frame f: sets c->after to the result. */
 static spin_status change_free(struct change *c, int f, const struct seen_frame *seen,
                                size_t n_free, size_t n_tracked, struct spin_densify_change *sum)
 {
@@ -211,7 +215,7 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
     return SPIN_OK;
 }
 
-/* Adds the values that the splat of track k owns, copied from an old row. */
+/* Adds a splat of track k to the cloud, with the values of the splat that was in `row` before. */
 static void add_own(const struct change *c, size_t k, uint32_t row, struct rows *rows)
 {
     struct spin_refine_point *p = &rows->cloud->point[rows->cloud->n++];
@@ -223,7 +227,8 @@ static void add_own(const struct change *c, size_t k, uint32_t row, struct rows 
     rows->size.n_residual += k < c->n_varying;
 }
 
-/* Appends the splats of the new tracks, in the order of the tracks, to those without a track. */
+/* Appends the splats of the new tracks, in the order of the tracks, to the splats without a track.
+ */
 static spin_status add_tracked(const struct change *c, struct rows *rows)
 {
     size_t n_free = rows->cloud->n, most = n_free + c->tracks.n, n = n_free;
@@ -253,7 +258,8 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
     return SPIN_OK;
 }
 
-/* Existing splats keep their order in the output; new ones follow. */
+/* Replaces *permutation, the rows of a frame's splats in the output. Splats that existed before
+ * keep their order there, without gaps; new splats get the rows after them. */
 static spin_status update_permutation(const struct rows *rows, size_t n_before,
                                       uint32_t **permutation)
 {
@@ -278,8 +284,8 @@ static spin_status update_permutation(const struct rows *rows, size_t n_before,
     return SPIN_OK;
 }
 
-/* turn [n_pos][4] = turns of the new splats, inherited from their parents. NULL if the frame has no
- * turns. */
+/* Sets *turn [n_pos][4] to the turns of the new splats, which are those of their parents; to NULL
+ * if the frame has no turns. The caller frees it. */
 static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
                                  const struct rows *rows, float **turn)
 {
@@ -321,7 +327,7 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
     return spin_refine_cloud_send(rows->cloud, d, frame);
 }
 
-/* c->before = the splats of the frame that own values. */
+/* Downloads the splats of the frame that own values to c->before. */
 static spin_status fetch_frame(struct change *c, const struct spin_train_frame *frame)
 {
     const struct spin_frame_size *size = &frame->size;

@@ -1,4 +1,4 @@
-/* Device memory of the cameras' exposure and the lenses' falloff. */
+/* Manages the device memory of the cameras' exposure and the lenses' falloff. */
 #include "train/exposure.h"
 
 #include <string.h>

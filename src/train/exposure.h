@@ -6,14 +6,19 @@
 #include "train/param.h"
 
 struct spin_exposures {
-    struct spin_param param; /* [n_cameras + n_lenses][SPIN_EXPOSURE]; n 0: none is learned */
+    /* [n_cameras + n_lenses][SPIN_EXPOSURE]: first the cameras, then the lenses. Empty (n is 0) if
+     * no exposure is learned. */
+    struct spin_param param;
     size_t n_cameras;
-    float SPIN_DEV *exposed; /* [pixels][3] rendered images with exposure and falloff */
+    /* [pixels][3] rendered images after exposure and falloff were applied. */
+    float SPIN_DEV *exposed;
     size_t pixels;
 };
 
-/* n_cameras 0: none is learned. pixels: of all images that are exposed together. first: initial
- * values in the layout of param. Close it also after a failure. */
+/* Allocates the parameters and copies their initial values from `first`, which has the layout of
+ * `param`. `pixels` is the total number of pixels of the images that the device processes together.
+ * With n_cameras 0 no exposure is learned and nothing is allocated. Close it also after a failure.
+ */
 spin_status spin_exposures_open(struct spin_exposures *t, struct spin_device *d, int n_cameras,
                                 int n_lenses, const float *first, size_t pixels);
 void spin_exposures_close(struct spin_exposures *t, struct spin_device *d);
@@ -22,6 +27,8 @@ void spin_exposures_close(struct spin_exposures *t, struct spin_device *d);
 spin_status spin_exposures_read_lenses(const struct spin_exposures *t, struct spin_device *d,
                                        struct spin_lenses *lenses);
 
-/* Fixes the gauge after an Adam step: the mean camera has gain 1 and offset 0, so held-out views
- * are rendered in its colours. Falloff needs no gauge: its formula gives 1 at the image centre. */
+/* Fixes the gauge after an Adam step: shifts the gains and offsets of all cameras so that the mean
+ * of the log gains and the mean of the offsets are 0. A held-out view, which has no exposure of its
+ * own, is thus rendered in the colours of this mean camera. Falloff needs no gauge, since its
+ * formula gives 1 at the image centre. */
 void spin_exposures_centre(struct spin_exposures *t, struct spin_device *d);

@@ -1,4 +1,5 @@
-/* A cached frame is a bundle of one frame, written atomically and checked when opened. */
+/* Reads and writes cached frames. Each is a bundle of one frame, which is written atomically and
+ * checked when it is opened. */
 #include "train/frame_cache.h"
 
 #include <ctype.h>
@@ -34,7 +35,7 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
     meta.columns = held;
     meta.sh_degree = splats->sh_degree;
     SPIN_TRY(spin_bundle_writer_open(path, true, true, &w));
-    w.zip.n_threads = 1; /* other threads write other frames */
+    w.zip.n_threads = 1; /* other threads write other frames at the same time */
     SPIN_TRY(spin_bundle_write_frame(&w, 0, held, 0, splats));
     extra = spin_json_object();
     spin_json_set_string(extra, "key", key);
@@ -42,7 +43,7 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
     return spin_bundle_writer_finish(&w, &meta, extra);
 }
 
-/* Opens a cached frame; SPIN_E_USAGE if its key differs. */
+/* Opens the bundle of a cached frame. SPIN_E_USAGE if its key is not `key`. */
 static spin_status open_frame(const char *path, const char *key, struct spin_bundle *out)
 {
     const char *text;
@@ -89,7 +90,8 @@ spin_status spin_frame_cache_get(const char *folder, int index, const char *key,
     return spin_bundle_frame(&bundle, 0, columns, out);
 }
 
-/* "00012.spin", or the remains of a killed writer: "00012.spin.tmp.*". */
+/* True for the name of a cached frame, "00012.spin", and for a temporary file that a killed run has
+ * left, "00012.spin.tmp.*". */
 static bool is_ours(const char *name)
 {
     size_t digits = 0;

@@ -1,4 +1,4 @@
-/* Loads the splats of the clip in one pass. */
+/* Loads the splats of all frames in one pass over the clip. */
 #include "train/frames.h"
 
 #include "base/base.h"
@@ -12,8 +12,8 @@
 #include "train/turns.h"
 #include "train/unseen.h"
 
-/* Reads a refined frame or, with refinement NULL, a frame of the source with the backdrop. Checks
- * that its means are finite. */
+/* Reads a refined frame or, with refinement NULL, a frame of the source, to which it appends the
+ * splats of the backdrop. Fails if a mean is not finite. */
 static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *refinement, int frame,
                               unsigned columns, struct spin_splats *out)
 {
@@ -29,9 +29,10 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
 
 /* ---- The scene transform --------------------------------------------------------------------- */
 
-/* Centre: the median of each axis. Radius: the 90th percentile of the distance to the centre
- * (docs/method.md 3.1). Options may give centre and radius; without normalisation the transform
- * stays the identity. */
+/* Sets the centre and the radius of the scene transform. With --scene-normalise auto, the centre is
+ * the median of the sampled points along each axis, and the radius is that of the ball around it
+ * that contains 90 % of the points (docs/method.md 3.1). Otherwise the options give both, or the
+ * transform stays the identity. */
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
 {
@@ -75,8 +76,9 @@ spin_status spin_frames_look(struct spin_plan *plan)
 
 /* ---- Initial values -------------------------------------------------------------------------- */
 
-/* Columns that the initial values of a frame require: residual values start from the attributes of
- * the source (or of the refined frame), or from coloured points as in 3DGS. */
+/* Returns the columns from which the initial values of a frame are made. Residual values start from
+ * the attributes of the source (or of the refined frame), or from coloured points as in 3DGS;
+ * without residual values only the means are needed. */
 static unsigned first_columns(const struct spin_plan *plan, bool refined)
 {
     if (!spin_plan_has_residual(plan))
@@ -86,7 +88,8 @@ static unsigned first_columns(const struct spin_plan *plan, bool refined)
     return refined ? SPIN_COL_MEANS | SPIN_COL_RGB : spin_plan_point_columns(plan);
 }
 
-/* Replaces a splat with a value that is not finite by a small, grey and faint one. */
+/* If a value of a splat is not finite, replaces the attributes of the splat: it becomes small, grey
+ * and faint. */
 static void make_finite(struct spin_refine_row *p)
 {
     static const struct spin_refine_row none = {
@@ -101,12 +104,14 @@ static void make_finite(struct spin_refine_row *p)
         *p = none;
 }
 
-/* Initial values of the tracks, in host memory: copied from a track's first splat that is visible
- * to a training camera, or from its first splat if none is visible. */
+/* Initial values of the tracks, in host memory. Those of a track are copied from its first splat
+ * that is visible to a training camera; if none is visible, from its first splat. */
 struct first_tracks {
     const struct spin_tracks *tracks;
-    float *displacement, *residual; /* [n][3], [n][SPIN_RESIDUAL] */
-    /* [n] the splat found so far: 0 none, 1 an invisible one, 2 a visible one */
+    /* [n][3] position of a static track, or displacement of a dynamic one; [n][SPIN_RESIDUAL]. */
+    float *displacement, *residual;
+    /* [n] whose values the track has so far: 0 of no splat, 1 of an invisible splat, 2 of a visible
+     * splat */
     uint8_t *seen;
 };
 
@@ -122,8 +127,9 @@ static spin_status open_first_tracks(struct first_tracks *first, const struct sp
 
 static void close_first_tracks(struct first_tracks *first) { free(first->displacement); }
 
-/* A static track stores its position; a dynamic one a displacement, initially 0, that is added to
- * the positions of its splats. */
+/* Copies the initial values of the tracks from the points of a frame, where these are better than
+ * those recorded so far. A static track stores its position. A dynamic track stores a displacement
+ * that is added to the positions of its splats; it stays 0 here. */
 static void record_first_values(struct first_tracks *first, int frame,
                                 const struct spin_refine_cloud *cloud)
 {
@@ -142,7 +148,7 @@ static void record_first_values(struct first_tracks *first, int frame,
     }
 }
 
-/* Uploads the initial values of tracks, converted to groups (device.h). */
+/* Converts the initial values of the tracks to groups (device.h) and uploads them. */
 static spin_status send_first_tracks(const struct first_tracks *first, struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -158,7 +164,8 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
     return SPIN_OK;
 }
 
-/* Clears the residual values of splats with a track: the track has the initial values. */
+/* Sets the residual values of splats with a track to 0, since the track has the initial values and
+ * the values of both are added. */
 static void clear_tracked(const struct spin_tracks *tracks, int frame,
                           struct spin_refine_cloud *cloud)
 {
@@ -167,7 +174,8 @@ static void clear_tracked(const struct spin_tracks *tracks, int frame,
             memset(cloud->point[i].p.log_scale, 0, SPIN_RESIDUAL * sizeof(float));
 }
 
-/* Uploads a frame's splats in the trainer's order, and records the initial values of tracks. */
+/* Makes the initial values of frame f from its splats s, records those of tracks in *first, and
+ * uploads the others in the trainer's order. */
 static spin_status send_frame(const struct spin_plan *plan, const struct spin_splats *s, int f,
                               const uint32_t *permutation, struct first_tracks *first,
                               struct spin_device *device, struct spin_train_frame *frame)
@@ -196,7 +204,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
     return spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
 }
 
-/* Uploads the track of every splat, in the trainer's order. */
+/* Uploads the track of every splat of frame f, in the trainer's order. */
 static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, size_t n,
                                       const uint32_t *permutation, struct spin_device *device,
                                       struct spin_train_frame *frame)
@@ -210,8 +218,8 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
     return SPIN_OK;
 }
 
-/* Records the positions of the splats of dynamic tracks. In the trainer's order these are sorted by
- * track and follow the splats without a track. */
+/* Records the tracks and the positions of the splats of dynamic tracks in frame f. In the trainer's
+ * order these splats follow those without a track and are sorted by track. */
 static spin_status add_places(struct spin_turns *turns, const struct spin_tracks *tracks, int f,
                               const struct spin_splats *s, const uint32_t *permutation,
                               const struct spin_frame_size *size)
@@ -250,8 +258,10 @@ out:
     return status;
 }
 
-/* A track's rotation was copied from its first splat: turns it back to the track's reference frame,
- * so that the splat's turn restores it. Points need no correction, since they are isotropic. */
+/* Applies the inverse of a splat's turn to the rotation of its track. The rotation was copied from
+ * the first splat of the track and must be that in the reference frame, since the turn is applied
+ * to it again when the splat is rendered. Tracks that start from coloured points need no
+ * correction, since they are isotropic. */
 static void turn_first_tracks(struct first_tracks *first, const struct spin_turns *turns)
 {
     memset(first->seen, 0, first->tracks->n);
@@ -268,7 +278,8 @@ static void turn_first_tracks(struct first_tracks *first, const struct spin_turn
         }
 }
 
-/* Log of the median distance to the three nearest neighbours. */
+/* Sets *log_scale to the log of the median distance between a splat and its three nearest
+ * neighbours. */
 static spin_status measure_spacing(int n_threads, const struct spin_splats *s, double *log_scale)
 {
     struct spin_pool *pool = NULL;
@@ -290,7 +301,9 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
                               bool first_values)
 {
     const struct spin_tracks *tracks = first->tracks;
-    size_t n = trainer->frame[f].size.n; /* differs from the bundle's after a densification */
+    /* After a resume this may differ from the number in the bundle, which densification has
+     * changed. */
+    size_t n = trainer->frame[f].size.n;
 
     SPIN_TRY(
         spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), (void **)&frames->permutation[f]));

@@ -1,5 +1,5 @@
-/* Loads the splats before training: reads every frame once, checks it, sorts it for memory locality
- * and uploads it. */
+/* Loads the splats of all frames before training: reads every frame once, checks its values, sorts
+ * its splats for memory locality and uploads them. */
 #pragma once
 
 #include "train/refinement.h"
@@ -7,17 +7,19 @@
 
 struct spin_frames {
     int n;
-    uint32_t **permutation; /* [n][splats] row of the bundle for each splat of the trainer */
-    double init_log_scale;  /* initial log scale of splats */
+    /* [n][splats] for each frame: the row in the bundle of each of the trainer's splats. */
+    uint32_t **permutation;
+    double init_log_scale; /* initial log scale of splats */
 };
 
-/* Checks that the means of the source are finite, and reports the share of them outside the unit
- * ball. */
+/* Checks that the means of the source are finite, and stores the share of the means outside the
+ * encoder's unit ball in the report. */
 spin_status spin_frames_look(struct spin_plan *plan);
-/* Loads all frames, refined ones if available: sets the permutations, the trainer's scene transform
- * and, with first_values (false after a resume), the initial values of its frames and tracks. After
- * a resume with tracks the checkpoint provides the permutations. Zero it first; close it also after
- * a failure. */
+/* Loads all frames: the refined ones if frames were refined, otherwise those of the source. Sets
+ * the permutations and the trainer's scene transform. If first_values is true, also sets the
+ * initial values of the trainer's frames and tracks; after a resume it is false, since the
+ * checkpoint provides these values and, with tracks, the permutations. Zero *frames first; close it
+ * also after a failure. */
 spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
                              struct spin_refinement *refinement, const struct spin_tracks *tracks,
                              struct spin_trainer *trainer, bool first_values);

@@ -18,13 +18,13 @@ static void swap_points(struct spin_kd_tree *t, size_t a, size_t b)
     t->order[b] = keep;
 }
 
-/* Quickselect: moves the element of rank `middle` into place, smaller ones before it, larger ones
- * after. */
+/* Quickselect: reorders [lo, hi) so that the element at position `middle` is the one that sorting
+ * by this axis would put there, with no larger element before it and no smaller one after it. */
 static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t middle, int axis)
 {
     while (hi - lo > 1) {
         size_t i = lo, j = hi - 1;
-        /* The pivot is not the last element, so that both parts shrink. */
+        /* The pivot is not the last element, so both parts are smaller than the range. */
         float pivot = coordinate(t, lo + (hi - lo - 1) / 2, axis);
 
         for (;;) {

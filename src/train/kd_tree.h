@@ -1,5 +1,6 @@
-/* A k-d tree over points: splits at the median of the widest axis, leaves of at most eight points.
- * Each split is in the middle of its range, so an order of the points represents the tree. */
+/* A k-d tree over points. Each node splits its points at the median of the axis along which they
+ * extend farthest; leaves have at most eight points. The median of a node is in the middle of the
+ * node's range in `order`, so the tree needs no pointers: the order of the points determines it. */
 #pragma once
 
 #include "spin.h"
@@ -7,9 +8,10 @@
 enum { SPIN_KD_LEAF = 8 };
 
 struct spin_kd_tree {
-    const float *points; /* [n][3], the caller's, which must outlive the tree */
+    const float *points; /* [n][3] points of the caller, which must outlive the tree */
     uint32_t *order;     /* [n] indices of points, leaf after leaf */
-    uint8_t *axis;       /* [n] axis of the split at this position */
+    /* [n] axis of the split whose median is at this position of `order`; unused in leaves. */
+    uint8_t *axis;
     size_t n;
 };
 
@@ -23,8 +25,8 @@ typedef void (*spin_kd_visit)(void *context, uint32_t point);
 void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
                          spin_kd_visit visit, void *context);
 
-/* Signed distance of `at` from the median at position `place` of the order, along the axis of the
- * split there. */
+/* Signed distance of the point `at` from the splitting plane of the node whose median is at
+ * position `place` of the order: positive on the side of larger coordinates. */
 static inline float spin_kd_gap(const struct spin_kd_tree *t, size_t place, const float at[3])
 {
     return at[t->axis[place]] - t->points[(size_t)t->order[place] * 3 + t->axis[place]];

@@ -1,4 +1,4 @@
-/* Builds keys and fingerprints as texts or as hashes of texts. */
+/* Builds fingerprints, which are texts, and keys, which are hashes of texts. */
 #include "train/key.h"
 
 #include <inttypes.h>
@@ -15,8 +15,8 @@ static void add_images(spin_json *j, const struct spin_plan *plan, const struct 
     spin_json_set_string(j, "images", text);
 }
 
-/* Adds a hash of the names, sizes and CRCs of the input's arrays: an input with exchanged or
- * renamed arrays is a different input. */
+/* Adds a hash of the names, sizes and CRCs of the input's arrays. It contains the names, so an
+ * input with exchanged or renamed arrays counts as another input. */
 static void add_members(spin_json *j, const struct spin_zip *zip)
 {
     uint64_t hash = SPIN_HASH_BEGIN;
@@ -69,7 +69,7 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
 
     for (int c = 0; c < 3; c++)
         spin_json_push_number(centre, o->normalise_centre[c]);
-    if (network) { /* with the input, these determine the scene transform */
+    if (network) { /* with the input, these members determine the scene transform */
         spin_json_set_integer(j, "normalise", o->normalise);
         spin_json_set_number(j, "normalise_radius", o->normalise_radius);
         spin_json_set(j, "normalise_centre", centre);

@@ -1,4 +1,5 @@
-/* Each point searches the k-d tree for its own nearest neighbours. */
+/* Finds the nearest neighbours of each point by a search in a k-d tree, for all points in parallel.
+ */
 #include "train/knn.h"
 
 #include <float.h>

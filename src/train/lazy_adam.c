@@ -1,9 +1,9 @@
-/* Sizes of lazy Adam, and the decision to use it. */
+/* Computes the sizes of lazy Adam's memory, and decides whether to use it. */
 #include "train/lazy_adam.h"
 
 #include <math.h>
 
-/* Step numbers are stored as floats, which are exact up to this number. */
+/* Lazy Adam stores step numbers as floats, which represent integers exactly up to this number. */
 static const int64_t most_steps = 1 << 24;
 
 static size_t begin_of(const struct spin_field *field)
@@ -22,8 +22,8 @@ size_t spin_lazy_pad(const struct spin_field *field)
     return (SPIN_LINE - begin_of(field) % SPIN_LINE) % SPIN_LINE;
 }
 
-/* A splat reads 16 rows of a level, one per corner of a 4D cell. They lie in about 9 lines, as
- * neighbours along x share a line. */
+/* A splat reads 16 rows of a level, one for each corner of a 4D cell. Corners that are neighbours
+ * along x often share a line, so these rows are in about 9 lines. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps)
 {
     const struct spin_grid *grid = &field->grid;

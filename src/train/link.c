@@ -1,6 +1,7 @@
-/* Deferred acceptance (Gale and Shapley) in rounds: each unmatched splat proposes to the most
- * similar splat that is free or matched at a higher cost, and a cheaper match replaces a dearer
- * one. The result is a stable matching. */
+/* Deferred acceptance (Gale and Shapley), in rounds. In each round, every unmatched splat of `from`
+ * proposes to a splat of `to`: the one with the lowest cost among those that are unmatched or
+ * matched at a higher cost. A splat of `to` keeps the proposal with the lowest cost and drops a
+ * match with a higher cost. The result is a stable matching. */
 #include "train/link.h"
 
 #include "base/base.h"
@@ -8,10 +9,10 @@
 
 enum { CHUNK = 256, MOST_ROUNDS = 100 };
 
-/* The partner of a splat. */
+/* The match of a splat with another one. */
 struct link {
-    float cost; /* INFINITY: no partner */
-    uint32_t splat;
+    float cost;     /* INFINITY: there is no match */
+    uint32_t splat; /* the other splat */
 };
 
 struct round {
@@ -35,7 +36,7 @@ static bool is_better(struct link a, struct link b)
     return a.cost < b.cost || (a.cost == b.cost && a.cost < INFINITY && a.splat < b.splat);
 }
 
-/* Cost of a match; INFINITY if the two splats cannot be matched. */
+/* Returns the cost of a match of two splats; INFINITY if they must not be matched. */
 static float cost_of(const struct round *r, size_t from, size_t to)
 {
     const float *at = r->from->at + 3 * from, *to_at = r->to->at + 3 * to;
@@ -79,8 +80,8 @@ static void find_best(void *context, size_t first, size_t last)
     }
 }
 
-/* Accepts proposals that are cheaper than the current match. Returns whether there were any
- * proposals. */
+/* Accepts all proposals whose cost is lower than that of the current match. Returns whether there
+ * was a proposal. */
 static bool make_links(struct round *r)
 {
     bool any = false;

@@ -1,38 +1,39 @@
 /* Least squares of logarithms. The unknowns are a log colour for each point, eliminated by
  * subtracting the point's weighted mean; a log gain for each camera; and two coefficients for each
- * lens: a r^2 + b r^4 = log(1 + c1 r^2 + c2 r^4). Conjugate gradients solve the system; a few
- * rounds reweight the samples by their residuals.
+ * lens: a r^2 + b r^4 = log(1 + c1 r^2 + c2 r^4). Conjugate gradients solve the system. This is
+ * repeated a few times, with lower weights for samples that have large residuals.
  *
- * Any difference between views ends up in some gain or falloff: view-dependent light, smoke, points
- * at the wrong depth. Therefore a fit to one half of the scene must predict the samples of the
- * other half. */
+ * The fit explains every difference between views by gains and falloffs, including differences that
+ * have other causes: view-dependent light, smoke, points at the wrong depth. It is therefore
+ * accepted only if a fit to one half of the scene predicts the samples of the other half. */
 #include "train/look_fit.h"
 
 #include "base/base.h"
 
 enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
-/* Residual (of the logarithm) at which a sample has weight 1/2. */
+/* A sample with this residual, a difference of logarithms, has weight 1/2. */
 static const double outlier = 0.05;
 
-/* A falloff must meet three conditions. First, r^2 of its samples has at least this standard
- * deviation after the means of points and cameras are removed. */
+/* A falloff is accepted under three conditions. First: after the means of points and of cameras are
+ * subtracted, r^2 of its samples has at least this standard deviation. */
 static const double least_deviation = 0.1;
-/* Second, the falloff stays within these limits and rises outwards by at most most_rise. */
+/* Second: from the centre to the corner of the images, the falloff stays between `darkest` and
+ * `brightest`, and rises above its smallest value further inside by at most most_rise. */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
-/* Third, held-out points fit better with the falloff than without, by at least this many standard
- * errors of the mean. Gains must meet this condition as well. */
+/* Third: held-out points fit better with the falloff than without it, and the mean improvement is
+ * more than this many of its standard errors. Gains are accepted under the same condition. */
 static const double least_errors = 3;
-/* Gains must also reduce the loss of held-out points by at least this share: where views disagree
- * for other reasons, such as smoke, some gain always fits slightly better. */
+/* Gains must also reduce the loss of held-out points by at least this share, since some gain always
+ * fits slightly better where views differ for other reasons, such as smoke. */
 static const double least_explained = 0.05;
 
 struct fit {
     const struct spin_look_sample *sample;
     size_t n, n_unknown;
     int n_cameras, n_lenses;
-    const bool *falls;             /* [lenses] falloff is fitted */
-    double *y, *weight, *residual; /* [n] */
-    double *x, *r, *p, *q;         /* [n_unknown] */
+    const bool *falls;             /* [lenses] whether the falloff of each lens is fitted */
+    double *y, *weight, *residual; /* [n] log value, weight and residual of each sample */
+    double *x, *r, *p, *q;         /* [n_unknown] solution; vectors of the conjugate gradients */
 };
 
 static double *lens_of(const struct fit *f, double *x, size_t i)
@@ -47,7 +48,8 @@ static double r2_of(const struct fit *f, size_t i)
     return f->falls[f->sample[i].lens] ? (double)f->sample[i].r2 : 0;
 }
 
-/* Prediction of a sample, without the colour of its point. */
+/* Returns the predicted log value of sample i for the unknowns x, without the log colour of its
+ * point. */
 static double value_of(const struct fit *f, double *x, size_t i)
 {
     double r2 = r2_of(f, i), *lens = lens_of(f, x, i);
@@ -64,7 +66,7 @@ static size_t end_of_point(const struct fit *f, size_t i)
     return end;
 }
 
-/* Subtracts each point's weighted mean from v [n]. */
+/* Subtracts from each value of v [n] the weighted mean of the values of the same point. */
 static void subtract_point_means(const struct fit *f, double *v)
 {
     for (size_t i = 0, end; i < f->n; i = end) {
@@ -93,7 +95,7 @@ static void multiply_transposed(const struct fit *f, const double *v, double *ou
     }
 }
 
-/* out = the matrix of the normal equations times x. */
+/* out [n_unknown] = the matrix of the normal equations times x [n_unknown]. */
 static void multiply_normal(const struct fit *f, double *x, double *out)
 {
     for (size_t i = 0; i < f->n; i++)
@@ -111,8 +113,8 @@ static double dot(const struct fit *f, const double *a, const double *b)
     return sum;
 }
 
-/* Solves the normal equations by conjugate gradients. Starts from x = 0, so that unknowns without
- * samples stay 0. */
+/* Solves the normal equations for f->x by conjugate gradients. They start from x = 0, so unknowns
+ * without samples stay 0. */
 static void solve_normal(struct fit *f)
 {
     double squares, before, first;
@@ -151,7 +153,8 @@ static void update_weights(struct fit *f)
     }
 }
 
-/* Fits 1 + c1 r^2 + c2 r^4 to exp(a r^2 + b r^4), for r^2 up to `most`. */
+/* Sets *c1 and *c2 so that 1 + c1 r^2 + c2 r^4 approximates exp(a r^2 + b r^4), where a and b are
+ * ab[0] and ab[1], for r^2 from 0 to `most`. */
 static void fit_polynomial(const double ab[2], double most, float *c1, float *c2)
 {
     double xx = 0, xxx = 0, xxxx = 0, xy = 0, xxy = 0, det;
@@ -194,7 +197,7 @@ static void store_channel(const struct fit *f, int rgb, float *exposure)
                        &exposure[6 * k + 3 + rgb]);
 }
 
-/* The caller frees f->y, see close_fit(). */
+/* Allocates the arrays of a fit. The caller calls close_fit(), also after a failure. */
 static spin_status open_fit(struct fit *f, const struct spin_look_sample *sample, size_t n,
                             int n_cameras, int n_lenses, const bool *falls)
 {
@@ -247,7 +250,8 @@ static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, in
 
 /* ---- Accepting a fit ------------------------------------------------------------------------- */
 
-/* Standard deviation of r^2 over a lens's samples, with the means of points and cameras removed. */
+/* Returns the standard deviation of r^2 over the samples of a lens, after the means of points and
+ * of cameras are subtracted. camera: scratch for two values per camera. */
 static double deviation_of(struct fit *f, int lens, double *camera)
 {
     double *v = f->residual, squares = 0;
@@ -275,7 +279,8 @@ static double deviation_of(struct fit *f, int lens, double *camera)
     return n ? sqrt(squares / (double)n) : 0;
 }
 
-/* True if the falloff meets the second condition, from the centre to the corner. */
+/* True if the falloff is like that of a real lens from the centre to the corner, where r^2 is
+ * `corner`: it stays between `darkest` and `brightest`, and rises outwards by at most most_rise. */
 static bool is_plausible(const float *falloff, double corner)
 {
     for (int rgb = 0; rgb < 3; rgb++) {
@@ -293,8 +298,8 @@ static bool is_plausible(const float *falloff, double corner)
     return true;
 }
 
-/* loss [n] += the Cauchy loss of each sample of h under the unknowns x, which were fitted to other
- * samples; NULL: x = 0. */
+/* loss [n] += the Cauchy loss of each sample of h in a channel, predicted with the unknowns x,
+ * which were fitted to other samples. x NULL: all unknowns are 0. */
 static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
 {
     start_channel(h, rgb);
@@ -303,14 +308,14 @@ static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
     else
         memset(h->x, 0, h->n_unknown * sizeof *h->x);
     update_weights(h);
-    update_weights(
-        h); /* the second pass computes the means of points with low weights for outliers */
+    update_weights(h); /* computes the points' means again, now with low weights for outliers */
     for (size_t i = 0; i < h->n; i++)
         loss[i] -= log(h->weight[i]);
 }
 
-/* loss [n] += the loss of each sample under a fit to the other half of the scene or, with fits
- * false, without a fit. first: the number of samples of half 0, which precede those of half 1. */
+/* loss [n] += the loss of each sample, summed over the channels, predicted by a fit to the other
+ * half of the scene or, with `fits` false, without gains and falloffs. The first `first` samples
+ * are those of half 0, the others those of half 1. `falls`: the falloffs to fit. */
 static spin_status add_held_out_loss(const struct spin_look_sample *sample, size_t n, size_t first,
                                      int n_cameras, int n_lenses, const bool *falls, bool fits,
                                      double *loss)
@@ -341,7 +346,9 @@ static double sum_of(const double *v, size_t n)
     return sum;
 }
 
-/* Mean over points of other - loss, in standard errors of this mean. */
+/* Returns how far `loss` is below `other`. The difference other - loss is summed over the samples
+ * of each point; the result is the mean of these sums over the points, divided by the standard
+ * error of this mean. */
 static double errors_below(const struct spin_look_sample *sample, size_t n, const double *loss,
                            const double *other)
 {
@@ -360,7 +367,8 @@ static double errors_below(const struct spin_look_sample *sample, size_t n, cons
     return mean / sqrt((squares / points - mean * mean) / points);
 }
 
-/* Copies the samples of half 0, then those of half 1. Returns the number of samples of half 0. */
+/* Copies the samples to `out`: those of half 0, then those of half 1. Returns the number of samples
+ * of half 0. */
 static size_t split_halves(const struct spin_look_sample *sample, size_t n,
                            struct spin_look_sample *out)
 {
@@ -375,8 +383,9 @@ static size_t split_halves(const struct spin_look_sample *sample, size_t n,
     return first;
 }
 
-/* Fits gains and falloffs, and drops falloffs that fail the first or second condition, until all
- * remaining ones meet both conditions. */
+/* Sets `falls` to the lenses whose falloff the samples determine (least_deviation). Then fits gains
+ * and these falloffs, and removes from `falls` those that are not plausible (is_plausible()), until
+ * none is removed. *why: SPIN_LOOK_SEEN if a falloff remains, otherwise why there is none. */
 static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int n_cameras,
                             int n_lenses, const double *corner, bool *falls, float *exposure,
                             enum spin_look_why *why)
@@ -411,7 +420,8 @@ spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, in
 {
     SPIN_FREED struct spin_look_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
-    SPIN_FREED bool *falls = NULL; /* [lenses] whether a falloff is fitted, then [lenses] false */
+    /* [lenses] whether the falloff of each lens is fitted, followed by [lenses] all false. */
+    SPIN_FREED bool *falls = NULL;
     const bool *none;
     double *gains, *falloff;
     size_t first;

@@ -1,5 +1,6 @@
-/* Photometric fit to points that several cameras see: log value = log colour of the point + log
- * gain of the camera + log falloff of its lens (math/exposure.h). */
+/* Photometric fit to points that are visible to several cameras. The model of a measured value is:
+ * log value = log colour of the point + log gain of the camera + log falloff of the camera's lens
+ * (math/exposure.h). */
 #pragma once
 
 #include "spin.h"
@@ -8,29 +9,37 @@
 struct spin_look_sample {
     uint32_t point; /* samples of a point are adjacent */
     int camera, lens;
-    int half;       /* half of the scene, 0 or 1; held out in turn */
-    float r2;       /* spin_lens_r2() of the pixel */
-    float value[3]; /* r g b, above 0 */
+    /* Half of the scene that contains the point, 0 or 1. Each half is held out from one fit, which
+     * must predict it. */
+    int half;
+    /* Squared distance of the pixel from the image centre, see spin_lens_r2(). */
+    float r2;
+    float value[3]; /* colour r g b, each above 0 */
 };
 
 /* Whether a result is accepted, or why not. */
 enum spin_look_why {
-    SPIN_LOOK_SEEN,         /* accepted */
-    SPIN_LOOK_FEW,          /* too few usable points */
-    SPIN_LOOK_SAME_RADII,   /* each point has the same distance from the centre in all images */
-    SPIN_LOOK_ODD,          /* no real lens behaves like the fit */
-    SPIN_LOOK_NOT_HELD_OUT, /* a fit to one half of the scene does not predict the other */
+    SPIN_LOOK_SEEN,       /* accepted */
+    SPIN_LOOK_FEW,        /* rejected: too few points can be compared */
+    SPIN_LOOK_SAME_RADII, /* rejected: each point has about the same distance from the centre in all
+                             images */
+    SPIN_LOOK_ODD,        /* rejected: no real lens has a falloff like the fitted one */
+    SPIN_LOOK_NOT_HELD_OUT, /* rejected: a fit to one half of the scene does not predict the other
+                               half */
 };
 
 struct spin_look {
-    double spread;                     /* largest deviation of a camera, camera_colours.h */
-    enum spin_look_why gains, falloff; /* falloff: accepted for at least one lens, or why not */
+    /* Largest deviation of a camera from the others, see spin_camera_colours(). */
+    double spread;
+    enum spin_look_why gains,
+        falloff; /* falloff: SPIN_LOOK_SEEN if that of at least one lens is accepted */
 };
 
-/* Fits exposure [n_cameras + n_lenses][6]: for each camera log gain r g b, with mean 0 over
- * cameras, and 0 0 0; for each lens c1 r g b, c2 r g b. Robust against a few outliers. Values
- * without samples are 0. If only the falloff is rejected it is 0; if gains and falloff are rejected
- * all values are 0. corner [n_lenses]: r^2 at the corners of the images. */
+/* Fits exposure [n_cameras + n_lenses][6], robustly against a few outliers. The row of a camera is
+ * its log gain for r g b, with mean 0 over the cameras, then 0 0 0. The row of a lens is c1 for r g
+ * b, then c2 for r g b. Cameras and lenses without samples have zeros. A rejected falloff is
+ * replaced by zeros, and the gains are then fitted without falloff; if gains and falloff are both
+ * rejected, all values are 0. corner [n_lenses] is r^2 at the corners of each lens's images. */
 spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, int n_cameras,
                              int n_lenses, const double *corner, float *exposure,
                              struct spin_look *look);

@@ -1,4 +1,5 @@
-/* The training loop, with its evaluations, checkpoints and disk space. */
+/* Runs the training loop, evaluates the test views, saves checkpoints and reserves disk space for
+ * them. */
 #include "train/loop.h"
 
 #include "base/base.h"
@@ -6,7 +7,7 @@
 #include "train/densify_tracks.h"
 #include "train/test_views.h"
 
-enum { CHECK_EVERY = 100 };             /* iterations between checks that all values are finite */
+enum { CHECK_EVERY = 100 }; /* number of iterations between checks that all values are finite */
 static const double save_seconds = 300; /* seconds between checkpoints without --save-every */
 
 /* ---- Evaluation ------------------------------------------------------------------------------ */
@@ -16,12 +17,14 @@ static struct spin_frame_batch frame_of(void *context, int frame)
     return spin_trainer_frame(context, frame);
 }
 
-/* Measures the clip in its current state, and writes previews. */
+/* Measures the quality of the test views in the current state of the training, and writes previews.
+ */
 static spin_status measure_clip(const struct spin_loop *l, struct spin_quality *q)
 {
     struct spin_trainer *t = l->trainer;
     struct spin_player live;
-    struct spin_lenses lenses = l->plan->lenses; /* with the current falloff */
+    /* A copy of the plan's lenses, which gets the current falloffs. */
+    struct spin_lenses lenses = l->plan->lenses;
     float SPIN_DEV *table = spin_trainer_take_table(t);
     char label[40];
     spin_status status;
@@ -43,7 +46,7 @@ static spin_status measure_clip(const struct spin_loop *l, struct spin_quality *
     return status;
 }
 
-/* Measures the clip, logs the result and writes previews. */
+/* Measures the quality of the test views, logs and reports the result, and writes previews. */
 static spin_status evaluate_clip(const struct spin_loop *l)
 {
     struct spin_quality q;
@@ -96,7 +99,7 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
     return l;
 }
 
-/* Statistics are needed only while a densification is still to come. */
+/* True if the iteration gathers statistics: only if a densification is still to come. */
 static bool gathers_at(const struct spin_loop *l, int64_t iteration)
 {
     return l->trainer->tracked && l->schedule.every > 0 && iteration < l->schedule.until;
@@ -122,9 +125,10 @@ static spin_status densify_clip(const struct spin_loop *l, struct spin_densify_c
     return SPIN_OK;
 }
 
-/* Runs one iteration, after which the trainer can be saved. An iteration that densifies a single
- * frame skips the update, as in 3DGS, where replacing the parameters loses their gradients. Before
- * densification all values are checked, since it would silently prune those that are not finite. */
+/* Runs one iteration. After success the trainer can be saved. If the iteration densifies a single
+ * frame, it skips the Adam step, as 3DGS does, where the parameters are replaced and their
+ * gradients lost. All values are checked before a densification, since it would silently prune
+ * splats with values that are not finite. */
 static spin_status run_iteration(const struct spin_loop *l, const struct spin_sampler *sampler,
                                  struct spin_steps *steps)
 {
@@ -152,7 +156,8 @@ static spin_status run_iteration(const struct spin_loop *l, const struct spin_sa
 
 static const char *const op_names[] = SPIN_OP_NAMES;
 
-/* Writes one line for the iteration, with the seconds of its operations. */
+/* Writes a line to the log for the last iteration: its losses, its densification and the seconds of
+ * its operations. */
 static void log_step(const struct spin_loop *l, const struct spin_sampler *sampler,
                      const struct spin_steps *steps, double seconds)
 {
@@ -184,7 +189,7 @@ static void log_step(const struct spin_loop *l, const struct spin_sampler *sampl
     spin_step_log_end(l->step_log, false);
 }
 
-/* Reads the device's times since the last call. */
+/* Sets steps->step_s to the seconds that the device spent on each operation since the last call. */
 static void read_op_seconds(struct spin_steps *steps, struct spin_device *device)
 {
     for (int i = 0; i < SPIN_N_OPS; i++)
@@ -205,7 +210,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
     double start = spin_now_s(), loaded, seconds, waited, waited_before;
     uint64_t sent, sent_before;
 
-    read_op_seconds(steps, d); /* discard the times of work between iterations */
+    read_op_seconds(steps, d); /* discard the times of other work since the last iteration */
     SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
     loaded = spin_now_s();
     spin_ranks_spent(&sent_before, &waited_before);
@@ -224,7 +229,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
     return SPIN_OK;
 }
 
-/* Logs how the time of the iterations was spent. */
+/* Logs how much of the iterations' time each operation took. */
 static void log_seconds(const struct spin_steps *steps)
 {
     double named = 0;
@@ -249,7 +254,8 @@ static void log_seconds(const struct spin_steps *steps)
 
 static bool is_due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
 
-/* Agrees among ranks: a signal to any rank stops all; the clock of rank 0 decides when to save. */
+/* Makes all ranks decide alike. *stop: whether any rank has received a signal to stop. *save:
+ * whether the time of the last checkpoint is long enough ago, by the clock of rank 0. */
 static spin_status agree_on_stop(const struct spin_loop *l, bool *stop, bool *save)
 {
     struct wish {
@@ -271,7 +277,8 @@ static spin_status agree_on_stop(const struct spin_loop *l, bool *stop, bool *sa
     return status;
 }
 
-/* The training can finish without a checkpoint, so a full disk is only a warning. */
+/* Saves a checkpoint. Since the training can finish without one, failing to write it, as on a full
+ * disk, gives only a warning. */
 static spin_status save_on_the_way(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;
@@ -285,7 +292,8 @@ static spin_status save_on_the_way(const struct spin_loop *l)
     return SPIN_OK;
 }
 
-/* Stops after a signal, or saves a checkpoint if it is due. *tried: a checkpoint was attempted. */
+/* After a signal, saves a checkpoint and fails with SPIN_E_CANCELLED; otherwise saves a checkpoint
+ * if it is time for one. *tried: whether it tried to save a checkpoint. */
 static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 {
     bool last = l->trainer->iteration == l->plan->o->iterations, stop, save;
@@ -305,8 +313,8 @@ static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 
 /* ---- Disk space ------------------------------------------------------------------------------ */
 
-/* Expected growth of the checkpoint by the next densification: twice the last growth, and at least
- * an eighth of the checkpoint. */
+/* Returns the expected growth of the checkpoint by the next densification: twice the last growth,
+ * but at least an eighth of the current size `state`. Records the size and the growth in *c. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
 {
     bool first = c->bytes == 0;
@@ -332,9 +340,10 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
                      spin_text_bytes(bytes, need), grows ? " as it grows" : "");
 }
 
-/* Reserves disk space for the next checkpoint, so that other programs cannot use it up: a training
- * that is about to outgrow the disk stops while its checkpoint still fits. Once a checkpoint with
- * the final number of splats is saved, space for the output suffices. */
+/* Reserves disk space for the next checkpoint, so that other programs cannot use it up. If the next
+ * densification may make the checkpoint too large for the disk, the training stops now, while its
+ * checkpoint still fits. After the last densification, once a checkpoint is saved, space for the
+ * output is sufficient. */
 static spin_status reserve_space(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;
@@ -365,8 +374,8 @@ static spin_status ensure_space(const struct spin_loop *l)
     return spin_ranks_agree(spin_rank() == 0 ? reserve_space(l) : SPIN_OK);
 }
 
-/* Fails if no splat was visible in any iteration so far, checked after about two epochs and at the
- * end. */
+/* Fails if no splat was visible in any iteration so far. Checks this only after about two epochs
+ * and at the end of the training. */
 static spin_status check_visibility(const struct spin_loop *l, const struct spin_steps *steps)
 {
     int64_t epoch = (int64_t)(l->plan->n_train / (size_t)l->plan->o->batch) + 1, n = steps->blind;
@@ -403,7 +412,7 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
         SPIN_TRY_OUT(spin_loop_step(l, sampler, steps));
         SPIN_TRY_OUT(check_visibility(l, steps));
         *smooth = *smooth > 0 ? 0.98 * *smooth + 0.02 * v->loss : v->loss;
-        if (l->plan->report->test.valid) /* an evaluation (--eval-every) has run */
+        if (l->plan->report->test.valid) /* true after the first evaluation (--eval-every) */
             spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB",
                               *smooth, l->plan->report->test.psnr);
         else

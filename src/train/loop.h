@@ -1,4 +1,5 @@
-/* The iterations of a training: of a clip, or of a single frame, which is a clip of one frame. */
+/* Runs the iterations of a training. The training of a single frame is that of a clip with one
+ * frame. */
 #pragma once
 
 #include "train/checkpoint.h"
@@ -10,33 +11,39 @@ struct spin_loop {
     struct spin_plan *plan;
     struct spin_photos *photos;
     struct spin_trainer *trainer;
-    struct spin_checkpoint *checkpoint; /* a single frame uses only its clock */
+    struct spin_checkpoint *checkpoint; /* for a single frame only its times are used */
     struct spin_step_log *step_log;
-    struct spin_schedule schedule; /* iterations that densify */
+    /* The iterations that end with a densification. */
+    struct spin_schedule schedule;
     struct spin_densify_options densify;
-    /* Called after each evaluation; NULL: none. */
+    /* Called with `context` after each evaluation; NULL: nothing is called. */
     spin_status (*looked)(void *context);
     void *context;
 };
-/* Sets the schedule and the densification options from the plan. */
+/* Returns a loop over these objects, with the schedule and the densification options of the plan.
+ */
 struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos,
                               struct spin_trainer *trainer, struct spin_checkpoint *checkpoint,
                               struct spin_step_log *step_log);
 
-/* Statistics of the iterations so far. Zero it first. */
+/* Statistics of the iterations that this run has done so far. Zero it first. */
 struct spin_steps {
-    struct spin_train_values last;     /* losses of the last iteration */
-    struct spin_densify_change change; /* result of the last densification */
-    /* Number of iterations; number of iterations without a visible splat; first such iteration. */
+    struct spin_train_values last;     /* losses in the last iteration */
+    struct spin_densify_change change; /* what the last densification changed */
+    /* done: number of iterations. blind: how many of them rendered no visible splat. first_blind:
+     * number of the first of these. */
     int64_t done, blind, first_blind;
-    /* Seconds of each operation in the last iteration, and in all; seconds of all iterations. */
+    /* Seconds of each operation in the last iteration (step_s) and in all iterations (op_s); total
+     * seconds of all iterations (wall_s). */
     double step_s[SPIN_N_OPS], op_s[SPIN_N_OPS], wall_s;
-    double exchange_s, sent; /* communication with other ranks: seconds, bytes sent */
+    /* Communication with other ranks in all iterations: seconds, and bytes that this rank sent. */
+    double exchange_s, sent;
 };
 
-/* Runs one iteration, densifies if it is due, and logs a line. Afterwards the trainer can be saved,
- * and the loss is finite. */
+/* Runs one iteration, densifies if the schedule contains this iteration, and writes a line to the
+ * log. After success the trainer can be saved, and the loss is finite. */
 spin_status spin_loop_step(const struct spin_loop *loop, struct spin_sampler *sampler,
                            struct spin_steps *steps);
-/* Runs the remaining iterations of a clip, saves checkpoints, and evaluates the result. */
+/* Runs the remaining iterations of a clip's training, saves checkpoints on the way, and evaluates
+ * the test views at the end. */
 spin_status spin_loop_run(const struct spin_loop *loop);

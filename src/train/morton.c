@@ -1,4 +1,4 @@
-/* Sorts points by Morton code. */
+/* Computes the Morton codes of points and sorts the points by them. */
 #include "train/morton.h"
 
 #include "base/base.h"

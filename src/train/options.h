@@ -1,22 +1,24 @@
-/* Operations on the retraining options by their rows in options.def. */
+/* Checks, resolves and converts the retraining options, as the rows of options.def describe them.
+ */
 #pragma once
 
 #include "spin_train.h"
 #include "io/json.h"
 
-/* SPIN_E_USAGE if an option is outside its limits, naming the first one. */
+/* Checks that all options are within their limits. SPIN_E_USAGE if one is not; the error names the
+ * first such option. */
 spin_status spin_options_check(const struct spin_retrain_options *o);
 
-/* Resolves numbers that depend on the clip and on the ranks: batch, iterations, the interval
- * between densifications, learning rates. */
+/* Replaces the numbers that depend on the length of the clip and on the number of ranks by their
+ * final values: batch, iterations, the interval between densifications, learning rates. */
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames);
 
-/* Phrases that end error messages: how to continue an unfinished run. */
+/* Phrase for the end of an error message: how to continue an unfinished run. */
 const char *spin_options_continue(const struct spin_retrain_options *o);
-/* The options that discard an unfinished run. */
+/* Phrase for error messages: the options that discard an unfinished run. */
 const char *spin_options_restart(const struct spin_retrain_options *o);
 
 enum spin_options_of { SPIN_OPTIONS_OF_NETWORK, SPIN_OPTIONS_OF_REFINEMENT };
-/* The options that decide the result of the network's training, or of a frame's refinement. The
- * caller frees it. */
+/* Returns the options that affect the result of a clip's training (OF_NETWORK), or of a frame's
+ * refinement (OF_REFINEMENT), as a JSON object. The caller frees it. */
 spin_json *spin_options_to_json(const struct spin_retrain_options *o, enum spin_options_of of);

@@ -1,4 +1,4 @@
-/* Writes the output's arrays and its meta.json. */
+/* Writes the arrays and the meta.json of the output bundle. */
 #include "train/output.h"
 
 #include "base/base.h"
@@ -10,13 +10,15 @@
 
 /* ---- Precision ------------------------------------------------------------------------------- */
 
-/* Values are rounded to multiples of 1 / per_unit. Half: about the precision of half floats near 1,
- * but with the same steps near 0. Compact: steps that are hardly visible in an 8-bit image.
- * Positions have more bits, since they are large compared with the splats: steps of 2^-16 or 2^-14
- * of the camera extent. */
+/* Values are rounded to multiples of a step, 1 / per_unit(). With --precision half, the step is
+ * about that of half floats near 1, and it is the same near 0. With --precision compact, errors of
+ * a step are hardly visible in an 8-bit image. Positions have more bits, since they are large
+ * compared with the splats: their steps are 2^-16 (half) or 2^-14 (compact) of the camera extent.
+ */
 enum { BITS = 11, POSITION_BITS = 16, COMPACT_POSITION_BITS = 14 };
 
-/* Steps per unit of a column's values; 0: values are not rounded. */
+/* Returns the number of rounding steps per unit for the values of a column; 0: the values are not
+ * rounded. */
 static float per_unit(const struct spin_output *output, unsigned column)
 {
     enum spin_precision precision = output->plan->o->precision;
@@ -42,8 +44,8 @@ static void round_values(const struct spin_output *output, unsigned column, floa
         spin_round_values(values, n, column == SPIN_COL_MEANS ? POSITION_BITS : BITS, 1 / of);
 }
 
-/* Columns in a row of residual values. A row of a track is a displacement followed by a row of
- * residual values. */
+/* The columns of which a row of residual values consists, with the first float and the number of
+ * floats of each. A row of a track is a displacement followed by a row of residual values. */
 static const struct {
     unsigned column;
     size_t first, width;
@@ -60,8 +62,8 @@ static void round_rows(const struct spin_output *output, float *rows, size_t n, 
             round_values(output, part[k].column, rows + stride * i + part[k].first, part[k].width);
 }
 
-/* Gives the packer the rounding steps of columns of the source or of refined frames; all values of
- * a column have the same step. */
+/* Passes to the packer the rounding steps of the given columns, in the group "source" or "refined".
+ * All values of a column have the same step. */
 static spin_status set_column_units(const struct spin_output *output, struct spin_packer *packer,
                                     const char *group, unsigned columns, int sh_degree)
 {
@@ -80,7 +82,9 @@ static spin_status set_column_units(const struct spin_output *output, struct spi
     return SPIN_OK;
 }
 
-/* Gives the packer the rounding steps of trained values. */
+/* Passes to the packer the rounding steps of the trained values: positions, residual values and
+ * tracks.
+ */
 static spin_status set_units(const struct spin_output *output, struct spin_packer *packer)
 {
     float unit[SPIN_TRACK];
@@ -109,7 +113,8 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
-/* out [n] = the trainer's splat in each row of the output. */
+/* Inverts the permutation, which is the row in the output of each of the trainer's splats: sets
+ * *out [n] to the index of the splat in each row. The caller frees it. */
 static spin_status invert_permutation(const uint32_t *permutation, size_t n, uint32_t **out)
 {
     uint32_t *place;
@@ -121,9 +126,10 @@ static spin_status invert_permutation(const uint32_t *permutation, size_t n, uin
     return SPIN_OK;
 }
 
-/* Turns exist only in training, so their effect on the tracks' values (tracks, in groups) is added
- * to the values that splats own. rows: positions [n_pos][3] or, if residual, residual values
- * [n_residual][SPIN_RESIDUAL]. */
+/* Adds the effect of turns to the values that splats own, since the output does not contain turns.
+ * `rows` are the values to change: positions [n_pos][3] or, with `residual`, residual values
+ * [n_residual][SPIN_RESIDUAL]. `tracks` are the values of the tracks in groups, to which the turns
+ * apply. */
 static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
                               const float *tracks, bool residual, float *rows)
 {
@@ -150,8 +156,8 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
     return SPIN_OK;
 }
 
-/* Writes the positions or the residual values of the splats of a frame that own them, in the order
- * of the output. */
+/* Writes the positions or, with `residual`, the residual values of a frame, in the order of the
+ * output's rows. Splats that do not own these values have no row. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, const float *tracks, bool residual)
 {
@@ -185,7 +191,8 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
 
 /* ---- Tracks ---------------------------------------------------------------------------------- */
 
-/* The track of every splat, in the order of the output. */
+/* Sets *out [n] to the track of every splat of a frame, in the order of the output's rows. The
+ * caller frees it. */
 static spin_status read_numbers(const struct spin_output *output, int frame, uint32_t **out)
 {
     const struct spin_train_frame *from = &output->trainer->frame[frame];
@@ -201,7 +208,7 @@ static spin_status read_numbers(const struct spin_output *output, int frame, uin
     return SPIN_OK;
 }
 
-/* *same_rows: each row belongs to the same track in all frames. */
+/* Sets *same_rows to whether each row of the output belongs to the same track in all frames. */
 static spin_status compare_rows(const struct spin_output *output, bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
@@ -226,7 +233,7 @@ static int by_key(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Sorts a frame's rows by track, so that track numbers compress well. */
+/* Sorts the rows of a frame in the output by track, so that the track numbers compress well. */
 static spin_status sort_rows(const struct spin_output *output, int frame)
 {
     size_t n = output->trainer->frame[frame].size.n;
@@ -245,8 +252,9 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     return SPIN_OK;
 }
 
-/* Writes the track numbers of the splats: once if they are the same in all frames, otherwise for
- * each frame, after sorting its rows by track. */
+/* Writes the tracks of the splats, and sets *same_rows. If each row belongs to the same track in
+ * all frames, it writes the tracks once; otherwise it sorts the rows of each frame by track and
+ * writes the tracks of each frame. */
 static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
                                  bool *same_rows)
 {
@@ -265,7 +273,7 @@ static spin_status write_numbers(const struct spin_output *output, struct spin_b
     return SPIN_OK;
 }
 
-/* Writes the values of the tracks as rows. */
+/* Converts the values of the tracks from groups to rows, and writes them. */
 static spin_status write_tracks(const struct spin_output *output, struct spin_bundle_writer *w,
                                 const float *groups)
 {
@@ -283,7 +291,7 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     return spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows);
 }
 
-/* Weights of the network on the device. */
+/* An array of weights of the network, in device memory. */
 struct weights {
     const struct spin_output *output;
     const char *name;
@@ -301,13 +309,14 @@ static spin_status read_weights(void *context, uint64_t first, size_t n, uint32_
     return SPIN_OK;
 }
 
-/* Writes the values of tracks and the values that splats own. */
+/* Writes the values of the tracks, the tracks of the splats, and the values that splats own. */
 static spin_status write_values(const struct spin_output *output, struct spin_bundle_writer *w,
                                 bool *same_rows)
 {
     struct spin_trainer *t = output->trainer;
     size_t floats = SPIN_TRACK * t->n_tracks;
-    SPIN_FREED float *tracks = NULL; /* values of the tracks, in groups (device.h) */
+    /* The values of the tracks, in groups (device.h). */
+    SPIN_FREED float *tracks = NULL;
 
     SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
     if (floats > 0) {
@@ -339,7 +348,7 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
                            &(struct weights){output, "trained/heads", t->heads.p});
 }
 
-/* Writes 4D splats, which replace the source's frames. */
+/* Writes the 4D splats, instead of the frames of the source, and describes them in *meta. */
 static spin_status write_rows(const struct spin_output *output, struct spin_bundle_writer *w,
                               struct spin_bundle_meta *meta)
 {
@@ -364,16 +373,16 @@ static spin_status write_rows(const struct spin_output *output, struct spin_bund
     return SPIN_OK;
 }
 
-/* Writes the columns of the source, the kept columns of refined frames and the trained values; with
- * --method 4d writes 4D splats instead. */
+/* Writes the columns (or the 4D splats) of the source, the columns of refined frames that the
+ * output keeps, and the trained values. With --method 4d it writes only the 4D splats. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
                                 struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
                                 bool *same_rows)
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
-    /* Positions of a source of points are rounded as well. With refined frames they stay exact,
-     * since the frames' keys depend on them. */
+    /* If the source consists of points, its positions are rounded as well. With refined frames they
+     * are not, since the keys of these frames depend on the exact positions. */
     bool points = !(meta->columns & SPIN_COL_ATTRIBUTES) && !output->refinement->frame;
     unsigned rounded = points ? SPIN_COL_MEANS : 0;
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
@@ -396,7 +405,9 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
         SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
             SPIN_TRY(set_column_units(output, &w->packer, "refined", kept, splats.sh_degree));
-        if (plan->o->method == SPIN_METHOD_FRAMES) /* a training started from the exact values */
+        /* With other methods, the training of the clip started from the exact values, so they are
+         * kept. */
+        if (plan->o->method == SPIN_METHOD_FRAMES)
             round_splats(output, kept, &splats);
         SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));
     }
@@ -456,7 +467,8 @@ static void set_quality(spin_json *j, const char *key, const struct spin_quality
     spin_json_set(j, key, value);
 }
 
-/* The learned exposure of each camera: id, log gain and offset, each r g b. */
+/* Sets *json to a list of the training cameras: for each its id and the learned exposure, which is
+ * log gain and offset for r, g, b. */
 static spin_status cameras_to_json(const struct spin_output *output, spin_json **json)
 {
     const struct spin_param *exposure = &output->trainer->exposures.param;
@@ -497,7 +509,8 @@ static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_js
     spin_json_set(network, "tracks", j);
 }
 
-/* The number of splats of each frame, which densification changes. */
+/* Adds the list of the numbers of splats of all frames, which differ from those of the source after
+ * a densification. */
 static void counts_to_json(const struct spin_trainer *t, spin_json *network)
 {
     spin_json *splats = spin_json_array();
@@ -507,7 +520,7 @@ static void counts_to_json(const struct spin_trainer *t, spin_json *network)
     spin_json_set(network, "splats", splats);
 }
 
-/* The "trained" object. */
+/* Sets *json to the "trained" object of meta.json. */
 static spin_status trained_to_json(const struct spin_output *output, bool same_rows,
                                    spin_json **json)
 {
@@ -533,7 +546,7 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
     return SPIN_OK;
 }
 
-/* Member of meta.json that describes the training. */
+/* Returns the name of the member of meta.json that describes the training. */
 static const char *result_of(const struct spin_plan *plan)
 {
     return plan->o->method == SPIN_METHOD_4D       ? "trained_4d"
@@ -541,7 +554,8 @@ static const char *result_of(const struct spin_plan *plan)
                                                    : "trained";
 }
 
-/* Adds the members of meta.json that describe the training. */
+/* Adds to `extra` the members of meta.json that describe the training and the refinement: held-out
+ * cameras, precision, lenses, settings and quality. */
 static spin_status add_description(const struct spin_output *output, bool same_rows,
                                    spin_json *extra)
 {

@@ -1,4 +1,5 @@
-/* Writes the bundle that a retraining outputs: the source, refined frames and trained values. */
+/* Writes the output bundle of a retraining: the source, the refined frames and the trained values.
+ */
 #pragma once
 
 #include "train/checkpoint.h"
@@ -7,8 +8,8 @@
 struct spin_output {
     struct spin_plan *plan;
     struct spin_refinement *refinement;
-    struct spin_frames *frames;   /* not for --method frames */
-    struct spin_trainer *trainer; /* not for --method frames */
+    struct spin_frames *frames;   /* unused with --method frames */
+    struct spin_trainer *trainer; /* unused with --method frames */
     const char *fingerprint;
     const char *code_paths; /* SIMD paths that did the work */
 };

@@ -1,4 +1,4 @@
-/* Memory of parameters: four arrays of one length. */
+/* Manages the device memory of parameters: four arrays of the same length. */
 #include "train/param.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Images and masks for training, and digests of them. */
+/* Loads the images and masks for training, checks their files and computes their digests. */
 #include "train/photos.h"
 
 #include "base/base.h"
@@ -77,8 +77,9 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
 
 /* ---- Checking the files ---------------------------------------------------------------------- */
 
-/* Checks the image of a view, and its mask where masks are used, by their headers. *hash = their
- * digest; hash may be NULL. */
+/* Checks that the image of a view exists and has the size of the view, by the header of the file.
+ * Sets *hash to the digest of the image and the camera and, if the data set has masks of dynamic
+ * pixels that are used, of the mask. With `hash` NULL it computes no digest. */
 static spin_status check_view(const struct spin_photos *photos, const struct spin_plan *plan,
                               size_t index, uint64_t *hash)
 {
@@ -102,7 +103,8 @@ static spin_status check_view(const struct spin_photos *photos, const struct spi
     return SPIN_OK;
 }
 
-/* Views of a camera whose images are compared to find its dynamic pixels. */
+/* Sets `view` to the views of a camera whose images are compared to find dynamic pixels, and
+ * returns their number; 0 if dynamic pixels are not found by comparing images. */
 static size_t median_views(const struct spin_photos *photos, const struct spin_plan *plan,
                            int camera, size_t *view)
 {

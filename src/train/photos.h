@@ -1,5 +1,5 @@
-/* The images that a run trains on and is measured with: decoded once and cached as far as memory
- * allows, with masks of dynamic pixels. Not thread-safe. */
+/* The training and test images of a run, with masks of dynamic pixels. Decoded images are cached as
+ * far as memory allows. Not thread-safe. */
 #pragma once
 
 #include "eval/dynamic_mask.h"
@@ -8,19 +8,21 @@
 
 struct spin_photos {
     struct spin_image_cache cache;
-    struct spin_dynamic_mask dynamic; /* dynamic pixels, if the plan weights them */
-    uint8_t *image;                   /* scratch [max pixels][3], then a mask of one bit a pixel */
-    uint64_t *imprint;                /* [views] digests of training images */
+    /* Masks of dynamic pixels; used only if these have another weight (spin_plan_is_weighted()). */
+    struct spin_dynamic_mask dynamic;
+    /* Scratch: an image [max pixels][3], followed by a mask of one bit per pixel. */
+    uint8_t *image;
+    uint64_t *imprint; /* [views] digest of each training image */
 };
 
 /* Zero it first; close it also after a failure. */
 spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan);
 void spin_photos_close(struct spin_photos *photos);
-/* Checks every image that the run will need without decoding it, so that a missing or truncated
- * image is found now and not hours later. Computes the digests of training images. */
+/* Checks every image that the run will need, without decoding it, so that a missing or truncated
+ * image is reported before the training starts. Computes the digests of the training images. */
 spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan *plan);
-/* Digest of the images, masks and cameras that a frame is trained on, which decides whether earlier
- * work can be reused. frame -1: digest of all frames. */
+/* Returns a digest of the images, masks and cameras that a frame is trained on or, with frame -1,
+ * of those of all frames. Results of an earlier run are reused only if it had the same digest. */
 uint64_t spin_photos_imprint(const struct spin_photos *photos, const struct spin_plan *plan,
                              int frame);
 /* Reserves device memory for n images and their masks. */

@@ -1,4 +1,5 @@
-/* Derives the shapes, the clip, memory and time (--dry-run) from the options. */
+/* Makes the plan of a retraining from its options: opens the clip, derives the sizes of arrays, and
+ * estimates memory and (for --dry-run) time. */
 #include "train/plan.h"
 
 #include "base/base.h"
@@ -8,8 +9,8 @@
 #include "train/point_sample.h"
 #include "train/cloud.h"
 
-/* Memory of the program itself. OpenImageIO, which loads images other than PNG and JPEG, needs 130
- * MB more. */
+/* Memory in bytes of the program without its data. OpenImageIO, which loads images other than PNG
+ * and JPEG, needs 130 MB more, which are not counted. */
 static const size_t program_bytes = 24 << 20;
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -61,7 +62,7 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
     return SPIN_OK;
 }
 
-/* Collects the ids of the training cameras, ascending, each once. */
+/* Sets plan->camera to the ids of the training cameras, in ascending order and each only once. */
 static spin_status list_cameras(struct spin_plan *plan)
 {
     SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *plan->camera, (void **)&plan->camera));
@@ -79,7 +80,7 @@ static spin_status list_cameras(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* Allocates the initial exposures of cameras and lenses: zeros. */
+/* Allocates the initial exposures of cameras and lenses, and sets them to zero. */
 static spin_status reserve_exposure(struct spin_plan *plan)
 {
     return spin_alloc((size_t)(plan->n_cameras + plan->lenses.n) + 1, SPIN_EXPOSURE * sizeof(float),
@@ -96,8 +97,8 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-/* Single frames: 3DGS densifies after 500 iterations; shorter trainings start after a fifth of
- * theirs. Clips densify only while static tracks learn. */
+/* A single frame is first densified after 500 iterations, as in 3DGS, but at the latest after a
+ * fifth of its iterations. A clip is densified only as long as static tracks learn. */
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -120,7 +121,8 @@ bool spin_plan_densifies(const struct spin_plan *plan)
 
 struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n)
 {
-    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n; /* the rows store all values */
+    /* With --method 4d the rows, which are tracks, store all values. */
+    size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n;
 
     return (struct spin_frame_size){n, own, own, spin_plan_has_residual(plan) ? own : 0};
 }
@@ -146,9 +148,11 @@ static void measure_images(struct spin_plan *plan)
     }
 }
 
-/* Extent for cameras at one position, as if they formed a ring around the points at the distance of
- * the first training camera: 1.1 x the distance of that camera to the median of the points or, if
- * that is larger, 1.1 x the radius that contains 90 % of the points (a camera among the points). */
+/* Computes the extent for cameras that are all at one position, as if they formed a ring around the
+ * points, at the distance of the first training camera from the median of the points. The extent
+ * is 1.1 times this distance. If the camera is among the points, the distance may be too small; the
+ * extent is at least 1.1 times the radius of the ball around the median that contains 90 % of the
+ * points. */
 static spin_status measure_one_place(struct spin_plan *plan, double *extent)
 {
     struct spin_camera_f32 cam =
@@ -171,8 +175,9 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     return SPIN_OK;
 }
 
-/* The extent of the training cameras scales the position rate and the thresholds of 3DGS. If all
- * cameras are at one position, their extent is 0 and one is derived from the points. */
+/* Sets the extent of the training cameras, by which 3DGS scales its position rate and its
+ * thresholds. If all cameras are at one position, spin_views_extent() is 0, and the extent is
+ * derived from the points instead. */
 static spin_status plan_extent(struct spin_plan *plan)
 {
     double one_place;
@@ -192,7 +197,7 @@ static spin_status plan_extent(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* Sets the dimensions of the network. */
+/* Computes the layout of the network from the options. */
 static spin_status plan_field(struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -220,13 +225,14 @@ static spin_status plan_field(struct spin_plan *plan)
 
 /* ---- Derived settings ------------------------------------------------------------------------ */
 
-/* Evaluations of a frame's splats in an iteration. */
+/* Returns for how many frames an iteration evaluates the splats. */
 static int decodings(const struct spin_retrain_options *o)
 {
     return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
 }
 
-/* The images of an iteration are divided among the ranks: with fewer images some ranks are idle. */
+/* Warns if an iteration has fewer images than there are ranks: the images are divided among the
+ * ranks, so some ranks are then idle. */
 static void warn_idle_ranks(const struct spin_retrain_options *o)
 {
     int n = spin_n_ranks();
@@ -343,8 +349,8 @@ void spin_plan_close_frame(struct spin_plan *plan)
     free(plan->exposure);
 }
 
-/* Final learning rates of a training with Polyak average, as a share of the initial rates. Tuned
- * together with the average on the clips court and basketball. */
+/* In a training with a Polyak average, learning rates fall to this share of their peak. Tuned
+ * together with the average on the clips "court" and "basketball" (docs/results.md). */
 static const double averaged_floor = 0.2;
 
 static bool averages(const struct spin_plan *plan)
@@ -443,9 +449,10 @@ out:
                              : SIZE_MAX;
 }
 
-/* Opens everything that a training allocates on the device, to count its memory. The result is an
- * upper bound: the savings by tracks are unknown before the points are read, so all splats own
- * their values and there are as many tracks as splats. */
+/* Opens and closes everything that a training allocates, on a device that only counts the memory.
+ * The count is an upper bound: before the points are read it is unknown how much memory tracks
+ * save, so it assumes that all splats own their values and that there are as many tracks as splats.
+ */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
                                  size_t *n_averaged)
 {
@@ -478,8 +485,9 @@ out:
     return status;
 }
 
-/* Scratch memory of the device (src/device/cuda): gradients for each level; on a GPU also
- * activations of a chunk of splats, positions and keys for sorting, and fixed-point sums. */
+/* Returns the bytes of scratch memory that the device allocates by itself (src/device/cuda):
+ * gradients for each level of the hash grid; on a GPU also activations of a chunk of splats,
+ * positions and keys for sorting, and fixed-point sums. */
 static size_t scratch_bytes(const struct spin_plan *plan)
 {
     const struct spin_device *d = plan->device;
@@ -498,7 +506,8 @@ static size_t scratch_bytes(const struct spin_plan *plan)
     return bytes + (network && d->deterministic ? plan->field.n_table * sizeof(uint64_t) : 0);
 }
 
-/* Memory of the clip's training, on the device and on the host. */
+/* Estimates the memory of the clip's training, in bytes: *of_device on the device, *of_host on the
+ * host. */
 static void training_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
 {
     const struct spin_device *d = plan->device;
@@ -509,7 +518,7 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
 
     spin_device_count(&c, d);
     *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
-    *of_device = SIZE_MAX / 4; /* more than any device has */
+    *of_device = SIZE_MAX / 4; /* remains if counting fails: more memory than any device has */
     if (open_training(plan, &c.device, &n_averaged) != SPIN_OK)
         return;
     *of_host += n_averaged * sizeof(float);
@@ -517,10 +526,10 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
                  (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }
 
-/* Sets the budget of the image cache in host memory: a third of `available`, limited to what
- * remains beside `needed`, but not below `held`, the bytes already cached. Images beyond the budget
- * are decoded again for each use. Returns the size of the full cache: the budget, or all images if
- * these are smaller. */
+/* Sets the budget of the image cache in host memory, in bytes: a third of `available`, but at most
+ * what `needed` leaves of it, and at least `held`, the bytes already cached. Images that exceed the
+ * budget are decoded again for each use. Returns the size that the cache will reach: the budget or,
+ * if smaller, the size of all images. */
 static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t needed, size_t held)
 {
     size_t all = 0, most = available / 3;
@@ -539,8 +548,9 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
     return all < plan->pixels_budget ? all : plan->pixels_budget;
 }
 
-/* Bytes that a rank contributes to the all-reduce of an iteration: gradients of the network and of
- * the values that frames own, assuming that tracks share nothing. */
+/* Returns the bytes that a rank contributes to the all-reduces of an iteration: the gradients of
+ * the network and of the values that frames own or, with --method 4d, of the 4D splats. Assumes
+ * that no splats share values through a track. */
 static double step_bytes(const struct spin_plan *plan)
 {
     double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
@@ -552,9 +562,9 @@ static double step_bytes(const struct spin_plan *plan)
     return sizeof(float) * floats;
 }
 
-/* Estimates memory for the report. On a GPU, both device and host memory must suffice; the report
- * describes host memory if only that is short, otherwise device memory. held: bytes of decoded
- * images that are already cached. */
+/* Estimates the memory of the run for the report. On a GPU, device memory and host memory must both
+ * be sufficient; the report describes host memory if only host memory is short, otherwise device
+ * memory. held: bytes of decoded images that are already cached. */
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
@@ -582,14 +592,15 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
 }
 
-/* True if the memory is known to be insufficient. bytes_available is 0 if the device did not report
- * its memory. */
+/* True if the memory is known to be insufficient. False if it is unknown, in which case
+ * bytes_available is 0. */
 static bool is_short(const struct spin_retrain_report *report)
 {
     return report->bytes_available > 0 && report->bytes_needed > report->bytes_available;
 }
 
-/* True if the run fits with these options and only the first n_frames frames. */
+/* True if a run with these options, on the first n_frames frames only, would fit into the memory.
+ */
 static bool fits_memory(const struct spin_plan *plan, const struct spin_retrain_options *o,
                         int n_frames)
 {
@@ -607,7 +618,8 @@ static bool fits_memory(const struct spin_plan *plan, const struct spin_retrain_
     return report.bytes_available > 0 && !is_short(&report);
 }
 
-/* Writes the options of a trial that differ from those of the run, as given on the command line. */
+/* Writes to `text` those options of a trial that differ from the options of the run, in the syntax
+ * of the command line. */
 static void name_trial(const struct spin_plan *plan, const struct spin_retrain_options *o,
                        int n_frames, char *text, size_t n)
 {
@@ -623,11 +635,12 @@ static void name_trial(const struct spin_plan *plan, const struct spin_retrain_o
     if (n_frames < plan->clip.n_frames)
         snprintf(text + at, n - at, " --range %d:%d", spin_plan_info(plan, 0)->number,
                  spin_plan_info(plan, n_frames - 1)->number + 1);
-    memmove(text, text + 1, strlen(text)); /* remove the first blank */
+    memmove(text, text + 1, strlen(text)); /* remove the blank before the first option */
 }
 
-/* Searches for the smallest change of options that fits: first a smaller table and batch, then
- * smaller images, then fewer frames. */
+/* Searches for options with which the run fits into the memory, and sets report->fitting to the
+ * first ones found. It tries a smaller table and batch first, then smaller images, then fewer
+ * frames. */
 static void find_fitting(const struct spin_plan *plan)
 {
     struct spin_retrain_options o = *plan->o;
@@ -670,8 +683,9 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
                      free_bytes, report->fitting);
 }
 
-/* Seconds of refinement on one thread: rasteriser and host work per splat, rasteriser and loss per
- * pixel. Ignores points that densification adds. */
+/* Returns the seconds of refinement on one thread. The constants are seconds of the rasteriser and
+ * the host for a splat, and of the rasteriser and the loss for a pixel. Splats that densification
+ * adds are ignored. */
 static double guess_refining(const struct spin_plan *plan)
 {
     double splat = 0.6e-6, pixel = 0.25e-6;
@@ -680,9 +694,10 @@ static double guess_refining(const struct spin_plan *plan)
            (plan->clip.n_mean * splat + (double)plan->max_pixels * pixel);
 }
 
-/* Seconds of an iteration on one thread of a current server core: rasteriser per splat and view,
- * rasteriser and loss per pixel, network per splat and evaluation, Adam of the hash table, values
- * of splats and tracks. Assumes that densification ends with about one splat per pixel. */
+/* Returns the seconds of an iteration on one thread of a server core. The constants are seconds for
+ * these units of work. network: an evaluation of a splat. raster: a splat in a view. pixel:
+ * rasteriser and loss of a pixel. adam: a value of the hash table. values: a value of a splat or
+ * track. Assumes that densification ends with about one splat per pixel. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -698,7 +713,7 @@ static double guess_iteration(const struct spin_plan *plan)
     return seconds;
 }
 
-/* Seconds of the whole run; NaN on a GPU, where nothing was measured. */
+/* Returns the seconds of the whole run; NaN on a GPU, for which no constants have been measured. */
 static double guess_seconds(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -718,7 +733,8 @@ static double guess_seconds(const struct spin_plan *plan)
 
 /* ---- The plan -------------------------------------------------------------------------------- */
 
-/* Opens the clip with its views, frames and cameras. */
+/* Opens the clip with its views and its data set, and chooses the frames and the cameras for
+ * training and testing. */
 static spin_status open_clip(struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -759,7 +775,8 @@ static spin_status open_clip(struct spin_plan *plan)
     return plan_extent(plan);
 }
 
-/* Names the files of an unfinished run. */
+/* Sets the paths of the files that an unfinished run leaves: checkpoint, clip for viewing, folder
+ * of refined frames. */
 static spin_status name_parts(struct spin_plan *plan)
 {
     const char *output = plan->o->output ? plan->o->output : "";

@@ -1,5 +1,6 @@
-/* The plan of a retraining: checked options, the clip with its views, shapes, memory and time. All
- * later stages read it; those that change the number of splats or measure exposures update it. */
+/* The plan of a retraining: checked options, the clip with its views, sizes of the network and the
+ * images, estimated memory and time. All later stages read the plan; stages that change the number
+ * of splats, or measure exposures, update it. */
 #pragma once
 
 #include "spin_train.h"
@@ -11,141 +12,172 @@
 #include "train/trainer.h"
 
 struct spin_retrain_report {
-    struct spin_retrain_options options; /* the given options, with numbers resolved for the clip */
+    /* The options that the caller gave; automatic values are replaced by those chosen for the clip.
+     */
+    struct spin_retrain_options options;
     int iterations;
     int densify_every; /* iterations between densifications of the clip; 0: none */
-    double seconds, seconds_per_iteration; /* latter NaN: FRAMES reused all frames */
+    double seconds,
+        /* Seconds of the run, and of an iteration; the latter is NaN if --method frames reused all
+           frames. */
+        seconds_per_iteration;
     int frames;
     double splats_mean;
     char device[64];
+    /* Quality of the test views: in the source, in the refined frames, and in the result. */
     struct spin_quality before, refined, test;
-    double refine_seconds;                /* part of `seconds` that refinement took */
-    double outside_ball;                  /* share of points outside the unit ball of the encoder */
-    size_t bytes_needed, bytes_available; /* bytes_available 0: unknown */
-    char fitting[96];         /* if memory is short: options that would fit; empty: none found */
-    size_t bytes_peak;        /* largest memory use of this process */
-    double seconds_estimated; /* dry run only */
-    int ranks;                /* processes that share the work */
-    double bytes_sent;        /* dry run only: upper bound for all ranks in one iteration */
-    /* First error in writing files beside the output; empty: none. */
+    double refine_seconds; /* seconds of refinement, included in `seconds` */
+    double outside_ball;   /* share of splats outside the unit ball of the encoder, 0..1 */
+    size_t bytes_needed, bytes_available; /* bytes_available is 0 if unknown */
+    /* If memory is short: changes of options with which the run would fit; empty if none were
+     * found. */
+    char fitting[96];
+    size_t bytes_peak; /* largest memory use of this process so far */
+    /* For a dry run: estimated seconds of the whole run; NaN if unknown, as on a GPU. */
+    double seconds_estimated;
+    int ranks; /* number of processes that share the work */
+    /* For a dry run: upper bound of the bytes that all ranks together send in one iteration. */
+    double bytes_sent;
+    /* Message of the first error in writing files beside the output; empty if there was none. */
     char incomplete[512];
-    /* Smoothed loss at the end. With --method frames: the mean of the last losses of the frames
-     * that this run refined; NaN if there were none. */
+    /* Smoothed loss at the end of the training. With --method frames: the loss in the last
+     * iteration of each frame that this run refined, averaged over these frames; NaN if all frames
+     * were reused. */
     double loss_last;
 };
 
-/* See backdrop.h. */
+/* The splats of the backdrop, see backdrop.h. */
 struct spin_backdrop {
-    size_t n;                    /* splats; 0: no backdrop */
-    struct spin_refine_row *row; /* [n] initial values */
+    size_t n;                    /* number of splats; 0: there is no backdrop */
+    struct spin_refine_row *row; /* [n] initial values of the splats */
 };
 
 struct spin_plan {
-    struct spin_retrain_options options;  /* options of a single frame's plan; else unused */
-    const struct spin_retrain_options *o; /* &report->options, or a single frame's &options */
-    struct spin_retrain_report *report;   /* every stage writes its own fields */
-    struct spin_device *device;           /* device of the run, owned by the caller */
+    struct spin_retrain_options
+        options; /* the options, in the plan of a single frame; otherwise unused */
+    const struct spin_retrain_options
+        *o; /* the options: &report->options or, for a single frame, &options */
+    struct spin_retrain_report *report; /* each stage fills in the members that describe it */
+    struct spin_device *device;         /* device of the run, owned by the caller */
     struct spin_clip clip;
-    struct spin_field field; /* the scene transform is set by frames.c */
-    size_t *counts;    /* [frames] numbers of splats, updated by refinement and the backdrop */
-    size_t n_of_frame; /* `counts` of a single frame's plan; else unused */
-    size_t n_rows;     /* 4D splats, with --method 4d */
+    struct spin_field
+        field; /* its scene transform is set by frames.c, when the splats are loaded */
+    /* [frames] number of splats of each frame, which refinement and the backdrop change. */
+    size_t *counts;
+    size_t n_of_frame; /* memory of `counts` in the plan of a single frame; otherwise unused */
+    size_t n_rows;     /* number of 4D splats, with --method 4d; otherwise 0 */
     int *camera;       /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
     struct spin_lenses lenses; /* lenses of the training cameras */
-    bool lenses_stay;          /* falloffs are fixed: only gains and offsets learn */
-    /* [n_cameras + lenses.n][SPIN_EXPOSURE] initial values: of cameras, then of lenses. */
+    bool lenses_stay; /* true if falloffs are fixed, so that only gains and offsets are learned */
+    /* [n_cameras + lenses.n][SPIN_EXPOSURE] initial exposure parameters: a row for each camera,
+     * then a row for each lens. */
     float *exposure;
-    struct spin_pair *train, *test; /* pairs (frame, view) */
+    struct spin_pair *train, *test; /* pairs of a frame and a view, for training and for testing */
     size_t n_train, n_test;
-    size_t max_pixels, max_tiles; /* size of the largest view */
+    size_t max_pixels, max_tiles; /* pixels and tiles of the largest view */
     struct spin_backdrop backdrop;
-    double extent;        /* extent of the training cameras, in world units */
-    size_t pixels_budget; /* bytes of decoded images to cache */
+    double extent; /* extent of the training cameras in world units, see spin_views_extent() */
+    size_t pixels_budget; /* limit of the cache of decoded images, in bytes */
     char *part;           /* path of the checkpoint */
-    char *clip_of_state; /* path of the clip that an interrupted run leaves beside the checkpoint */
-    char *parts;         /* folder of the frames refined so far */
+    /* Path of the clip for viewing that an interrupted run writes beside the checkpoint. */
+    char *clip_of_state;
+    char *parts; /* folder of the frame cache, with the frames refined so far (frame_cache.h) */
 };
 
-/* Plans everything except device and memory. Zero it first; close it also after a failure. */
+/* Plans everything that does not depend on the device; spin_plan_set_device() plans the rest. Zero
+ * the plan first; close it also after a failure. */
 spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
                            struct spin_retrain_report *report);
 void spin_plan_close(struct spin_plan *plan);
-/* Handles the status of writing a file beside the output. A failure does not end the training: the
- * first one becomes a warning and is stored in report->incomplete. Returns SPIN_E_CANCELLED for
- * that status, otherwise SPIN_OK. */
+/* Handles the status of writing a file beside the output, such as a preview. A failure does not end
+ * the training: the message of the first failure is printed as a warning and stored in
+ * report->incomplete. Returns SPIN_E_CANCELLED if `status` is SPIN_E_CANCELLED, otherwise SPIN_OK.
+ */
 spin_status spin_plan_beside(const struct spin_plan *plan, spin_status status);
-/* Sets the device of the run, and estimates memory and seconds for the report. */
+/* Sets the device of the run, and estimates for the report how much memory and how many seconds the
+ * run needs on this device. */
 void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device);
 
-/* A frame's index in the bundle. */
+/* Returns the index in the bundle of a frame of the clip. */
 int spin_plan_index(const struct spin_plan *plan, int frame);
-/* A frame's description in the bundle. */
+/* Returns the description of a frame in the bundle. */
 const struct spin_frame_info *spin_plan_info(const struct spin_plan *plan, int frame);
-/* The middle frame of the clip, or the next one that has splats. */
+/* Returns the middle frame of the clip or, if that has no splats, the next frame that has some. */
 int spin_plan_middle_frame(const struct spin_plan *plan);
-/* Fails if a mean of a frame is not finite, naming the array and the row. refined: the means are
- * those of a refined frame. */
+/* Fails if a mean in the splats s of a frame is not finite; the error names the array and the row.
+ * refined: s is the refined frame instead of the source's. */
 spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool refined,
                                   const struct spin_splats *s);
-/* Index in plan->camera of the training camera with this id, which must exist. */
+/* Returns the index in plan->camera of the training camera with this id. The camera must exist. */
 int spin_plan_camera(const struct spin_plan *plan, int id);
 /* True if the bundle has all attribute columns of its source. */
 bool spin_plan_has_source(const struct spin_plan *plan);
-/* True if splats have residual values: with --residual or --tracks. */
+/* True if splats have residual values, as they do with --residual (other than off) or with tracks.
+ */
 bool spin_plan_has_residual(const struct spin_plan *plan);
-/* True if the training of the clip densifies tracks and splats without a track. Refined frames are
- * not densified again. */
+/* True if the training of the clip densifies tracks, and splats without a track. False with refined
+ * frames, which were densified during their refinement. */
 bool spin_plan_densifies(const struct spin_plan *plan);
-/* Densification runs in each iteration that is a multiple of `every`, after `first` and before
- * `until`; every 0: never. */
+/* Iterations that end with a densification: the multiples of `every` after iteration `first` and
+ * before iteration `until`; none if `every` is 0. */
 struct spin_schedule {
     int64_t first, until;
     int every;
 };
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan);
-/* Sizes of a frame with n splats. Assumes that none has a track, since tracks are found later. */
+/* Returns the sizes of a frame with n splats. Assumes that no splat has a track, since the plan is
+ * made before tracks are found; with --method 4d no splat owns values. */
 struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n);
-/* True if pixels have different weights (--dynamic-weight). */
+/* True if dynamic pixels have another weight in the loss than static ones (--dynamic-weight other
+ * than 1). */
 bool spin_plan_is_weighted(const struct spin_plan *plan);
-/* True if the table uses lazy Adam: the device supports it, there is one rank, and the splats of an
- * iteration need less than half of the table. */
+/* True if the hash table is updated with lazy Adam. It is if the device supports lazy Adam, there
+ * is only one rank, and the splats of an iteration read less than half of a hashed level
+ * (spin_lazy_pays()). */
 bool spin_plan_is_lazy(const struct spin_plan *plan);
 
-/* Bytes of an image on the device, with its mask if pixels have different weights. */
+/* Bytes of an image on the device, including its mask if dynamic pixels have another weight. */
 size_t spin_plan_image_bytes(const struct spin_plan *plan);
-/* The SH degree in the last of `iterations` iterations, if it rises from 0 by one every
- * `increase_every` iterations up to sh_degree. increase_every 0: sh_degree from the start. */
+/* Returns the SH degree in the last of `iterations` iterations. The degree starts at 0 and rises by
+ * one every `increase_every` iterations, up to sh_degree; with increase_every 0 it is sh_degree in
+ * all iterations. */
 int spin_sh_degree_reached(int sh_degree, int increase_every, int iterations);
-/* SH degree that frames reach with --method frames, at most that of the source if they start from
- * it; 0 for other methods. */
+/* Returns the SH degree that frames reach with --method frames; it does not exceed the degree of
+ * the source if frames start from the source's attributes. Returns 0 for other methods. */
 int spin_plan_frame_sh_degree(const struct spin_plan *plan);
-/* Iterations after which the SH degree of a single frame rises by one; 0: full degree from the
- * start, as for frames that start from the source's attributes. */
+/* Returns the number of iterations after which the SH degree of a single frame rises by one.
+ * Returns 0 if frames start from the source's attributes: they have the full degree from the start.
+ */
 int spin_plan_sh_increase_every(const struct spin_plan *plan);
-/* True if single frames start from the source's attributes, false for coloured points. */
+/* True if refined frames start from the source's attributes, false if they start from coloured
+ * points. */
 bool spin_plan_starts_from_source(const struct spin_plan *plan);
-/* Columns of the source that single frames start from. */
+/* Columns of the source from which the initial values of refined frames are made. */
 unsigned spin_plan_start_columns(const struct spin_plan *plan);
-/* Columns of the source that coloured points are made from. Includes the attributes, which are the
- * initial values of splats that no camera sees (unseen.h). */
+/* Columns of the source from which initial values are made if frames start from coloured points:
+ * means, colours and, if the source has them, all attributes, which are the initial values of
+ * splats that no training camera sees (unseen.h). */
 unsigned spin_plan_point_columns(const struct spin_plan *plan);
-/* Plan of a single frame on its own device: a clip of one frame with its training views. The plan
- * points into the clip's plan and into itself, so it must not be moved. Zero it first; close it
- * also after a failure. */
+/* Makes the plan of a single frame, to be trained on a device of its own: the clip consists of this
+ * frame, with its training views. The new plan contains pointers into the plan of the clip, which
+ * must stay open, and into itself, so it must not be moved. Zero the new plan first; close it also
+ * after a failure. */
 spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct spin_device *device,
                                struct spin_plan *plan);
 void spin_plan_close_frame(struct spin_plan *plan);
 
-/* Opens a trainer for the plan and sets its rates. The caller sets the frames and tracks in *size;
- * the function sets its other members. */
+/* Opens a trainer for the plan and sets its learning rates. The caller sets the members of *size
+ * that describe frames and tracks; the function sets the other members. */
 spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_device *device,
                                    struct spin_trainer_size *size, struct spin_trainer *trainer);
 
-/* Bytes for refining one frame, assuming that its points double. */
+/* Bytes of memory for refining one frame, assuming that densification doubles its number of splats.
+ */
 size_t spin_plan_refine_bytes(const struct spin_plan *plan);
-/* SPIN_E_MEMORY if the run needs more than is available. */
+/* Returns SPIN_E_MEMORY if the run needs more memory than is available, otherwise SPIN_OK. */
 spin_status spin_plan_check_memory(const struct spin_plan *plan);
-/* Updates the plan after refinement: sets the numbers of splats [frames] and estimates memory
- * again. held: bytes of decoded images that are already cached. */
+/* Updates the plan after refinement: copies the numbers of splats from counts [frames] and
+ * estimates the memory again. held: bytes of decoded images that are already cached, which count as
+ * available memory. */
 spin_status spin_plan_recount(struct spin_plan *plan, const size_t *counts, size_t held);

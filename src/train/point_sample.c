@@ -1,9 +1,9 @@
-/* Medians and percentiles of a sample of points. */
+/* Collects a sample of points, and computes medians and percentiles of it. */
 #include "train/point_sample.h"
 
 #include "base/base.h"
 
-enum { SAMPLE = 20000 }; /* points of a frame, at most */
+enum { SAMPLE = 20000 }; /* largest number of points sampled in a frame */
 
 spin_status spin_point_sample_open(struct spin_point_sample *sample, int n_frames)
 {

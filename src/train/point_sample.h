@@ -1,20 +1,21 @@
-/* A sample of a clip's points, and the ball that contains most of them. */
+/* A sample of the points of a clip, and a ball that contains most of the points. */
 #pragma once
 
 #include "spin.h"
 
 struct spin_point_sample {
-    float *point; /* [n][3], followed by scratch of [n] */
+    float *point; /* [n][3] sampled points, followed by [n] floats of scratch */
     size_t n;
 };
 
-/* Allocates for the points of n_frames frames. Zero it first; close it also after a failure. */
+/* Allocates memory for the sampled points of n_frames frames. Zero *sample first; close it also
+ * after a failure. */
 spin_status spin_point_sample_open(struct spin_point_sample *sample, int n_frames);
 void spin_point_sample_close(struct spin_point_sample *sample);
-/* Adds at most 20000 points of a frame, evenly spaced in its order. */
+/* Adds the means of at most 20000 splats of a frame, at even distances in the order of its rows. */
 void spin_point_sample_add(struct spin_point_sample *sample, const struct spin_splats *s);
-/* centre = the median of each axis; returns the 90th percentile of the distance to it. The sample
- * must have a point. */
+/* Sets centre to the median of the points along each axis, and returns the radius of the ball
+ * around it that contains 90 % of the points. The sample must contain at least one point. */
 float spin_point_sample_enclose(struct spin_point_sample *sample, float centre[3]);
 /* Squared distance of a point from a centre. */
 double spin_point_square_to(const float *point, const float centre[3]);

@@ -1,11 +1,11 @@
-/* All-reduce between GPUs by NCCL, or through the host by MPI. */
+/* All-reduces arrays: of GPUs with NCCL if possible, otherwise in host memory with MPI. */
 #include "train/rank_sum.h"
 
 #include "base/base.h"
 
 enum { FIRST_BYTES = 1 << 16 };
 
-/* Ensures that the host memory has this size; its contents are lost. */
+/* Ensures that the staging memory on the host has at least this size. Its contents are lost. */
 static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 {
     const struct spin_device_ops *op = s->device->op;
@@ -16,9 +16,10 @@ static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
     return op->host_reserve(s->device, bytes + bytes / 8, &s->host);
 }
 
-/* Whether a rank can connect its GPU to those of other ranks. */
+/* Describes whether a rank can connect its GPU to those of other ranks. */
 struct offer {
-    /* Version of NCCL, or "" if it cannot; id of the GPU; reason why it cannot. */
+    /* Version of NCCL, or "" if the rank cannot connect its GPU; id of the GPU; reason why the rank
+     * cannot connect its GPU. */
     char about[32], card[40], why[200];
 };
 
@@ -32,7 +33,8 @@ static void describe_rank(struct spin_device *d, struct offer *offer)
         snprintf(offer->why, sizeof offer->why, "%s", spin_last_error());
 }
 
-/* Sets why to the reason why the GPUs cannot be connected, or to "" if they can. */
+/* Sets `why` to the reason why the GPUs of these n ranks cannot be connected, or to "" if they can.
+ */
 static void find_obstacle(const struct offer *offer, int n, char why[300])
 {
     *why = '\0';
@@ -48,8 +50,8 @@ static void find_obstacle(const struct offer *offer, int n, char why[300])
     }
 }
 
-/* Connects the GPUs, or sets why to the reason why they cannot be connected. about = version of
- * NCCL. */
+/* Connects the GPUs of all ranks and sets `about` to the version of NCCL. If the GPUs cannot be
+ * connected, sets `why` to the reason, otherwise to "". */
 static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[300])
 {
     struct spin_device *d = s->device;
@@ -129,7 +131,8 @@ spin_status spin_rank_sum(struct spin_rank_sum *s, const struct spin_device_sum 
         SPIN_TRY(d->op->download(d, s->host.at, sum[i].at, bytes));
         SPIN_TRY(spin_ranks_sum(s->host.at, sum[i].n, kind));
         d->op->upload(d, sum[i].at, s->host.at, bytes);
-        SPIN_TRY(d->op->wait(d)); /* before the host memory is reused */
+        /* The next download may overwrite the host memory only after the upload. */
+        SPIN_TRY(d->op->wait(d));
     }
     return SPIN_OK;
 }

@@ -1,10 +1,11 @@
-/* Refines frames. The training of a clip starts from the positions and colours of refined frames,
- * or from all their attributes with --residual source. With --method frames they are the result.
+/* Refines frames. The training of a clip starts from the positions and colours of refined frames
+ * or, with --residual source, from all their attributes. With --method frames the refined frames
+ * are the result.
  *
- * Frames are independent, so several are refined at a time, each on its share of the threads.
- * Results do not depend on the threads. A finished frame is stored in a cache beside the output
- * (frame_cache.h) under a key that identifies its inputs and options. A frame of the input that was
- * refined under the same key is reused. */
+ * Frames are independent, so several are refined at a time, each on its share of the threads. The
+ * results do not depend on the number of threads. A finished frame is stored in a cache
+ * (frame_cache.h) under a key that identifies its inputs and options. If the input contains a
+ * refined frame with the same key, that is reused. */
 #include "train/refinement.h"
 
 #include "base/base.h"
@@ -21,7 +22,7 @@ static bool is_per_frame(const struct spin_plan *plan)
     return plan->o->method == SPIN_METHOD_FRAMES;
 }
 
-/* True if all attributes of refined frames are used, not only positions and colours. */
+/* True if all attributes of refined frames are needed, false if only positions and colours are. */
 static bool needs_whole(const struct spin_plan *plan)
 {
     return is_per_frame(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
@@ -64,7 +65,8 @@ void spin_refinement_close(struct spin_refinement *refinement)
 
 /* ---- Frames refined before ------------------------------------------------------------------- */
 
-/* True if the input contains this frame, refined under the same key, with all required columns. */
+/* True if the input contains the refined frame f under the key of this run, with all required
+ * columns. In this case, records that the frame is reused, and its number of splats. */
 static bool input_has(struct spin_refinement *r, const struct spin_plan *plan, int f)
 {
     const struct spin_bundle *bundle = &plan->clip.bundle;
@@ -94,8 +96,8 @@ static spin_status read_columns(const struct spin_refinement *r, struct spin_pla
                                 out);
 }
 
-/* rgb is stored only in the output of a network's training; otherwise it follows from the first SH
- * coefficient. */
+/* Refined frames have the column rgb only in the output of a network's training. Where it is
+ * missing, it is computed from the first SH coefficient. */
 spin_status spin_refinement_read(struct spin_refinement *r, struct spin_plan *plan, int f,
                                  unsigned columns, struct spin_splats *out)
 {
@@ -124,24 +126,28 @@ struct stage {
     struct spin_device *device; /* device of the run */
     struct spin_code_paths *code_paths;
     struct spin_step_log *step_log;
-    int *todo, n_todo;        /* frames that this rank refines */
-    int *all, n_all;          /* frames that all ranks refine */
-    int first;                /* index in todo of the first frame in progress */
-    int n_hands;              /* frames refined at a time */
-    struct spin_device *hand; /* [n_hands] devices, one for each of these frames */
-    pthread_mutex_t lock;     /* protects all members below, and files, images, progress and log */
+    /* Frames that this rank refines. */
+    int *todo, n_todo;
+    /* Frames that any rank refines. */
+    int *all, n_all;
+    int first;   /* index in `todo` of the first of the frames that are being refined */
+    int n_hands; /* number of frames that are refined at a time */
+    struct spin_device *hand; /* [n_hands] devices, each of which refines one frame at a time */
+    /* Protects all members below, and the use of files, images, progress display and log. */
+    pthread_mutex_t lock;
     struct spin_progress progress;
-    int64_t done;         /* iterations that the progress shows as done */
-    int64_t drawn, blind; /* iterations done; iterations without a visible splat */
+    int64_t done; /* number of iterations that the progress display shows as done */
+    /* Number of iterations done, and how many of them rendered no visible splat. */
+    int64_t drawn, blind;
     double start_s;
-    spin_status status; /* result of the first frame that failed, else SPIN_OK */
+    spin_status status; /* status of the first frame that failed; SPIN_OK if none has failed */
     char why[512];
 };
 
 struct job {
     struct stage *stage;
     int frame;
-    struct spin_plan plan; /* plan of this frame alone */
+    struct spin_plan plan; /* plan of this single frame */
     struct spin_sampler sampler;
     struct spin_trainer trainer;
     struct spin_checkpoint clock;
@@ -178,11 +184,11 @@ static spin_status load_start(struct job *job)
     if (degree > 0)
         SPIN_TRY(
             spin_refine_add_sh(degree, spin_plan_starts_from_source(plan) ? s : NULL, &job->cloud));
-    spin_refine_prune(&job->cloud, 0); /* drops values that are not finite */
+    spin_refine_prune(&job->cloud, 0); /* removes only splats with values that are not finite */
     return SPIN_OK;
 }
 
-/* Loads the initial splats of the frame, and its images. */
+/* Makes the plan of the frame, loads its images, and computes its initial splats. */
 static spin_status load_job(struct job *job, struct spin_device *device)
 {
     struct stage *stage = job->stage;
@@ -209,7 +215,8 @@ static void show_progress(const struct job *job)
     pthread_mutex_unlock(&stage->lock);
 }
 
-/* Trains the cloud in place. Ends early if the frame loses all its splats. */
+/* Trains the splats of job->cloud, which gets the result. Ends early if the frame has no splats
+ * left. */
 static spin_status train_cloud(struct job *job, struct spin_device *device)
 {
     size_t n = job->cloud.n;
@@ -295,7 +302,8 @@ static void refine_task(void *context, int task)
 
 /* ---- All frames ------------------------------------------------------------------------------ */
 
-/* Looks a frame up in the cache. */
+/* Sets *found to whether frame f is in the cache; if it is, records its number of splats and the
+ * SIMD path that refined it. */
 static spin_status find_cached(struct stage *stage, int f, bool *found)
 {
     struct spin_refinement *r = stage->refinement;
@@ -310,7 +318,8 @@ static spin_status find_cached(struct stage *stage, int f, bool *found)
     return SPIN_OK;
 }
 
-/* Lists the frames that are not refined yet: for all ranks, and this rank's part. */
+/* Lists the frames that are neither in the input nor in the cache: in stage->all those of all
+ * ranks, in stage->todo those that this rank refines. */
 static spin_status list_todo(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
@@ -329,12 +338,12 @@ static spin_status list_todo(struct stage *stage)
             stage->todo[stage->n_todo++] = f;
         stage->all[stage->n_all++] = f;
     }
-    /* No rank may store a frame before all ranks have looked for it. */
+    /* No rank may store a frame in the cache before all ranks have searched the cache for it. */
     return spin_ranks_agree(SPIN_OK);
 }
 
-/* Waits for all ranks, looks up the frames that other ranks refined, and sums the statistics of all
- * ranks. */
+/* Waits until all ranks have refined their frames, adds the statistics of the other ranks to those
+ * of this rank, and finds the frames of the other ranks in the cache. */
 static spin_status join_ranks(struct stage *stage)
 {
     struct work {
@@ -368,8 +377,8 @@ static spin_status join_ranks(struct stage *stage)
     return spin_ranks_agree(status);
 }
 
-/* Opens a device for each frame refined at a time: up to n, or fewer if threads or memory are
- * short. */
+/* Opens the devices that refine frames at the same time: n of them, or fewer if there are fewer
+ * threads or the memory is insufficient; only one on a GPU. */
 static spin_status open_devices(struct stage *stage, int n, int n_threads)
 {
     struct spin_plan *plan = stage->plan;
@@ -396,7 +405,7 @@ static void close_devices(struct stage *stage)
     stage->n_hands = 0;
 }
 
-/* Refines the next n frames, several at a time. */
+/* Refines the next n frames of stage->todo, several at a time. */
 static spin_status run_tasks(struct stage *stage, int n, int n_threads)
 {
     struct spin_pool *pool = NULL;
@@ -417,8 +426,8 @@ out:
     return status;
 }
 
-/* First refines a multiple of n_threads frames, with one thread each; then the remaining frames,
- * which share the threads. */
+/* Refines all frames of stage->todo: first as many as are a multiple of the number of threads, each
+ * on one thread; then the remaining ones, each on several threads. */
 static spin_status refine_all(struct stage *stage)
 {
     struct spin_pool *pool = NULL;
@@ -435,7 +444,7 @@ static spin_status refine_all(struct stage *stage)
     return SPIN_OK;
 }
 
-/* True if all refined frames have all attributes. */
+/* True if all refined frames have all attributes, which frames from the input may lack. */
 static bool has_all_attributes(const struct stage *stage)
 {
     bool input = !(whole & ~stage->plan->clip.bundle.refined.columns);
@@ -463,7 +472,7 @@ static spin_status open_shown(struct stage *stage, struct spin_player *shown)
     return spin_player_set_lenses(shown, &stage->plan->lenses);
 }
 
-/* Measures the refined frames and writes previews. */
+/* Measures the quality of the test views in the refined frames, and writes previews. */
 static spin_status measure_frames(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
@@ -489,8 +498,8 @@ static spin_status measure_frames(struct stage *stage)
     return status;
 }
 
-/* Warns if no splat was visible in some iterations, which then learned nothing; fails if this is
- * true of all iterations of all frames. */
+/* Warns if there were iterations without a visible splat, which learned nothing. Fails if no
+ * iteration of any frame had a visible splat. */
 static spin_status check_visibility(const struct stage *stage)
 {
     if (stage->blind == 0)
@@ -505,8 +514,8 @@ static spin_status check_visibility(const struct stage *stage)
     return SPIN_OK;
 }
 
-/* Updates the plan for the refined frames, and with it the budget of the image cache. Cached images
- * stay. */
+/* Updates the numbers of splats and the memory in the plan, and the budget of the image cache.
+ * Images that are already cached stay in the cache. */
 static spin_status recount(const struct stage *stage)
 {
     struct spin_image_cache *cache = &stage->photos->cache;
@@ -548,7 +557,7 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     plan->report->refine_seconds = spin_now_s() - stage.start_s;
     plan->report->seconds_per_iteration =
         plan->report->refine_seconds / stage.n_all / plan->o->refine;
-    if (stage.n_all == 0) /* all frames were reused */
+    if (stage.n_all == 0) /* all frames were found in the input or the cache */
         plan->report->seconds_per_iteration = plan->report->loss_last = NAN;
     if (status == SPIN_OK)
         status = recount(&stage);

@@ -1,5 +1,6 @@
-/* Reads the frames once, in the order of their times, and keeps the growing segment of each track.
- * A splat without a track is a segment of one frame. */
+/* Cuts a trained clip into rows. Reads the frames once, in the order of their times, and for each
+ * track extends its current segment until a splat does not fit. A splat without a track is a
+ * segment of one frame. */
 #include "train/rows_4d.h"
 
 #include "base/base.h"
@@ -7,25 +8,28 @@
 
 const double spin_rows_4d_least_weight = 0.01;
 
-/* Largest deviations of a splat from its segment, tuned on the clip court. Of the position, in
- * units of the splat's size: */
+/* Largest deviations of a splat from the row of its segment, tuned on the clip "court"
+ * (docs/results.md). This is the largest deviation of the position, in units of the geometric mean
+ * of the row's scales. */
 static const float place_tolerance = 0.5f;
-/* Of log scale, rotation, first SH coefficient and logit opacity: */
+/* The largest deviations of the other values: log scale, rotation, first SH coefficient and logit
+ * opacity. `first` and `width` are the position of these values in a row of SPIN_TRACK floats. */
 static const struct {
     size_t first, width;
     float tolerance;
 } look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
 enum { LOOKS = sizeof look / sizeof *look };
 
-/* A segment's Gaussian window has a standard deviation of bell_of_span times the segment's duration
- * plus bell_of_frame times the interval between frames. Tuned on the clip court. */
+/* The standard deviation of a segment's Gaussian window is bell_of_span times the duration of the
+ * segment, plus bell_of_frame times the interval between frames. Tuned on the clip "court". */
 static const double bell_of_span = 0.3, bell_of_frame = 0.25;
 
-enum { MOST_FRAMES = 8 }; /* longest segment of a track that is not static, in frames */
+/* A segment of a track that is not static has at most this many frames. */
+enum { MOST_FRAMES = 8 };
 
-/* The growing segment of a track. */
+/* The current segment of a track. */
 struct piece {
-    int first, n; /* frames; n 0: no segment */
+    int first, n; /* first frame, and number of frames; n 0: the track has no current segment */
     float value[MOST_FRAMES][SPIN_TRACK];
 };
 
@@ -33,16 +37,16 @@ struct cut {
     struct spin_rows_4d *rows;
     struct spin_plan *plan;
     struct spin_bundle_tracks tracks;
-    struct piece *piece; /* [tracks] */
-    float *time;         /* [frames] 0..1 */
-    uint32_t *number;    /* tracks of the current frame's splats */
+    struct piece *piece; /* [tracks] current segment of each track */
+    float *time;         /* [frames] time of each frame, 0..1 */
+    uint32_t *number;    /* track of each splat of the current frame */
     float *means, *values;
 };
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* Converts a segment to a row: the line that fits its positions best, and the mean of its other
- * values. */
+/* Converts a segment to a row. Its positions become the straight line that fits them best, as a
+ * position and a velocity; of the other values it takes the mean. */
 static void fit_row(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
                     float motion[SPIN_MOTION])
 {
@@ -67,7 +71,7 @@ static void fit_row(const struct cut *c, const struct piece *p, float row[SPIN_T
     motion[3] = (float)middle;
 }
 
-/* True if all splats of a segment are within the tolerances. */
+/* True if all splats of a segment deviate from its row by no more than the tolerances. */
 static bool fits_row(const struct cut *c, const struct piece *p)
 {
     float row[SPIN_TRACK], motion[SPIN_MOTION];
@@ -99,8 +103,10 @@ static spin_status reserve_row(struct spin_rows_4d *rows)
     return spin_room(rows->n, &rows->capacity, SPIN_MOTION * sizeof(float), (void **)&rows->motion);
 }
 
-/* A segment that touches the clip's first or last frame has nothing to cross-fade with there: move
- * its centre halfway to that end. Returns the duration that its Gaussian window must cover. */
+/* Moves the window of a segment that contains the first or the last frame of the clip. There is no
+ * other segment beyond that end with which to cross-fade, so the centre of the window moves halfway
+ * towards the end, and the window gets wider. Returns the duration that the Gaussian window must
+ * cover. */
 static double move_to_end(const struct cut *c, const struct piece *p, float *row, float *motion)
 {
     int last = p->first + p->n - 1, n = c->rows->n_frames;
@@ -115,7 +121,8 @@ static double move_to_end(const struct cut *c, const struct piece *p, float *row
     return 1.5 * span;
 }
 
-/* Adds the row of a finished segment. A segment of all frames has a constant window. */
+/* Ends a segment and adds its row. The window of a segment that consists of all frames is constant.
+ */
 static spin_status end_piece(struct cut *c, struct piece *p)
 {
     struct spin_rows_4d *rows = c->rows;
@@ -127,7 +134,7 @@ static spin_status end_piece(struct cut *c, struct piece *p)
     SPIN_TRY(reserve_row(rows));
     row = rows->values + SPIN_TRACK * rows->n;
     motion = rows->motion + SPIN_MOTION * rows->n;
-    if (p->n > MOST_FRAMES) { /* a static track: all frames have the same value */
+    if (p->n > MOST_FRAMES) { /* the track is static, so all frames have the same values */
         memcpy(row, p->value[0], sizeof p->value[0]);
         memset(motion, 0, SPIN_MOTION * sizeof *motion);
         motion[3] = (c->time[p->first] + c->time[p->first + p->n - 1]) / 2;
@@ -142,8 +149,9 @@ static spin_status end_piece(struct cut *c, struct piece *p)
     return SPIN_OK;
 }
 
-/* Adds a splat of frame f to a track's segment, or ends the segment and begins another if the splat
- * does not fit. still: the track is static and has one value. */
+/* Adds a splat of frame f to the current segment of a track. If the splat does not fit, ends the
+ * segment and begins another one with this splat. still: the track is static, so its splats have
+ * the same values in all frames. */
 static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
                               const float value[SPIN_TRACK])
 {
@@ -207,7 +215,7 @@ static spin_status cut_frame(struct cut *c, int f)
     return SPIN_OK;
 }
 
-/* Lists the rows that are drawn in each frame. */
+/* Sets rows->of and rows->counts to the rows that are drawn in each frame. */
 static spin_status list_frames(struct cut *c)
 {
     struct spin_rows_4d *rows = c->rows;
@@ -248,7 +256,7 @@ static spin_status check_input(const struct cut *c)
     return SPIN_OK;
 }
 
-/* Sets the plan's numbers of splats to those of the rows. */
+/* Sets the numbers of splats in the plan to the numbers of rows that are drawn in each frame. */
 static void set_counts(struct spin_plan *plan, const struct spin_rows_4d *rows)
 {
     plan->n_rows = rows->n;
@@ -306,7 +314,8 @@ void spin_rows_4d_close(struct spin_rows_4d *rows)
 
 /* ---- Training -------------------------------------------------------------------------------- */
 
-/* Reads three numbers of a camera, as written by retrain. */
+/* Reads the three numbers of an array that a retraining has written for a camera; a missing number
+ * is 0. */
 static void read_three(const spin_json *array, float *to)
 {
     for (size_t c = 0; c < 3; c++) {
@@ -344,7 +353,8 @@ spin_status spin_rows_4d_looks(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* Rows become tracks. The splats of a frame have the order of its rows. */
+/* Makes each row a track of the trainer, and the rows that are drawn in a frame the splats of this
+ * frame, in the same order. */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *t, struct spin_frames *frames)
 {
@@ -374,7 +384,8 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
 
 /* ---- The result ------------------------------------------------------------------------------ */
 
-/* Converts row i of the trainer's groups [n], and its motion to the clip's unit of time. */
+/* Sets 4D splat i of *out: converts the values of track i, of n, from the trainer's groups, and its
+ * motion to the unit of time of the clip. */
 static void set_row(const struct spin_field *field, size_t n, size_t i, const float *groups,
                     const float *motion, struct spin_splats_4d *out)
 {

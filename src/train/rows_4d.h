@@ -1,35 +1,43 @@
-/* Converts a trained clip to 4D splats (--method 4d): each track is cut into segments in which it
- * moves on a straight line and looks the same; a splat without a track is a segment by itself. A
- * segment becomes a row: a splat with a velocity, and a Gaussian window over the times at which it
- * is visible. Training treats a row as a track with motion (device.h). */
+/* Converts a trained clip to 4D splats (--method 4d): each track is cut into segments, during which
+ * its splat moves on a straight line and does not change otherwise; a splat without a track is a
+ * segment of one frame. Each segment becomes a row, which is one 4D splat: a splat with a velocity,
+ * and with a Gaussian window over the times of the segment. Training treats a row as a track with
+ * motion (device.h). */
 #pragma once
 
 #include "train/frames.h"
 
 struct spin_rows_4d {
     size_t n, capacity;
-    float *values;  /* [n][SPIN_TRACK] position, then a row of residual values (model/residual.h) */
-    float *motion;  /* [n][SPIN_MOTION] in the unit of spin_field_time() */
-    size_t n_whole; /* rows that cover all frames and have a constant window */
+    /* [n][SPIN_TRACK] each row: position, then residual values (model/residual.h). */
+    float *values;
+    /* [n][SPIN_MOTION] motion of each row (device.h), with times as those of spin_field_time(). */
+    float *motion;
+    /* Number of rows whose segment covers all frames, so that their window is constant. */
+    size_t n_whole;
     int n_frames;
-    uint32_t **of;  /* [frames][counts] the rows drawn in a frame, ascending */
-    size_t *counts; /* [frames] */
+    /* [frames][counts] indices of the rows that are drawn in each frame, ascending. */
+    uint32_t **of;
+    size_t *counts; /* [frames] number of rows that are drawn in each frame */
 };
 
-/* Rows are drawn in a frame if their Gaussian window is at least this. */
+/* A row is drawn in the frames at whose time its Gaussian window has at least this value. */
 extern const double spin_rows_4d_least_weight;
 
-/* Cuts the clip of the plan's input into rows, and sets the numbers of splats in the plan.
- * SPIN_E_NOT_FOUND unless the clip was trained with --method tracks, SPIN_E_UNSUPPORTED if frames
- * are not in the order of their times. Zero it first; close it also after a failure. */
+/* Cuts the clip of the plan's input into rows, and sets the numbers of splats in the plan to those
+ * of the rows. SPIN_E_NOT_FOUND if the clip was not trained with --method tracks;
+ * SPIN_E_UNSUPPORTED if its frames are not in the order of their times. Zero *rows first; close it
+ * also after a failure. */
 spin_status spin_rows_4d_cut(struct spin_rows_4d *rows, struct spin_plan *plan);
 void spin_rows_4d_close(struct spin_rows_4d *rows);
-/* Restores the gains and falloffs that the input was trained with, instead of measuring them. */
+/* Sets the initial exposures and falloffs of the plan to those that were learned in the training of
+ * the input, which replace measured ones. */
 spin_status spin_rows_4d_looks(struct spin_plan *plan);
-/* Uploads the rows and the list of rows of each frame. Replaces spin_frames_load(). */
+/* Uploads the rows, and for each frame the list of its rows. With --method 4d it is called instead
+ * of spin_frames_load(). */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *trainer, struct spin_frames *frames);
-/* Downloads the current rows, rounds them and passes them through spin_splats_4d_settle(). The
+/* Downloads the current rows, rounds their values and calls spin_splats_4d_settle() for them. The
  * caller frees *out, also after a failure. */
 spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer *trainer,
                               enum spin_round_4d round, struct spin_splats_4d *out);

@@ -1,10 +1,11 @@
-/* Shuffles views into epochs, and loads images that the store lacks. */
+/* Chooses the views of each iteration from shuffled epochs, and loads their images into the store
+ * of the device. */
 #include "train/sampler.h"
 
 #include "base/base.h"
 #include "math/rng.h"
 
-enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* random numbers, see math/rng.h */
+enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* streams of random numbers, see math/rng.h */
 
 static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, size_t n)
 {
@@ -29,9 +30,10 @@ static spin_status find_image(struct spin_sampler *s, size_t view, uint32_t *ima
                : spin_photos_put(s->photos, s->plan, view, &s->images, *image);
 }
 
-/* An epoch is a permutation of all (frame, training camera) pairs. With views_per_frame V > 1 the
- * views of each frame are permuted and cut into groups of V, and the groups are permuted. Depends
- * only on the seed and the epoch. */
+/* Sets s->sequence to the order of an epoch: a permutation of all pairs of a frame and a training
+ * camera. With views_per_frame V above 1, the pairs of each frame are permuted and cut into groups
+ * of at most V pairs, and then the groups of all frames are permuted. The order depends only on the
+ * seed and the epoch. */
 static void plan_epoch(struct spin_sampler *s, int64_t epoch)
 {
     size_t n = s->plan->n_train, v = (size_t)s->plan->o->views_per_frame, n_groups = 0;
@@ -48,7 +50,8 @@ static void plan_epoch(struct spin_sampler *s, int64_t epoch)
     }
     memcpy(views, s->sequence, n * sizeof *views);
     shuffle(s, 2 * (uint64_t)epoch, views, n);
-    /* Stable sort by frame: pairs of a frame stay in their shuffled order, side by side. */
+    /* Sort by frame, in a stable way, so that the pairs of each frame are consecutive and keep
+     * their shuffled order. */
     for (size_t f = 0, k = 0; f < (size_t)s->plan->clip.n_frames; f++) {
         size_t first = k;
 
@@ -98,7 +101,9 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
     return SPIN_OK;
 }
 
-/* A device with its own memory keeps as many images as fit; on the CPU the image cache suffices. */
+/* Returns the number of images that the store can hold. On a GPU this is as many as fit in half of
+ * its free memory, but at least a batch and at most all. On the CPU it is a batch, since the image
+ * cache holds more in the same memory. For a single frame it is all its images. */
 static size_t images_kept(const struct spin_plan *plan)
 {
     size_t batch = (size_t)plan->o->batch, most;

@@ -1,4 +1,4 @@
-/* Settings as JSON: options, and values from the plan. */
+/* Collects the settings as JSON, from the options and from values of the plan. */
 #include "train/settings.h"
 
 #include "train/options.h"

@@ -1,12 +1,12 @@
-/* The settings that determine the result, as JSON: stored with the result, and compared before a
- * resume. */
+/* The settings that affect the result, as JSON. They are stored with the result; a resume requires
+ * that they are equal to those of the checkpoint. */
 #pragma once
 
 #include "io/json.h"
 #include "train/plan.h"
 
-/* Settings for refining a frame. */
+/* Returns the settings that affect the refinement of a frame; the caller frees them. */
 spin_json *spin_settings_refine(const struct spin_plan *plan);
-/* Settings for training the clip. init_log_scale: the initial log scale of splats, NaN if not known
- * yet. */
+/* Returns the settings that affect the training of the clip; the caller frees them. init_log_scale:
+ * the initial log scale of splats, or NaN if it is not known yet. */
 spin_json *spin_settings_network(const struct spin_plan *plan, double init_log_scale);

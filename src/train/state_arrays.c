@@ -81,7 +81,7 @@ spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
     return SPIN_OK;
 }
 
-/* Only the names of parameters end in p, as in table/p. */
+/* The names of parameters, such as "table/p", end in p; those of other arrays do not. */
 bool spin_state_is_parameter(const struct spin_state_array *array)
 {
     return array->name[strlen(array->name) - 1] == 'p';

@@ -1,7 +1,8 @@
-/* One iteration, processed in groups of as many frames and views as the device handles at once.
- * Gradients of shared parameters accumulate over all groups. Adam updates the values that a frame
- * owns when its group is done or, with several ranks, after the all-reduce, since each rank renders
- * only its part of the items. */
+/* Runs one iteration. The frames and views of the batch are processed in groups, each with as many
+ * as the device handles at once. Gradients of parameters that all frames share accumulate over all
+ * groups. Adam updates the values that a frame owns when the group of the frame is done. With
+ * several ranks, it updates them after the all-reduce, since each rank renders only its part of the
+ * items. */
 #include "train/step.h"
 
 #include "model/residual.h"
@@ -21,9 +22,10 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
 
 /* ---- Drawing --------------------------------------------------------------------------------- */
 
-/* Writes the losses of the raster's images to rows of t->values, with the layout of
- * spin_device_ops.loss. Stores in the raster the gradient with respect to the images before
- * exposure, times each view's weight, and accumulates the gradient of the exposure. */
+/* Computes the losses of the images that the raster has just rendered and writes them to rows of
+ * t->values (spin_device_ops.loss). Stores their gradient with respect to the rendered images,
+ * multiplied by the weight of each view, in the raster, and adds that with respect to the exposure
+ * to the gradient of the exposure parameters. */
 static void add_loss(struct spin_trainer *t, const struct spin_images *images,
                      const struct spin_view_batch *views)
 {
@@ -38,7 +40,8 @@ static void add_loss(struct spin_trainer *t, const struct spin_images *images,
         d->op->exposure_back(d, views, e->param.p, drawn, t->raster.d_image, e->param.g);
 }
 
-/* Draws the views, adds their gradients to d_attr and d_pos, and empties the batch of views. */
+/* Renders the views, adds the gradients of their losses to d_attr and d_pos, and empties the batch
+ * of views. */
 static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
                               const struct spin_frame_batch *frames, struct spin_view_batch *views)
 {
@@ -72,7 +75,8 @@ static void add_item(struct spin_trainer *t, const struct batch *b, int item, in
     t->drawn[t->n_drawn++] = item;
 }
 
-/* Draws this rank's views of the frames. first[f]: the first item that shows frame f. */
+/* Renders those views of the frames that belong to this rank. first[f]: the first item that shows
+ * frame f of `frames`. */
 static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                struct spin_frame_batch *frames)
 {
@@ -80,7 +84,8 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
 
     for (int f = 0; f < frames->n_frames; f++) {
         struct spin_frame_of_batch *frame = &frames->frame[f];
-        float share = 0; /* share of the batch's images that show the frame */
+        /* Share of the images of the batch that show the frame and that this rank renders. */
+        float share = 0;
 
         for (int i = first[f]; i < b->n; i++) {
             if (b->items[i].frame != b->items[first[f]].frame || rank_of(t, b, i) != t->rank)
@@ -101,7 +106,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     struct spin_frame_of_batch *to = &frames->frame[frames->n_frames++];
     const struct spin_train_frame *frame = &t->frame[number];
     bool residual = frame->residual && t->rates.residual[SPIN_HEAD_SCALE] > 0;
-    /* At SH degree 0 the higher coefficients are zero and have no gradient. */
+    /* While the SH degree is 0, the coefficients beyond the first are zero and need no gradient. */
     bool sh = frame->sh && spin_trainer_sh_degree(t) > 0;
 
     *to = (struct spin_frame_of_batch){
@@ -132,7 +137,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     frames->n += frame->size.n;
 }
 
-/* Combines the frames' splats with their tracks. */
+/* Adds the values of tracks to those of the frames' splats, where there are tracks. */
 static void add_tracks(struct spin_trainer *t, const struct spin_frame_batch *frames)
 {
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
@@ -152,7 +157,7 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame)
 
 /* ---- Values that frames own ------------------------------------------------------------------ */
 
-/* Adam step of the values that frames own: positions, residual values and SH. */
+/* Makes an Adam step of the values that the frames own: positions, residual values and SH. */
 static void step_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                         const struct spin_frame_batch *frames)
 {
@@ -160,7 +165,8 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     struct spin_frame_rates rates = {.pos = spin_trainer_position_rate(t),
                                      .sh = spin_trainer_rate(t, t->rates.sh, t->iteration),
                                      .tracked = t->rates.tracked};
-    bool fixed = t->rates.residual[SPIN_HEAD_SCALE] == 0; /* residual values do not change */
+    /* True if residual values are not trained. */
+    bool fixed = t->rates.residual[SPIN_HEAD_SCALE] == 0;
     int n_groups = 0;
 
     for (int k = 0; k < SPIN_HEADS; k++)
@@ -175,8 +181,9 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     t->device->op->adam(t->device, n_groups, group);
 }
 
-/* Copies the gradients of the values that a frame owns to `at` in t->own_grad, which ranks sum
- * (put), or back. Returns the number of floats. */
+/* Copies the gradients of the values that a frame owns from the buffers of the frame to `at`, which
+ * is in t->own_grad, or with `put` false from there to the buffers. Ranks sum t->own_grad in
+ * between. Returns the number of floats copied. */
 static size_t copy_own_gradients(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
                                  const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
@@ -205,21 +212,22 @@ static bool seen_before(const struct spin_trainer *t, const struct batch *b, int
     return false;
 }
 
-/* True if an item is the first of its frame among those of a rank, or with rank -1 among all. False
- * for frames without a splat. */
+/* True if item i is the first that shows its frame, among the items of a rank or, with rank -1,
+ * among all items. False if the frame has no splats. */
 static bool is_first_of_frame(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
     return (rank < 0 || rank_of(t, b, i) == rank) && !seen_before(t, b, i, rank) &&
            t->frame[b->items[i].frame].size.n > 0;
 }
 
-/* Floats of a frame in t->own_grad. */
+/* Returns the number of floats that a frame has in t->own_grad. */
 static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_size *size)
 {
     return 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual + t->sh_width * size->n;
 }
 
-/* Start of the gradients of an item's frame in t->own_grad: after those of earlier frames. */
+/* Returns where the gradients of an item's frame begin in t->own_grad: after those of all frames
+ * that earlier items show. */
 static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
     float SPIN_DEV *at = t->own_grad;
@@ -230,7 +238,8 @@ static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct ba
     return at;
 }
 
-/* All-reduces the gradients, then updates the values that frames own. */
+/* With several ranks, all-reduces all gradients, and then makes an Adam step of the values that
+ * frames own. */
 static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 {
     const struct spin_param *param[] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
@@ -264,8 +273,8 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 
 /* ---- The iteration --------------------------------------------------------------------------- */
 
-/* Processes the frames of the n items in `first`. Other views of these frames may be anywhere in
- * the batch. */
+/* Processes n frames: those of the items in `first`, each of which is the first item of this rank
+ * that shows its frame. Other items that show these frames may be anywhere in the batch. */
 static spin_status process_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                   int n)
 {
@@ -281,7 +290,8 @@ static spin_status process_frames(struct spin_trainer *t, const struct batch *b,
     spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
     d->op->zero(d, t->field_eval.d_attr, frames.n * spin_attr_width(&frames) * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
-    /* Adam clears the gradients that it uses, but here it uses only a part of them, or a copy. */
+    /* Adam clears the gradients that it uses. In these cases it uses only a part of them, or a
+     * copy, so they must be cleared here. */
     if (t->n_tracks > 0 || (t->n_ranks > 1 && t->residuals))
         d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
     if (t->n_ranks > 1 && t->sh_width > 0)
@@ -301,7 +311,8 @@ static spin_status process_frames(struct spin_trainer *t, const struct batch *b,
     return SPIN_OK;
 }
 
-/* Processes frames in groups, in the order in which items of this rank first show them. */
+/* Processes all frames that items of this rank show, in groups, in the order of the first items
+ * that show them. */
 static spin_status process_groups(struct spin_trainer *t, const struct batch *b)
 {
     int at_once = spin_trainer_frames_at_once(t), first[SPIN_MAX_FRAMES], n = 0;
@@ -318,8 +329,8 @@ static spin_status process_groups(struct spin_trainer *t, const struct batch *b)
     return n > 0 ? process_frames(t, b, first, n) : SPIN_OK;
 }
 
-/* Sets the groups of the network and returns their number. With lazy Adam the table is updated
- * immediately. */
+/* Describes the parameters of the network in `group` for an Adam step, and returns the number of
+ * groups. With lazy Adam the table has no group: its step is queued here. */
 static int step_network(struct spin_trainer *t, struct spin_param_group *group)
 {
     const size_t *offset = t->field.heads.offset;
@@ -338,8 +349,8 @@ static int step_network(struct spin_trainer *t, struct spin_param_group *group)
     return n;
 }
 
-/* Sets the group of the tracks' values [first, end) and returns 1. With rate 0 returns 0 and clears
- * the gradient, so that the values do not change. */
+/* Describes the values [first, end) of the tracks in `group` for an Adam step and returns 1. With
+ * rate 0 the values must not change: it clears their gradient and returns 0. */
 static int step_part(const struct spin_trainer *t, size_t first, size_t end, double rate,
                      struct spin_param_group *group)
 {
@@ -350,10 +361,11 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
     return rate > 0;
 }
 
-/* Sets the groups of `width` values per track, starting at `first`, and returns their number. The
- * values of the last `frozen` tracks do not change. lr0: the initial rate, or 0. Dynamic tracks
- * have `share` times this rate and learn in all iterations, as frames do, since fewer images show
- * them than static tracks. */
+/* Describes the values [first, first + width * n_tracks) of the tracks, `width` of each track, in
+ * `group` for an Adam step, and returns the number of groups. lr0 is their peak rate; with 0 they
+ * do not change. The rate of dynamic tracks is `share` times that of others. Dynamic tracks learn
+ * in all iterations, as the values of frames do, since fewer images show them than static tracks.
+ * The values of the last `frozen` tracks do not change. */
 static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
                        double share, size_t frozen, struct spin_param_group *group)
 {
@@ -374,8 +386,8 @@ static int step_values(const struct spin_trainer *t, size_t first, size_t width,
 
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
-    /* Half the rate, since the splats of a dynamic track also have positions with rates of their
-     * own. */
+    /* The displacements of dynamic tracks have half the rate, since their splats also have
+     * positions, which are trained as well. */
     int n = step_values(t, 0, 3, t->rates.displacement, 0.5, 0, group);
     size_t first = 3 * t->n_tracks;
 
@@ -387,13 +399,14 @@ static int step_tracks(const struct spin_trainer *t, struct spin_param_group *gr
     return n;
 }
 
-/* Adam step of the parameters that all frames share. */
+/* Makes an Adam step of the parameters that all frames share. */
 static void step_shared(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
     const struct spin_param *exposure = &t->exposures.param;
     size_t n_exposure = t->rates.lenses_stay ? SPIN_EXPOSURE * t->exposures.n_cameras : exposure->n;
-    struct spin_param_group group[3 * SPIN_HEADS + 4]; /* table, heads, tracks twice, cameras */
+    /* Groups of the table, the heads, the tracks (dynamic and other ones), and the exposures. */
+    struct spin_param_group group[3 * SPIN_HEADS + 4];
     int n = 0;
 
     if (spin_trainer_network(t))
@@ -410,7 +423,7 @@ static void step_shared(struct spin_trainer *t)
     spin_exposures_centre(&t->exposures, d);
 }
 
-/* Reads the losses back and sums them over ranks. */
+/* Downloads the losses, computes their means over the n items, and sums these over ranks. */
 static spin_status read_values(struct spin_trainer *t, int n, struct spin_train_values *values)
 {
     double sum[4] = {0};

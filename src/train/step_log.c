@@ -1,4 +1,4 @@
-/* Writes the log. A write error ends the log, but not the training. */
+/* Writes the log. After a write error nothing more is written to it, but the training continues. */
 #include "train/step_log.h"
 
 #include <fcntl.h>
@@ -7,8 +7,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* True for a character device, such as a terminal, which may be written to without --force.
- * Excludes FIFOs, since they could block the training. */
+/* True for a character device, such as a terminal, to which the log may be written without --force.
+ * False for a FIFO, which could block the training. */
 static bool is_device(const char *path)
 {
     struct stat st;
@@ -16,7 +16,8 @@ static bool is_device(const char *path)
     return stat(path, &st) == 0 && S_ISCHR(st.st_mode);
 }
 
-/* True if the file is empty or begins with a line of log_step() or evaluate_clip() in loop.c. */
+/* True if the file is empty or begins with a line of this log, as log_step() and evaluate_clip() in
+ * loop.c write them. */
 static bool is_log(const char *path)
 {
     static const char *const begin[] = {"{\"iteration\":", "{\"refine\":"};

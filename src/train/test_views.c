@@ -1,4 +1,4 @@
-/* Measures the test views, and writes previews of them. */
+/* Measures the quality of the test views, and writes previews of them. */
 #include "train/test_views.h"
 
 #include "base/base.h"
@@ -21,7 +21,8 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_ph
     return plan->n_test > 0 ? spin_metrics_run(&m, out) : SPIN_OK;
 }
 
-/* A trained clip is shown through the lenses that it was trained with. */
+/* With --method 4d, makes the player of the input render the falloffs that were learned with the
+ * input. */
 static spin_status set_lenses(const struct spin_plan *plan, struct spin_player *input,
                               struct spin_lenses *lenses)
 {
@@ -49,7 +50,7 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
                                    trained ? "evaluating the clip" : "evaluating the source", out);
 }
 
-/* Writes one PNG of the preview; source NULL: without the source. */
+/* Writes the preview of one view as a PNG. With `source` NULL it does not show the source. */
 static spin_status preview_view(struct spin_plan *plan, struct spin_photos *photos,
                                 struct spin_player *shown, struct spin_player *source,
                                 const struct spin_pair *pair, const char *label)

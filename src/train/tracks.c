@@ -1,4 +1,5 @@
-/* Finds tracks, and numbers them along a curve so that neighbours share cache lines. */
+/* Finds tracks, and numbers them along a space-filling curve, so that neighbouring tracks share
+ * cache lines. */
 #include "train/tracks.h"
 
 #include "base/base.h"
@@ -6,32 +7,36 @@
 #include "train/chains.h"
 #include "train/morton.h"
 
-/* Standard deviations of a position in units of the camera extent: up to UNSEEN they are invisible
- * in images, and up to NOISE they may be noise. */
+/* Limits for the standard deviation of a track's position over time, in units of the camera extent.
+ * Up to UNSEEN the motion is invisible in images; up to NOISE it may be noise. */
 static const double UNSEEN = 1e-4, NOISE = 1e-2;
-enum { NOISE_FRAMES = 8 }; /* fewer do not distinguish noise from motion */
+enum { NOISE_FRAMES = 8 }; /* with fewer frames, noise cannot be distinguished from motion */
 
-/* A candidate for a track: a position that splats of several frames share, or the first position of
- * a track by identity or matching. */
+/* A candidate for a track. Its position is one that splats of several frames share or, for a track
+ * of a source with persistent ids or a track built by matching, that of its first splat. */
 struct place {
     float at[3];
-    uint32_t n_frames;
-    int last_frame;
-    bool moves; /* dynamic: built by matching, or a row that is not static */
+    uint32_t n_frames; /* number of frames with a splat at this position */
+    int last_frame;    /* last such frame found so far; -1: none */
+    bool moves; /* true for a dynamic track: one built by matching, or a row that is not static */
 };
 
-/* Motion of a track by identity, relative to its first position. */
+/* Motion of a row of a source with persistent ids, relative to its position in the first frame. */
 struct motion {
-    float last[3];
-    double sum[3], square, step; /* sums of offsets, squared offsets, squared steps */
+    float last[3]; /* position in the previous frame */
+    /* Sums over the frames: of the offset from the first position, of its square, and of the
+     * squared distance between consecutive frames. */
+    double sum[3], square, step;
 };
 
 struct places {
-    struct place *place; /* [n] in the order in which they were found */
+    struct place *place; /* [n] candidates in the order in which they were found */
     size_t n, room;
-    uint32_t *slot; /* [n_slots] hash table of positions, by their bits; UINT32_MAX: empty */
+    /* [n_slots] hash table that maps the bits of a position to the index of its place; UINT32_MAX:
+     * the slot is empty. */
+    uint32_t *slot;
     size_t n_slots;
-    struct motion *motion; /* [n] motion of each row; NULL unless rows keep their identity */
+    struct motion *motion; /* [n] motion of each row; NULL if the source has no persistent ids */
 };
 
 static uint32_t hash_of(const float at[3])
@@ -54,7 +59,8 @@ static void close_places(struct places *p)
     memset(p, 0, sizeof *p);
 }
 
-/* The slot that contains this position, or the empty slot in which to store it. */
+/* Returns the slot that contains this position; if there is none, the empty slot in which to store
+ * it. */
 static size_t slot_of(const struct places *p, const float at[3])
 {
     size_t k = hash_of(at) & (p->n_slots - 1);
@@ -64,7 +70,7 @@ static size_t slot_of(const struct places *p, const float at[3])
     return k;
 }
 
-/* Grows the capacity by n places. */
+/* Ensures that n more places can be added. */
 static spin_status reserve_places(struct places *p, size_t n)
 {
     size_t room = 2 * (p->n + n), n_slots = 1024;
@@ -107,7 +113,8 @@ static void add_motion(struct motion *m, const float first[3], const float at[3]
     }
 }
 
-/* For sources with persistent ids: row i is the same Gaussian in every frame. */
+/* For sources with persistent ids: makes row i of each frame a splat of candidate i, and records
+ * its motion. */
 static spin_status add_rows(struct places *p, int frame, const struct spin_splats *s, uint32_t *of)
 {
     if (frame == 0) {
@@ -125,9 +132,10 @@ static spin_status add_rows(struct places *p, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* True for a track that only jitters: its variance is too small to be visible, or it looks like
- * noise, which sources have in static regions. The mean squared difference between frames is twice
- * the variance for white noise (von Neumann's ratio), and much less for motion. */
+/* True if the motion of a row is invisible or looks like noise, which sources have in static
+ * regions. It is invisible if its variance is small enough. It looks like noise if the mean squared
+ * distance between consecutive frames is at least the variance: for white noise it is twice the
+ * variance (von Neumann's ratio), and for real motion much less. */
 static bool is_static(const struct motion *m, int n_frames, double extent)
 {
     double n = n_frames, variance = m->square / n;
@@ -140,7 +148,7 @@ static bool is_static(const struct motion *m, int n_frames, double extent)
            variance <= pow(NOISE * extent, 2);
 }
 
-/* Decides which rows are static, and gives these their mean position. */
+/* Decides which rows are static, and sets the position of these to the mean over all frames. */
 static void classify_rows(struct places *p, int n_frames, double extent)
 {
     for (size_t i = 0; p->motion && i < p->n; i++) {
@@ -152,8 +160,9 @@ static void classify_rows(struct places *p, int n_frames, double extent)
     }
 }
 
-/* For other sources: splats at the same position are the same Gaussian. A second splat of a frame
- * at the same position has no track. */
+/* For sources without persistent ids: makes splats of several frames at the same position splats of
+ * one candidate. If a frame has more than one splat at a position, only the first belongs to the
+ * candidate. */
 static spin_status add_places(struct places *p, int frame, const struct spin_splats *s,
                               uint32_t *of)
 {
@@ -202,8 +211,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
     return place->moves || tracks->identity || 2 * place->n_frames > (uint32_t)tracks->n_frames;
 }
 
-/* Matches the splats whose position occurs in at most half of the frames. Each track built by
- * matching becomes a dynamic place. */
+/* Matches those splats whose position occurs in at most half of the frames. Adds each track built
+ * by matching as a candidate for a dynamic track. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
     SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
@@ -225,7 +234,7 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
 
 /* ---- Numbering ------------------------------------------------------------------------------- */
 
-/* order [*n] = indices of the places that are tracks, along a space-filling curve. */
+/* Sets order [*n] to the indices of the candidates that are tracks, along a space-filling curve. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
                                 uint32_t *order, size_t *n)
 {
@@ -242,8 +251,9 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
     return SPIN_OK;
 }
 
-/* Numbers the tracks: first dynamic ones, then varying ones, then the others. number [places] = the
- * track, or SPIN_NO_TRACK. order [tracks]: see order_places(). */
+/* Numbers the tracks: dynamic ones first, then varying ones, then the others. Sets number [places]
+ * to the track of each candidate, or to SPIN_NO_TRACK if it is not a track. order [tracks] comes
+ * from order_places(), varies [tracks] from find_varying(). */
 static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
                                  const uint32_t *order, const uint8_t *varies, uint32_t *number)
 {
@@ -268,7 +278,8 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
     return SPIN_OK;
 }
 
-/* Finds the tracks whose appearance varies over time. Results for dynamic tracks are not used. */
+/* Sets varies [tracks] to whether the appearance of each track varies over time. Tracks have the
+ * order of order_places(). The values for dynamic tracks are not used. */
 static spin_status find_varying(const struct spin_tracks *tracks, const struct spin_plan *plan,
                                 struct spin_photos *photos, const struct places *p,
                                 const uint32_t *order, uint8_t *varies)

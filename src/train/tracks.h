@@ -1,7 +1,7 @@
-/* Tracks: splats of a clip's frames that are one and the same Gaussian. If the rows of the source
- * keep their identity, each row is a track. Otherwise splats at a bit-identical position in more
- * than half of the frames form a track, and other splats are matched from frame to frame
- * (chains.h). */
+/* Finds tracks: splats of several frames that are one and the same Gaussian. If the source has
+ * persistent ids (row i is the same Gaussian in every frame), each row is a track. Otherwise splats
+ * at bit-identical positions form a track if they occur in more than half of the frames; the other
+ * splats are matched from frame to frame (chains.h). */
 #pragma once
 
 #include "train/plan.h"
@@ -9,28 +9,35 @@
 #include "train/photos.h"
 
 struct spin_tracks {
-    size_t n;        /* number of tracks */
-    size_t n_moving; /* the first n_moving are dynamic: a position in every frame */
-    /* The first n_varying have residual values in every frame: the dynamic ones, and static ones
-     * whose appearance varies over time. 0 without residual values per frame. */
+    size_t n; /* number of tracks */
+    /* The first n_moving tracks are dynamic: their splats have a position in every frame. */
+    size_t n_moving;
+    /* The splats of the first n_varying tracks have residual values in every frame. These tracks
+     * are the dynamic ones, and after them the static ones whose appearance varies over time. 0 if
+     * no splat of a track has residual values. */
     size_t n_varying;
-    size_t n_backdrop; /* the last n_backdrop are the backdrop (backdrop.h) */
-    float *place;      /* [n][3] position; of a static track, the mean over the frames */
-    uint32_t **of; /* [frames][splats, in the bundle's order] a splat's track, or SPIN_NO_TRACK */
+    size_t n_backdrop; /* the last n_backdrop tracks are the backdrop (backdrop.h) */
+    /* [n][3] position of each track: the mean over all frames if the track is static, otherwise
+     * that of its first splat. */
+    float *place;
+    /* [frames][splats, in the bundle's order] the track of each splat, or SPIN_NO_TRACK. */
+    uint32_t **of;
     int n_frames;
-    bool identity; /* rows keep their identity: row i is track of[0][i] in every frame */
+    /* True if the source has persistent ids: row i belongs to track of[0][i] in every frame. */
+    bool identity;
 };
 
-/* Makes one pass over the means of the bundle and one over images, to find varying tracks. With
- * `photos` NULL only the former, for trainings without residual values per frame. Zero it first;
- * close it also after a failure. */
+/* Reads the means of the bundle to find tracks and then, to find varying tracks, training images.
+ * With `photos` NULL no images are read and no track varies, for trainings without residual values
+ * per frame. Zero *tracks first; close it also after a failure. */
 spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
                              struct spin_photos *photos);
 void spin_tracks_close(struct spin_tracks *tracks);
 
-/* Sizes of a frame with n splats (train_frame.h). */
+/* Returns the sizes (train_frame.h) of a frame with n splats. */
 struct spin_frame_size spin_tracks_size(const struct spin_tracks *tracks, int frame, size_t n);
-/* Sorts a permutation [n] that follows a space-filling curve: first splats without a track, in the
- * order of the curve, then the others by track. */
+/* Sorts a frame's permutation [n], which lists its splats along a space-filling curve: splats
+ * without a track come first and keep the order of the curve; then the others follow, sorted by
+ * track. */
 spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t n,
                              uint32_t *permutation);

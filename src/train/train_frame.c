@@ -1,10 +1,11 @@
-/* A frame's parameters: memory, transfer to and from the host, and groups for Adam. */
+/* Manages the memory of a frame's parameters, transfers them to and from the host, and describes
+ * them for Adam. */
 #include "train/train_frame.h"
 
 #include "base/base.h"
 #include "model/residual.h"
 
-/* *out stays NULL for 0 floats. */
+/* Allocates device memory; for 0 floats *out stays NULL. */
 static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
     return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
@@ -138,8 +139,9 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
     return SPIN_OK;
 }
 
-/* Splits n rows into up to two groups: the first n_free have the rate all.lr, the others `tracked`
- * times that rate. */
+/* Splits `all`, the values of n splats with `width` values each, into up to two groups and returns
+ * their number. The first n_free splats have the rate all.lr, and the others, which have a track,
+ * `tracked` times that rate. */
 static int split_group(struct spin_param_group all, size_t width, size_t n, size_t n_free,
                        double tracked, struct spin_param_group *group)
 {

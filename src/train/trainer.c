@@ -1,4 +1,5 @@
-/* State of a training between iterations: memory, rates, and the current table. */
+/* Manages the state of a training between iterations: its memory, its learning rates and the hash
+ * table. */
 #include "train/trainer.h"
 
 #include "base/base.h"
@@ -31,7 +32,7 @@ static bool has_residual(const struct spin_trainer_size *size)
 
 static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 
-/* Largest number of floats that the frames of a batch own. */
+/* Returns the largest number of floats that the frames of a batch can own. */
 static size_t own_floats(const struct spin_trainer *t)
 {
     return (size_t)t->max_items * t->n_max * ((t->residuals ? 3 + SPIN_RESIDUAL : 3) + t->sh_width);
@@ -42,7 +43,7 @@ int spin_trainer_frames_at_once(const struct spin_trainer *t)
     return (int)smaller(t->device->frames_at_once, t->max_items);
 }
 
-/* Largest number of splats that the device processes together. */
+/* Returns the largest number of splats that the device processes together. */
 static size_t splats_at_once(const struct spin_trainer *t)
 {
     return t->n_max * (size_t)spin_trainer_frames_at_once(t);
@@ -74,7 +75,7 @@ static void close_buffers(struct spin_trainer *t)
     spin_raster_close(&t->raster);
 }
 
-/* Buffers for the splats that the device processes together. */
+/* Allocates the buffers for the splats that the device processes together. */
 static spin_status open_buffers(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -149,8 +150,8 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
     for (int f = 0; f < t->n_frames; f++)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
     if (n <= t->n_max) {
-        /* Clear stale gradients: if no tracks are left, an iteration clears only gradients of
-         * values that the splats own. */
+        /* Clear the gradients of residual values. If no tracks are left, an iteration clears only
+         * those of values that splats own, and others would stay nonzero. */
         if (t->d_residual)
             t->device->op->zero(t->device, t->d_residual,
                                 splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));

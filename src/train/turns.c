@@ -1,4 +1,4 @@
-/* Follows each track from its reference frame to both ends of the clip. */
+/* Computes turns: follows each dynamic track from its reference frame to both ends of the clip. */
 #include "train/turns.h"
 
 #include <math.h>
@@ -10,16 +10,18 @@
 #include "train/kd_tree.h"
 #include "train/knn.h"
 
-/* A rotation is determined from at most NEIGHBOURS neighbours, within reach_of_spacing times the
- * median spacing; FEWEST are needed. Tuned on the clip court. */
+/* A turn is determined from the NEIGHBOURS nearest neighbours of a splat, within reach_of_spacing
+ * times the median spacing of splats. With fewer than FEWEST neighbours it is not determined. Tuned
+ * on the clip "court" (docs/results.md). */
 enum { NEIGHBOURS = 24, FEWEST = 4, CHUNK = 64 };
 static const float reach_of_spacing = 8;
-/* Each pass lowers the weights of neighbours with large errors, such as those on a part of the body
- * that moves differently. */
+/* The rotation is fitted PASSES times again, with lower weights for neighbours that have large
+ * errors, such as those on a part of the body that moves differently. */
 enum { PASSES = 3 };
-/* A neighbour follows a turn if at most this share of its squared displacement remains after the
- * turn. A turn is accepted if most neighbours follow it: splats that were matched by colour slide
- * over a surface and do not show how it turns. Tuned on the clips court and basketball. */
+/* A neighbour follows a turn if the turn explains its displacement: the squared distance between
+ * the turned offset and the actual one is at most this share of the squared displacement. A turn is
+ * accepted only if most neighbours follow it, since splats that were matched by colour may slide
+ * over a surface and then do not show how it turns. Tuned on the clips "court" and "basketball". */
 static const float most_left = 0.5f;
 
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
@@ -53,8 +55,8 @@ spin_status spin_turns_reserve(struct spin_turns *turns, int f, size_t n)
 
 /* ---- A rotation ------------------------------------------------------------------------------ */
 
-/* Offsets of neighbours in the track's reference frame and in another one, from their weighted
- * mean. */
+/* Offsets of the neighbours of a splat, in the reference frame (from) and in another frame (to),
+ * relative to the weighted mean of the offsets in the same frame. */
 struct offsets {
     int n;
     float from[NEIGHBOURS][3], to[NEIGHBOURS][3], weight[NEIGHBOURS];
@@ -72,8 +74,9 @@ static void centre_offsets(const struct offsets *o, float (*at)[3])
             at[i][c] -= sum[c] / weight;
 }
 
-/* Horn's symmetric matrix: the eigenvector of its largest eigenvalue is the best rotation from
- * `from` to `to`. Returns an upper bound of the eigenvalues' magnitude. */
+/* Sets m to Horn's symmetric matrix, whose eigenvector for the largest eigenvalue is the quaternion
+ * of the rotation that best maps `from` to `to`. Returns an upper bound for the absolute values of
+ * the eigenvalues. */
 static double fill_matrix(const struct offsets *o, double m[4][4])
 {
     double s[3][3] = {{0}}, most = 0;
@@ -99,9 +102,10 @@ static double fill_matrix(const struct offsets *o, double m[4][4])
     return most;
 }
 
-/* q = the best rotation, by power iteration on the matrix, shifted to have no negative eigenvalues.
- * The iteration starts from the previous q and, if several rotations fit equally well, as for
- * neighbours on a line, finds the one nearest to it. */
+/* Sets q to the best rotation. Power iteration finds the eigenvector; before, a multiple of the
+ * identity is added to the matrix, so that no eigenvalue is negative. The iteration starts from the
+ * value of q on entry. If several rotations fit equally well, as for neighbours on a line, it finds
+ * the one nearest to that value. */
 static void fit_rotation(const struct offsets *o, float q[4])
 {
     enum { MOST_POWERS = 100 };
@@ -133,7 +137,7 @@ static void fit_rotation(const struct offsets *o, float q[4])
         q[r] = (float)at[r];
 }
 
-/* Squared distance between two offsets. */
+/* Returns the squared distance between two offsets. */
 static float square_of(const float from[3], const float to[3])
 {
     float x = from[0] - to[0], y = from[1] - to[1], z = from[2] - to[2];
@@ -141,8 +145,8 @@ static float square_of(const float from[3], const float to[3])
     return x * x + y * y + z * z;
 }
 
-/* Sets the weights of neighbours by their errors under rotation q. Returns whether most of them
- * follow q. */
+/* Sets the weight of each neighbour from its error under the rotation q. Returns whether most
+ * neighbours follow q (most_left). */
 static bool update_weights(struct offsets *o, const float q[4])
 {
     float square[NEIGHBOURS], mean = 0, turned[3];
@@ -161,17 +165,17 @@ static bool update_weights(struct offsets *o, const float q[4])
 
 /* ---- Following tracks ------------------------------------------------------------------------ */
 
-/* A neighbour: row in its frame, squared distance. */
+/* A neighbour of a splat: its row in the reference frame, and its squared distance. */
 struct near {
     uint32_t row;
     float square;
 };
 
-/* A frame that is the reference of some tracks. */
+/* A reference frame, with the data for finding neighbours in it. */
 struct origin {
     const struct spin_turns *turns;
     int frame;
-    const int *frame_of; /* [tracks] reference frame */
+    const int *frame_of; /* [tracks] reference frame of each track */
     struct spin_kd_tree tree;
     float reach;
 };
@@ -207,7 +211,7 @@ static int by_track(const void *key, const void *track)
     return (a > b) - (a < b);
 }
 
-/* Row of a track in a frame, or frame->n if it has none. */
+/* Returns the row of a track's splat in a frame, or frame->n if the track has no splat there. */
 static size_t row_of(const struct spin_turns_frame *frame, uint32_t track)
 {
     const uint32_t *found =
@@ -222,8 +226,9 @@ static void subtract(const float a[3], const float b[3], float out[3])
         out[c] = a[c] - b[c];
 }
 
-/* q = the turn from row i of the reference frame to row j of frame `to`. On entry q is the turn of
- * the previous frame, which is kept if the neighbours do not determine another. */
+/* Sets q to the turn of the splat in row j of frame `to`, whose track has row i in the reference
+ * frame. On entry q is the turn in the previous frame; it stays unchanged if the neighbours do not
+ * determine a turn. */
 static void turn_to(const struct origin *origin, const struct nearest *near, size_t i,
                     const struct spin_turns_frame *to, size_t j, float q[4])
 {
@@ -287,7 +292,7 @@ static void follow_rows(void *context, size_t first, size_t end)
             follow_track(origin, i);
 }
 
-/* Follows the tracks whose reference is this frame. */
+/* Computes the turns of all tracks whose reference frame is this one. */
 static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
 {
     const struct spin_turns_frame *from = &origin->turns->frame[origin->frame];
@@ -305,8 +310,8 @@ static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
     return status;
 }
 
-/* frame_of [n_tracks] = reference frames: of a track's frames, the one nearest to the middle of the
- * clip. */
+/* Sets *frame_of [n_tracks] to the reference frame of each track: of the frames in which the track
+ * has a splat, the one nearest to the middle of the clip. The caller frees it. */
 static spin_status choose_frames(const struct spin_turns *turns, size_t n_tracks, int **frame_of)
 {
     int middle = turns->n_frames / 2;

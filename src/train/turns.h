@@ -1,7 +1,9 @@
-/* Turns: rotations of the surface around each splat of a dynamic track. A turn maps the offsets of
- * neighbouring splats from the track's reference frame to another frame (Horn 1987); it is found
- * from the positions of the source alone. Turns let all frames use the direction of a track's long
- * axis, and its splits, which each frame would otherwise have to learn anew. */
+/* Turns: rotations of the surface around the splats of dynamic tracks. The turn of a splat is the
+ * rotation that best maps the offsets from the splat to its neighbours in the track's reference
+ * frame to their offsets in the splat's own frame (Horn 1987); it follows from the positions of the
+ * source alone. With turns, the direction of a track's long axis, and the halves into which the
+ * track is split, are learned once for all frames; without them each frame would have to learn them
+ * anew. */
 #pragma once
 
 #include "base/pool.h"
@@ -9,8 +11,8 @@
 
 struct spin_turns {
     int n_frames;
-    /* Splats of dynamic tracks in a frame: tracks [n], ascending; positions [n][3]; unit
-     * quaternions [n][4]. */
+    /* The splats of dynamic tracks in each frame: their tracks [n], ascending; positions `at`
+     * [n][3]; turns [n][4], which are unit quaternions. */
     struct spin_turns_frame {
         size_t n;
         uint32_t *track;
@@ -21,8 +23,10 @@ struct spin_turns {
 /* Zero it first; close it also after a failure. */
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames);
 void spin_turns_close(struct spin_turns *turns);
-/* Allocates n splats of a frame. The caller sets tracks and positions; turns are the identity. */
+/* Allocates n splats of a frame and sets their turns to the identity. The caller sets their tracks
+ * and positions. */
 spin_status spin_turns_reserve(struct spin_turns *turns, int frame, size_t n);
-/* Finds the turns in all frames. Tracks without enough neighbours keep the identity. n_tracks:
- * number of tracks of the clip. The result does not depend on the number of threads. */
+/* Computes the turns in all frames. A turn that the neighbours do not determine is that of the
+ * preceding frame or, next to the reference frame, the identity. n_tracks: number of tracks of the
+ * clip. The result does not depend on the number of threads. */
 spin_status spin_turns_find(struct spin_turns *turns, size_t n_tracks, struct spin_pool *pool);

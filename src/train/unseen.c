@@ -1,11 +1,12 @@
-/* Projects every splat into the training cameras of its frame. */
+/* Finds the splats that are not visible to any training camera, by projecting every splat into the
+ * training cameras of its frame. */
 #include "train/unseen.h"
 
 #include "base/base.h"
 
-static const float unseen_logit = 1.5f; /* opacity 0.8 */
+static const float unseen_logit = 1.5f; /* opacity 0.8, for splats of a source of points */
 
-/* Training cameras of a frame in out [n_train]; returns their number. */
+/* Sets out [n_train] to the training cameras of a frame, and returns their number. */
 static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_camera **out)
 {
     size_t n = 0;
@@ -16,7 +17,7 @@ static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_
     return n;
 }
 
-/* True if a place is visible to at least one of the cameras. */
+/* True if the point `place` is visible to at least one of the n cameras. */
 static bool is_seen(const struct spin_camera *const *camera, size_t n, const float place[3])
 {
     double p[3];
