@@ -208,7 +208,7 @@ void spin_output_lock_drop(struct spin_output_lock *lock)
     *lock = (struct spin_output_lock){.fd = -1};
 }
 
-/* ---- Files of the former export -------------------------------------------------------------- */
+/* ---- Files of the previous export -------------------------------------------------------------- */
 
 /* Compare names without regard to upper and lower case, which some file systems do not
  * distinguish. */
@@ -321,10 +321,10 @@ void spin_output_folder_remove_former(struct spin_output_folder *x)
             n_left++;
     }
     if (n > 0)
-        spin_log(0, "removed %s of the former export from '%s'",
+        spin_log(0, "removed %s of the previous export from '%s'",
                  spin_text_count((long long)n, "file", text), x->path);
     if (n_left > 0)
-        spin_warn("cannot remove %s of the former export from '%s'",
+        spin_warn("cannot remove %s of the previous export from '%s'",
                   spin_text_count((long long)n_left, "file", text), x->path);
 }
 

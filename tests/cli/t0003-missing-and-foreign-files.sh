@@ -83,7 +83,7 @@ if strace -f -o "$work/strace" true 2>/dev/null; then
     done
     "$bin/spin-import" -q $clip -o "$work/warned.spin"
     run traced -f -qq -e trace=write -o "$work/strace" "$bin/spin-export" "$work/warned.spin" --to ply -o "$work/ply" --crop 99,99,99,1
-    is "$(grep -c 'write(2' "$work/strace") $(grep -c '^warning: ' "$work/err")" "2 2" "so is a warning"
+    is "$(grep -c 'write(2' "$work/strace") $(grep -c '^warning: ' "$work/err")" "3 2" "so is a warning"
 else
     skip "a line on stderr is one write" "no strace"
 fi

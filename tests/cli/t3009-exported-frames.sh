@@ -77,7 +77,7 @@ is "$code $(files "$work/long")" "0 clip.usda frame_00001.usda frame_00002.usda 
     "a stage with what is the same in all frames"
 run "$bin/spin-export" "$work/named.spin" --to usd --range 1:2 -o "$work/long" --force
 is "$code $(files "$work/long")" "0 clip.usda frame_00001.usda manifest.usda sequence.json " "a shorter stage has all of it in its layer"
-err_has "removed 2 files of the former export" "and what the longer one had beside its layers goes"
+err_has "removed 2 files of the previous export" "and what the longer one had beside its layers goes"
 run "$bin/spin-export" "$work/named.spin" --to ply --range 1:2 -o "$work/long" --force
 is "$code $(files "$work/long")" "0 frame_00001.ply sequence.json " "so do stage and manifest for another format"
 run "$bin/spin-export" "$work/named.spin" --to gltf -o "$work/long" --force
@@ -136,7 +136,7 @@ out_has "6 frames as images (30 images)" "in words too"
 # Images of a former run go as well: of another camera path, of more frames, and those of spin-eval.
 run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --repeat 1 --range 0:2 -o "$work/images" --force
 is "$code $(files "$work/images")" "0 orbit_frame_00000.png orbit_frame_00001.png sequence.json " "fewer images replace more"
-err_has "removed 28 files of the former export from '$work/images'" "and those that go are counted"
+err_has "removed 28 files of the previous export from '$work/images'" "and those that go are counted"
 run "$bin/spin-import" "$work/images" -o "$work/never.spin"
 err_has "it is a folder of images, not of splats" "a folder of images is named as such, with its sequence.json"
 run "$bin/spin-eval" "$work/named.spin" --split all --images "$work/images" --force
@@ -145,7 +145,7 @@ n=$(ls "$work/images" | wc -l)
 echo mine >"$work/images/cam_notes.png"
 run "$bin/spin-eval" "$work/named.spin" --split all --range 3:5 --images "$work/images" --force
 is "$code $(ls "$work/images" | wc -l)" "0 $(((n - 1) / 3 + 2))" "spin-eval --images --force: so do those of other frames"
-err_has "removed $(((n - 1) / 3 * 2)) files of the former export" "and are counted"
+err_has "removed $(((n - 1) / 3 * 2)) files of the previous export" "and are counted"
 err_has "warning: folder '$work/images' was not empty" "and what no run has listed stays with a warning"
 
 # Some of the frames that were exported.

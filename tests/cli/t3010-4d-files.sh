@@ -183,7 +183,7 @@ nothing_at "$work/frames.ftgs" "nothing was written"
 run "$bin/spin-import" "$run_in" --range 0:1 -o "$work/one.spin"
 run "$bin/spin-export" "$work/one.spin" -o "$work/one.ftgs.ply"
 fails 1 spin-export "one frame"
-err_has "this is a single frame" "has no length"
+err_has "needs a clip of two or more frames" "has no length"
 nothing_at "$work/one.ftgs" "nothing was written"
 if [ -d "$fixtures/realtime4dgs/rot4d_sht" ]; then
     "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin" -q
