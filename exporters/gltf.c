@@ -144,8 +144,8 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
         w->fresh[a] = same == clip->n_columns;
         if (!w->fresh[a])
             continue;
-        SPIN_TRY(
-            spin_room(clip->n_columns, &x->column_room, sizeof *x->column, (void **)&x->column));
+        SPIN_TRY(spin_array_grow(clip->n_columns, &x->column_room, sizeof *x->column,
+                                 (void **)&x->column));
         x->column[clip->n_columns++] = now;
         clip->n_bytes += frame->n * clip->width[a];
     }

@@ -70,7 +70,8 @@ static spin_status step_of(struct clip *clip, int number, struct step **out)
             return SPIN_OK;
         }
     }
-    SPIN_TRY(spin_room(clip->n_steps, &clip->capacity, sizeof *clip->step, (void **)&clip->step));
+    SPIN_TRY(
+        spin_array_grow(clip->n_steps, &clip->capacity, sizeof *clip->step, (void **)&clip->step));
     *out = &clip->step[clip->n_steps++];
     **out = (struct step){.number = number};
     return SPIN_OK;

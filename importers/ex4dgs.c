@@ -862,7 +862,7 @@ static spin_status add_piece(const struct model *m, struct pieces *all, struct p
     if (peak_of(m, &p) * spin_sigmoid_of(m->moving.column[OPACITY][p.row]) < LEAST_OPACITY)
         return SPIN_OK;
     all->worst = fmax(all->worst, error);
-    SPIN_TRY(spin_room(all->n, &all->capacity, sizeof *all->piece, (void **)&all->piece));
+    SPIN_TRY(spin_array_grow(all->n, &all->capacity, sizeof *all->piece, (void **)&all->piece));
     all->piece[all->n++] = p;
     return SPIN_OK;
 }

@@ -92,7 +92,7 @@ static spin_status new_node(struct huffman *tree, uint32_t *out)
 {
     if (tree->n > UINT32_MAX / 2)
         return spin_malformed("a Huffman table is too large");
-    SPIN_TRY(spin_room(tree->n, &tree->capacity, sizeof *tree->node, (void **)&tree->node));
+    SPIN_TRY(spin_array_grow(tree->n, &tree->capacity, sizeof *tree->node, (void **)&tree->node));
     *out = (uint32_t)tree->n;
     tree->node[tree->n++] = (struct huffman_node){{0, 0}, INNER};
     return SPIN_OK;

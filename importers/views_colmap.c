@@ -349,7 +349,7 @@ static spin_status read_image(struct colmap *m, struct source *s, int *id)
     image.camera = lens->camera;
     SPIN_TRY(fill_pose(image.q, image.t, image.camera.w2c));
     SPIN_TRY(spin_model_text(&m->base, &image.name, "%s", name));
-    SPIN_TRY(spin_room(m->n_images, &m->capacity, sizeof *m->image, (void **)&m->image));
+    SPIN_TRY(spin_array_grow(m->n_images, &m->capacity, sizeof *m->image, (void **)&m->image));
     m->image[m->n_images++] = image;
     return SPIN_OK;
 }

@@ -77,7 +77,7 @@ static int camera_number(const char *name)
 static spin_status add_image(struct set *set, const char *folder, const char *name, int camera,
                              int number)
 {
-    SPIN_TRY(spin_room(set->n, &set->capacity, sizeof *set->image, (void **)&set->image));
+    SPIN_TRY(spin_array_grow(set->n, &set->capacity, sizeof *set->image, (void **)&set->image));
     set->image[set->n] = (struct frame_image){.camera = camera, .number = number};
     SPIN_TRY(spin_model_join(&set->base, &set->image[set->n].path, folder, "%s", name));
     set->n++;

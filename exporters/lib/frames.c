@@ -124,7 +124,7 @@ spin_status spin_frames_begin(const struct spin_frames_format *format,
 
 spin_status spin_frames_add(struct spin_frames *x, const struct spin_frame_info *info, size_t n)
 {
-    SPIN_TRY(spin_room(x->n_entries, &x->room, sizeof *x->entry, (void **)&x->entry));
+    SPIN_TRY(spin_array_grow(x->n_entries, &x->room, sizeof *x->entry, (void **)&x->entry));
     x->entry[x->n_entries] = (struct spin_frames_entry){
         .number = info->number,
         .source_index = x->job->source_index ? x->job->source_index[x->n_entries] : 0,

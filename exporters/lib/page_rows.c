@@ -701,7 +701,7 @@ static spin_status add_piece(const struct spin_page_rows *r, struct pieces *to, 
         SPIN_TRY(add_piece(r, to, (struct piece){p.row, p.from, middle}));
         return add_piece(r, to, (struct piece){p.row, middle, p.end});
     }
-    SPIN_TRY(spin_room(to->n, &to->room, sizeof *to->at, (void **)&to->at));
+    SPIN_TRY(spin_array_grow(to->n, &to->room, sizeof *to->at, (void **)&to->at));
     to->at[to->n++] = p;
     return SPIN_OK;
 }

@@ -78,7 +78,7 @@ static spin_status add_matrix(struct spin_path_file *f, size_t *room, const doub
             "matrix %zu is not a rotation and a translation from a camera to the world", f->n + 1);
     if (f->n == MOST_POSES)
         return spin_unsupported("more than %d matrices", MOST_POSES);
-    SPIN_TRY(spin_room(f->n, room, sizeof *f->pose, (void **)&f->pose));
+    SPIN_TRY(spin_array_grow(f->n, room, sizeof *f->pose, (void **)&f->pose));
     f->pose[f->n++] = pose;
     return SPIN_OK;
 }

@@ -71,7 +71,7 @@ spin_status spin_grow(size_t count, size_t size, void **inout)
     return SPIN_OK;
 }
 
-spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout)
+spin_status spin_array_grow(size_t n, size_t *capacity, size_t size, void **inout)
 {
     size_t larger = *capacity ? 2 * *capacity : 64;
 

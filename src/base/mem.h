@@ -12,7 +12,7 @@ spin_status spin_alloc(size_t count, size_t size, void **out);  /* the memory is
 spin_status spin_grow(size_t count, size_t size, void **inout); /* added memory is not zeroed */
 /* Ensure that an array of n items has capacity for one more; if it has not, *capacity is doubled.
  * size: size of an item in bytes. */
-spin_status spin_room(size_t n, size_t *capacity, size_t size, void **inout);
+spin_status spin_array_grow(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
 
 /* Attributes of a local variable. When the scope of the variable is left in any way,

@@ -379,7 +379,7 @@ static spin_status read_names(DIR *dir, const char *path, char ***names, size_t 
     struct dirent *entry;
 
     for (;;) {
-        SPIN_TRY(spin_room(*n + 1, &capacity, sizeof **names, (void **)names));
+        SPIN_TRY(spin_array_grow(*n + 1, &capacity, sizeof **names, (void **)names));
         (*names)[*n] = NULL;
         errno = 0;
         entry = readdir(dir);

@@ -149,7 +149,8 @@ static spin_status parse_element(struct header *h, const char *at, const char *e
         return fail_line(h, "invalid count of an element:", count);
     if (spin_ply_find_element(ply, e.name))
         return fail_line(h, "a second element", name);
-    SPIN_TRY(spin_room(ply->n_elements, &h->element_capacity, sizeof e, (void **)&ply->element));
+    SPIN_TRY(
+        spin_array_grow(ply->n_elements, &h->element_capacity, sizeof e, (void **)&ply->element));
     ply->element[ply->n_elements++] = e;
     h->property_capacity = 0;
     return SPIN_OK;
@@ -184,7 +185,8 @@ static spin_status parse_property(struct header *h, const char *at, const char *
     p.offset = e->stride;
     e->has_list |= p.is_list;
     e->stride += p.is_list ? 0 : (size_t)type_size[p.type];
-    SPIN_TRY(spin_room(e->n_properties, &h->property_capacity, sizeof p, (void **)&e->property));
+    SPIN_TRY(
+        spin_array_grow(e->n_properties, &h->property_capacity, sizeof p, (void **)&e->property));
     e->property[e->n_properties++] = p;
     return SPIN_OK;
 }
@@ -200,8 +202,8 @@ static spin_status parse_comment(struct header *h, const char *at, const char *e
     while (end > at && is_blank(end[-1]))
         end--;
     n = (size_t)(end - at);
-    SPIN_TRY(spin_room(ply->n_comments, &h->comment_capacity, sizeof *ply->comment,
-                       (void **)&ply->comment));
+    SPIN_TRY(spin_array_grow(ply->n_comments, &h->comment_capacity, sizeof *ply->comment,
+                             (void **)&ply->comment));
     SPIN_TRY(spin_alloc(n + 1, 1, &text));
     memcpy(text, at, n);
     ply->comment[ply->n_comments++] = text;

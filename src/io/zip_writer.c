@@ -71,7 +71,7 @@ static spin_status add_written(struct spin_zip_writer *w, const char *name, uint
 {
     struct spin_zip_written *entry;
 
-    SPIN_TRY(spin_room(w->n, &w->capacity, sizeof *w->written, (void **)&w->written));
+    SPIN_TRY(spin_array_grow(w->n, &w->capacity, sizeof *w->written, (void **)&w->written));
     entry = &w->written[w->n];
     memset(entry, 0, sizeof *entry);
     SPIN_TRY(spin_strdup(name, &entry->name));

@@ -161,7 +161,7 @@ static spin_status find_series(struct spin_packer *p, const char *name,
             *out = &p->series[i];
             return SPIN_OK;
         }
-    SPIN_TRY(spin_room(p->n, &p->capacity, sizeof *p->series, (void **)&p->series));
+    SPIN_TRY(spin_array_grow(p->n, &p->capacity, sizeof *p->series, (void **)&p->series));
     *out = &p->series[p->n++];
     memset(*out, 0, sizeof **out);
     snprintf((*out)->name, sizeof(*out)->name, "%s", name);

@@ -103,7 +103,7 @@ static spin_status find_key(struct spin_bundle *b, const char *series, char kind
             *out = &keys->key[i];
             return SPIN_OK;
         }
-    SPIN_TRY(spin_room(keys->n, &keys->capacity, sizeof *keys->key, (void **)&keys->key));
+    SPIN_TRY(spin_array_grow(keys->n, &keys->capacity, sizeof *keys->key, (void **)&keys->key));
     key = &keys->key[keys->n];
     memset(key, 0, sizeof *key);
     for (int d = 0; d < n_dims; d++)

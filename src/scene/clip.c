@@ -281,7 +281,7 @@ spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
             if (view->dataset_frame != clip->dataset_frame[f] ||
                 (split != SPIN_SPLIT_ALL && view->test != (split == SPIN_SPLIT_TEST)))
                 continue;
-            status = spin_room(count, &capacity, sizeof *list, (void **)&list);
+            status = spin_array_grow(count, &capacity, sizeof *list, (void **)&list);
             if (status != SPIN_OK) {
                 free(list);
                 return status;

@@ -132,7 +132,8 @@ spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
     char *path = NULL, *mask = NULL;
     spin_status status;
 
-    SPIN_TRY(spin_room(views->n, &views->capacity, sizeof *views->view, (void **)&views->view));
+    SPIN_TRY(
+        spin_array_grow(views->n, &views->capacity, sizeof *views->view, (void **)&views->view));
     if (v->path)
         SPIN_TRY_OUT(spin_strdup(v->path, &path));
     if (v->mask)

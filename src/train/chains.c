@@ -106,8 +106,8 @@ static spin_status read_loose(struct spin_pool *pool, const struct spin_splats *
 
 static spin_status add_track(struct spin_chains *chains, const float at[3], uint32_t *number)
 {
-    SPIN_TRY(spin_room(chains->n, &chains->capacity, 3 * sizeof *chains->place,
-                       (void **)&chains->place));
+    SPIN_TRY(spin_array_grow(chains->n, &chains->capacity, 3 * sizeof *chains->place,
+                             (void **)&chains->place));
     memcpy(chains->place + 3 * chains->n, at, 3 * sizeof *at);
     *number = (uint32_t)chains->n++;
     return SPIN_OK;

@@ -99,8 +99,10 @@ static spin_status reserve_row(struct spin_rows_4d *rows)
 {
     size_t capacity = rows->capacity;
 
-    SPIN_TRY(spin_room(rows->n, &capacity, SPIN_TRACK * sizeof(float), (void **)&rows->values));
-    return spin_room(rows->n, &rows->capacity, SPIN_MOTION * sizeof(float), (void **)&rows->motion);
+    SPIN_TRY(
+        spin_array_grow(rows->n, &capacity, SPIN_TRACK * sizeof(float), (void **)&rows->values));
+    return spin_array_grow(rows->n, &rows->capacity, SPIN_MOTION * sizeof(float),
+                           (void **)&rows->motion);
 }
 
 /* Moves the window of a segment that contains the first or the last frame of the clip. There is no

@@ -38,14 +38,14 @@ static void sizes(void)
         int *list = NULL, good = 1;
 
         for (; at < 1000; at++) {
-            good = good && spin_room(at, &capacity, sizeof *list, (void **)&list) == SPIN_OK;
+            good = good && spin_array_grow(at, &capacity, sizeof *list, (void **)&list) == SPIN_OK;
             list[at] = (int)at;
         }
         for (size_t i = 0; i < at; i++)
             good = good && list[i] == (int)i;
         ok(good && capacity == 1024, "an array doubles when it must");
         capacity = SIZE_MAX / 2;
-        ok(spin_room(capacity, &capacity, sizeof *list, (void **)&list) == SPIN_E_MEMORY &&
+        ok(spin_array_grow(capacity, &capacity, sizeof *list, (void **)&list) == SPIN_E_MEMORY &&
                capacity == SIZE_MAX / 2 && list[7] == 7,
            "what cannot grow stays as it was");
         free(list);

@@ -44,7 +44,7 @@ SILENT_CALLS = re.compile(
     r"|fail\w*|bad|complain\w*|assert|static_assert|_Static_assert|perror|say|SPIN_PRINTF|__attribute__|sizeof|alignof"
     # The size of an allocation: too small is undefined behaviour, which the sanitisers of .ci/run
     # detect and the release build of these tests does not; too large has no effect.
-    r"|\w*alloc|\w*reserve|spin_grow|spin_room|spin_scratch_need|spin_arena_take|realloc|SPIN_LEAVES"
+    r"|\w*alloc|\w*reserve|spin_grow|spin_array_grow|spin_scratch_need|spin_arena_take|realloc|SPIN_LEAVES"
     # Times of stages, in the log.
     r"|SPIN_CPU_CLOCK|cuda_clocked|clocked"
     # Hints to the system, and locks, whose absence only ThreadSanitizer detects (CONFIG=tsan).
