@@ -96,9 +96,9 @@ static void warn_bad(const struct spin_player *p)
 {
     char count[48];
 
-    if (p->n_bad == 0 || p->bundle->told_not_finite)
+    if (p->n_bad == 0 || p->bundle->nonfinite_reported)
         return;
-    p->bundle->told_not_finite = true;
+    p->bundle->nonfinite_reported = true;
     spin_warn("'%s': %s in %d of its frames %s values that are not finite, and %s not drawn",
               p->bundle->path, spin_text_count((long long)p->n_bad, "splat", count),
               p->n_bad_frames, p->n_bad == 1 ? "has" : "have", p->n_bad == 1 ? "is" : "are");

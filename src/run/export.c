@@ -418,7 +418,7 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     SPIN_TRY(spin_row_filter_open(&x->filter, o, &x->clip, x->exporter->needs_renderer));
     spin_scene_move_open(&x->move, o);
-    x->clip.bundle.told_not_finite = true; /* the row filter reports non-finite rows */
+    x->clip.bundle.nonfinite_reported = true; /* the row filter reports non-finite rows */
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));

@@ -38,7 +38,7 @@ struct spin_bundle_values {
     const float
         /* The values in the memory map. NULL if they are packed or unaligned, so that they must be
            copied with spin_bundle_values_get(). */
-            *floats;
+        *floats;
     /* Private. */
     const unsigned char *bytes; /* byte planes, or plain values */
     void *owned;
@@ -71,10 +71,10 @@ struct spin_bundle {
     size_t
         /* [n_frames] number of splats of each retrained frame; NULL if densification has not
            changed these numbers. */
-            *trained_n;
+        *trained_n;
     struct spin_bundle_keys keys;
     struct spin_splats_4d four_d; /* private; loaded by spin_bundle_splats_4d() */
-    bool told_not_finite;         /* true: no further warning about splats that cannot be drawn */
+    bool nonfinite_reported;      /* true: no further warning about splats that cannot be drawn */
 };
 
 /* Size of a bundle by purpose, in bytes: packed as in the file, or unpacked. */
