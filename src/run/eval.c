@@ -97,7 +97,7 @@ static spin_status open_players(struct eval *e)
     }
     if (spin_rank() == 0 && spin_training_of(&e->clip.bundle, e->from) &&
         o->split == SPIN_SPLIT_TEST)
-        spin_training_warn_taught(&e->clip, o->n_test_cameras);
+        spin_training_warn_test_cameras(&e->clip, o->n_test_cameras);
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &e->device));
     SPIN_TRY(spin_player_open(&e->player, &e->device, &e->clip.bundle, e->from));
     if (spin_bundle_has_lenses(&e->clip.bundle, e->from)) {

@@ -209,7 +209,7 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
     SPIN_TRY(spin_plan_open(&r->plan, o, report));
     if (trains_4d(r)) {
         if (spin_rank() == 0)
-            spin_training_warn_taught(&r->plan.clip, o->n_test_cameras);
+            spin_training_warn_test_cameras(&r->plan.clip, o->n_test_cameras);
         SPIN_TRY(spin_rows_4d_cut(&r->rows, &r->plan));
     }
     if (o->refine > 0)

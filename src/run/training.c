@@ -40,11 +40,11 @@ void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_
                   taught);
 }
 
-void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras)
+void spin_training_warn_test_cameras(const struct spin_clip *clip, int n_test_cameras)
 {
-    if (clip->n_taught > 0)
+    if (clip->n_trained_test_cameras > 0)
         spin_warn("%s used to train '%s': these views are not held out",
-                  spin_text_share((size_t)clip->n_taught, (size_t)n_test_cameras,
+                  spin_text_share((size_t)clip->n_trained_test_cameras, (size_t)n_test_cameras,
                                   "--test-cams camera", "was", "were", (char[96]){0}),
                   clip->bundle.path);
 }

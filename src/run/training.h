@@ -17,4 +17,4 @@ void spin_training_warn_scale(const struct spin_bundle *bundle, enum spin_splat_
                               double image_scale);
 /* Warns if some of the test cameras were used by the training, since their scores are then too
  * high. */
-void spin_training_warn_taught(const struct spin_clip *clip, int n_test_cameras);
+void spin_training_warn_test_cameras(const struct spin_clip *clip, int n_test_cameras);

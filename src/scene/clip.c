@@ -97,7 +97,7 @@ static spin_status count_taught(const struct spin_clip_options *o, struct spin_c
         for (size_t v = 0; v < clip->views.n; v++)
             taught |=
                 clip->views.view[v].camera_id == o->test_cameras[i] && !clip->views.view[v].test;
-        clip->n_taught += taught;
+        clip->n_trained_test_cameras += taught;
     }
     return SPIN_OK;
 }

@@ -34,7 +34,7 @@ struct spin_clip {
     /* [n_frames] row of the data set that is paired with each frame; -1: no row */
     int *dataset_frame;
     bool has_views;
-    int n_taught; /* number of test_cameras that the training of this bundle used */
+    int n_trained_test_cameras; /* number of test_cameras that the training of this bundle used */
     struct spin_views views;
     char *data_path;     /* absolute path of the data set; NULL: no data set */
     char data_from[128]; /* importer that has read the data set, with its options */
