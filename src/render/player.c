@@ -446,7 +446,7 @@ static spin_status reserve_images(struct spin_player *p, size_t pixels, size_t t
     }
     if (!p->raster.device)
         return spin_raster_open(&p->raster, p->device, p->capacity, p->pixels, p->tiles, 1,
-                                p->weighs);
+                                p->keeps_contributions);
     return SPIN_OK;
 }
 
@@ -501,7 +501,7 @@ spin_status spin_player_picture(struct spin_player *p, float *image)
 
 /* The contribution of a splat is the derivative of the sum of all pixels by the splat's colour.
  * Hence this runs the backward pass of blending with a gradient of 1 in every pixel. */
-spin_status spin_player_weigh(struct spin_player *p, float *weights)
+spin_status spin_player_contributions(struct spin_player *p, float *weights)
 {
     struct spin_device *d = p->device;
     struct spin_raster *r = &p->raster;

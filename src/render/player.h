@@ -32,13 +32,13 @@ struct spin_player {
     void *context;                    /* argument of `live` and `read` */
     struct spin_field_eval field_eval;
     struct spin_raster raster;
-    float SPIN_DEV *pos, *attr;     /* means and attributes of the current frame, if uploaded */
-    float SPIN_DEV *residual;       /* [SPIN_RESIDUAL capacity], if the splats have residuals */
-    struct spin_image_store photo;  /* one image, for spin_player_measure() */
-    double SPIN_DEV *values;        /* [SPIN_MEASURE_VALUES] */
-    float SPIN_DEV *depth;          /* [2][pixels]; NULL until depth is requested */
-    float *staging;                 /* host [2][capacity][SPIN_ATTR] */
-    bool weighs;                    /* true: the buffers of spin_player_weigh() are reserved */
+    float SPIN_DEV *pos, *attr;    /* means and attributes of the current frame, if uploaded */
+    float SPIN_DEV *residual;      /* [SPIN_RESIDUAL capacity], if the splats have residuals */
+    struct spin_image_store photo; /* one image, for spin_player_measure() */
+    double SPIN_DEV *values;       /* [SPIN_MEASURE_VALUES] */
+    float SPIN_DEV *depth;         /* [2][pixels]; NULL until depth is requested */
+    float *staging;                /* host [2][capacity][SPIN_ATTR] */
+    bool keeps_contributions; /* true: the buffers of spin_player_contributions() are reserved */
     size_t capacity, pixels, tiles; /* capacities: splats; pixels and tiles of an image */
     struct spin_splats splats;      /* host copy of the current frame, as far as it was read */
     struct spin_frame_batch now;    /* the current frame */
@@ -101,9 +101,9 @@ spin_status spin_player_set_lenses(struct spin_player *p, const struct spin_lens
 spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *camera,
                              const float background[3], float *image);
 /* Computes the contribution of each splat of the current frame to the image rendered last: weights
- * [n] = the sum over pixels of alpha times transmittance. The member `weighs` must have been set
- * before the first image was rendered. */
-spin_status spin_player_weigh(struct spin_player *p, float *weights);
+ * [n] = the sum over pixels of alpha times transmittance. The member `keeps_contributions` must
+ * have been set before the first image was rendered. */
+spin_status spin_player_contributions(struct spin_player *p, float *weights);
 /* Compares the image rendered last, clamped to 0..1, with its ground truth rgb8 (host, [h][w][3]).
  * mask: one bit per pixel, selects the regions that are also measured separately; or NULL. values:
  * see spin_device_ops.measure and docs/method.md section 9. */

@@ -195,7 +195,7 @@ static spin_status weigh(struct spin_decimation *d, int f, float *weight)
 
         SPIN_TRY(spin_player_draw(&d->drawing, &d->clip->views.view[d->pairs[at].view].camera,
                                   d->background, NULL));
-        SPIN_TRY(spin_player_weigh(&d->drawing, seen));
+        SPIN_TRY(spin_player_contributions(&d->drawing, seen));
         for (size_t i = 0; i < d->part.n; i++)
             weight[i] = spin_maxf(weight[i], seen[i]);
     }
@@ -466,7 +466,7 @@ spin_status spin_decimation_open(struct spin_decimation *d)
 
     SPIN_TRY(find_pairs(d));
     SPIN_TRY(spin_player_open(&d->drawing, d->frames->device, NULL, SPIN_FROM_SOURCE));
-    d->drawing.weighs = true;
+    d->drawing.keeps_contributions = true;
     d->sharing = find_sharing(d);
     SPIN_TRY(make_sets(d));
     if (d->splats_4d)

@@ -90,7 +90,7 @@ static void check_weights(void)
     fill(&s, 5, 1, 0.7f, 4, -2, 0, 1.7724539f);
     ok(spin_player_show_splats(&player, &s) == SPIN_OK &&
            spin_player_draw(&player, &camera, black, image) == SPIN_OK &&
-           spin_player_weigh(&player, weight) == SPIN_OK,
+           spin_player_contributions(&player, weight) == SPIN_OK,
        "a picture is weighed");
     for (size_t i = 0; i < SIDE * SIDE; i++)
         drawn += (double)image[i];
