@@ -99,7 +99,7 @@ spin_status spin_bundle_describe(const char *path, char **report)
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle", path);
     SPIN_TRY(spin_bundle_open(path, &bundle));
     SPIN_TRY(spin_bundle_data_path(&bundle, &data));
-    spin_bundle_weigh(&bundle, &bytes, &unpacked);
+    spin_bundle_sizes(&bundle, &bytes, &unpacked);
     first = meta->frame;
     last = first + meta->n_frames - 1;
     trained = spin_json_get(bundle.json, "trained");

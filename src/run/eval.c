@@ -280,7 +280,7 @@ static spin_status run_eval(struct eval *e)
     report->dynamic = e->dynamic.from;
     report->seconds_decode = m.seconds_decode / m.n_decoded;
     report->seconds_draw = m.seconds_draw / (double)e->n_pairs;
-    spin_bundle_weigh(&e->clip.bundle, &report->storage, &report->unpacked);
+    spin_bundle_sizes(&e->clip.bundle, &report->storage, &report->unpacked);
     if (e->compare)
         return spin_ranks_agree(spin_rank() > 0
                                     ? SPIN_OK

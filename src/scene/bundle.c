@@ -581,7 +581,7 @@ static uint64_t unpacked_size(const struct spin_bundle *bundle,
     return member->size + a.count / a.shape[0] * (4 - a.shape[0]);
 }
 
-void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
+void spin_bundle_sizes(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
                        struct spin_bundle_bytes *unpacked)
 {
     const struct spin_zip *zip = &bundle->npz.zip;

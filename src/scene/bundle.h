@@ -98,7 +98,7 @@ bool spin_bundle_looks_like(const char *path);
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
 void spin_bundle_close(struct spin_bundle *bundle);
 /* Sums up the sizes of all members by purpose, packed as in the file and unpacked. */
-void spin_bundle_weigh(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
+void spin_bundle_sizes(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
                        struct spin_bundle_bytes *unpacked);
 spin_json *spin_bundle_bytes_json(const struct spin_bundle_bytes *bytes);
 /* Checks the header of array `series`/`frame`, or of array `series` if frame is -1. `kind` is the

@@ -148,7 +148,7 @@ static void test_round_trip(bool same_n)
        "rows that are differences: those that are the same, all, none (%d %d %d %d)",
        rows_of(&b, "source/means", 0), rows_of(&b, "source/means", 1),
        rows_of(&b, "source/means", 2), rows_of(&b, "source/means", 3));
-    spin_bundle_weigh(&b, &bytes, &unpacked);
+    spin_bundle_sizes(&b, &bytes, &unpacked);
     ok(bytes.source < 3 * unpacked.source / 4 && unpacked.source > 2 * N * 14 * sizeof(float) &&
            bytes.file == b.npz.zip.map.size && unpacked.file > unpacked.source,
        "storage, packed and not");
@@ -236,7 +236,7 @@ static void test_whole(float odd, const char *what)
            head_of(&b, "source/rgb/00002").shape[0] == 2 &&
            head_of(&b, "source/rgb/00002").shape[2] == N,
        "colours have two planes, and rows go last");
-    spin_bundle_weigh(&b, &stored, &unpacked);
+    spin_bundle_sizes(&b, &stored, &unpacked);
     ok(unpacked.source > FRAMES * N * 6 * 4 && unpacked.source < FRAMES * N * 6 * 4 + 2000 &&
            unpacked.file > unpacked.source && stored.source < unpacked.source / 2,
        "unpacked they would be words of four bytes (%llu)", (unsigned long long)unpacked.source);
