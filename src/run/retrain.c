@@ -36,7 +36,7 @@ struct run {
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;
-    struct spin_code_paths code_paths;
+    struct spin_simd_paths simd_paths;
     struct spin_checkpoint checkpoint;
     struct spin_step_log step_log;
     struct spin_output_lock lock; /* prevents a second training of the same output */
@@ -218,7 +218,7 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
     r->device.deterministic = o->deterministic;
     spin_plan_set_device(&r->plan, &r->device);
     SPIN_TRY(check_paths(r));
-    spin_code_paths_begin(&r->code_paths, r->device.path);
+    spin_simd_paths_begin(&r->simd_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
     /* In all other cases the points are examined later, when the frames are loaded. */
     return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_look(&r->plan) : SPIN_OK;
@@ -459,7 +459,7 @@ static struct spin_output output_of(struct run *r)
                                 .frames = &r->frames,
                                 .trainer = &r->trainer,
                                 .fingerprint = r->fingerprint,
-                                .code_paths = r->code_paths.all};
+                                .simd_paths = r->simd_paths.all};
 }
 
 /* Updates the page of --watch. A failure to write the page does not end the training. */
@@ -488,7 +488,7 @@ static spin_status train_network(struct run *r)
     c->path = r->plan.part;
     c->fingerprint = r->fingerprint;
     c->restart = spin_options_restart(r->plan.o);
-    c->code_paths = &r->code_paths;
+    c->simd_paths = &r->simd_paths;
 
     SPIN_TRY(open_trainer(r, resume));
     SPIN_TRY(trains_4d(r) ? spin_rows_4d_load(&r->rows, &r->plan, &r->trainer, &r->frames)
@@ -541,7 +541,7 @@ static spin_status run_stages(struct run *r)
     struct spin_output output = output_of(r);
 
     if (p->o->refine > 0) {
-        SPIN_TRY(spin_refinement_run(&r->refinement, p, &r->photos, &r->device, &r->code_paths,
+        SPIN_TRY(spin_refinement_run(&r->refinement, p, &r->photos, &r->device, &r->simd_paths,
                                      &r->step_log));
         if (trains_clip(r))
             SPIN_TRY(spin_plan_check_memory(p));

@@ -263,7 +263,7 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     spin_json_set_number(j, "loss", c->loss);
     spin_json_set(j, "steps", steps);
     spin_json_set_string(j, "fingerprint", c->fingerprint);
-    spin_json_set_string(j, "path", c->code_paths->all);
+    spin_json_set_string(j, "path", c->simd_paths->all);
     text = spin_json_text(j, true);
     spin_json_free(j);
     status = spin_trainer_join_seen(t);
@@ -393,7 +393,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     spin_json_number(spin_json_get(j, "refine_seconds"), &c->refine_s);
     spin_json_number(spin_json_get(j, "loss"), &c->loss);
     t->iteration = iteration;
-    spin_code_paths_add(c->code_paths, spin_json_string(spin_json_get(j, "path")));
+    spin_simd_paths_add(c->simd_paths, spin_json_string(spin_json_get(j, "path")));
     for (int f = 0; f < t->n_frames; f++) {
         const spin_json *step = spin_json_at(spin_json_get(j, "steps"), (size_t)f);
         double v = 0;

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "io/output.h"
-#include "train/code_paths.h"
+#include "train/simd_paths.h"
 #include "train/step.h"
 
 struct spin_checkpoint {
@@ -21,7 +21,7 @@ struct spin_checkpoint {
     double refine_s;
     /* Smoothed loss; 0 before the first iteration. */
     double loss;
-    struct spin_code_paths *code_paths;
+    struct spin_simd_paths *simd_paths;
     /* True if the state can be saved: no iteration is running, and all values are finite. */
     bool sound;
     /* [frames][splats] row of each splat in the output. A checkpoint contains these rows if there

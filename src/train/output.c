@@ -539,7 +539,7 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
     if (t->tracked && !t->motion)
         counts_to_json(t, j);
     spin_json_set_string(j, "fingerprint", output->fingerprint);
-    spin_json_set_string(j, "path", output->code_paths);
+    spin_json_set_string(j, "path", output->simd_paths);
     set_quality(j, "before", &report->before);
     set_quality(j, "test", &report->test);
     *json = j;
@@ -584,7 +584,7 @@ static spin_status add_description(const struct spin_output *output, bool same_r
     } else {
         set_quality(refined, "before", &plan->report->before);
         spin_json_set_string(refined, "fingerprint", output->fingerprint);
-        spin_json_set_string(refined, "path", output->code_paths);
+        spin_json_set_string(refined, "path", output->simd_paths);
     }
     return SPIN_OK;
 }

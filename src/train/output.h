@@ -11,7 +11,7 @@ struct spin_output {
     struct spin_frames *frames;   /* unused with --method frames */
     struct spin_trainer *trainer; /* unused with --method frames */
     const char *fingerprint;
-    const char *code_paths; /* SIMD paths that did the work */
+    const char *simd_paths; /* SIMD paths that did the work */
 };
 
 /* The output contains no times or durations, so equal runs give equal files. */

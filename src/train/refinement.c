@@ -124,7 +124,7 @@ struct stage {
     struct spin_plan *plan;
     struct spin_photos *photos;
     struct spin_device *device; /* device of the run */
-    struct spin_code_paths *code_paths;
+    struct spin_simd_paths *simd_paths;
     struct spin_step_log *step_log;
     /* Frames that this rank refines. */
     int *todo, n_todo;
@@ -313,7 +313,7 @@ static spin_status find_cached(struct stage *stage, int f, bool *found)
                                    r->frame[f].key, found, &there));
     if (*found) {
         r->counts[f] = there.n;
-        spin_code_paths_add(stage->code_paths, there.path);
+        spin_simd_paths_add(stage->simd_paths, there.path);
     }
     return SPIN_OK;
 }
@@ -527,13 +527,13 @@ static spin_status recount(const struct stage *stage)
 
 spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_plan *plan,
                                 struct spin_photos *photos, struct spin_device *device,
-                                struct spin_code_paths *code_paths, struct spin_step_log *step_log)
+                                struct spin_simd_paths *simd_paths, struct spin_step_log *step_log)
 {
     struct stage stage = {.refinement = refinement,
                           .plan = plan,
                           .photos = photos,
                           .device = device,
-                          .code_paths = code_paths,
+                          .simd_paths = simd_paths,
                           .step_log = step_log,
                           .lock = PTHREAD_MUTEX_INITIALIZER,
                           .start_s = spin_now_s()};

@@ -2,7 +2,7 @@
  * is optimised independently. */
 #pragma once
 
-#include "train/code_paths.h"
+#include "train/simd_paths.h"
 #include "train/frame_cache.h"
 #include "train/key.h"
 #include "train/step_log.h"
@@ -24,7 +24,7 @@ spin_status spin_refinement_keys(struct spin_refinement *refinement, struct spin
  * in the plan, and measures the quality of the refined frames. */
 spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_plan *plan,
                                 struct spin_photos *photos, struct spin_device *device,
-                                struct spin_code_paths *code_paths, struct spin_step_log *step_log);
+                                struct spin_simd_paths *simd_paths, struct spin_step_log *step_log);
 /* Reads the given columns of a refined frame, from the input or from the cache. */
 spin_status spin_refinement_read(struct spin_refinement *refinement, struct spin_plan *plan,
                                  int frame, unsigned columns, struct spin_splats *out);

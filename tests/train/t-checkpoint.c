@@ -31,7 +31,7 @@ static struct spin_field field;
 
 struct run {
     struct spin_trainer t;
-    struct spin_code_paths code_paths;
+    struct spin_simd_paths simd_paths;
     uint32_t *place[2];
     struct spin_checkpoint c;
 };
@@ -46,13 +46,13 @@ static void begin(struct run *r, struct spin_device *d, const struct spin_frame_
     r->t.average = spin_average_of(1, 0, ITERATIONS);
     if (spin_trainer_enable_lazy_adam(&r->t) != SPIN_OK)
         exit(1);
-    spin_code_paths_begin(&r->code_paths, "v1");
+    spin_simd_paths_begin(&r->simd_paths, "v1");
     tracked_places(r->place);
     r->c = (struct spin_checkpoint){.path = path,
                                     .fingerprint = "this input",
                                     .restart = "",
                                     .start_s = spin_now_s(),
-                                    .code_paths = &r->code_paths,
+                                    .simd_paths = &r->simd_paths,
                                     .permutation = r->place};
 }
 
@@ -481,18 +481,18 @@ static bool count_warning(const char *line)
 
 static void check_code_paths(void)
 {
-    struct spin_code_paths paths;
+    struct spin_simd_paths paths;
 
-    spin_code_paths_begin(&paths, "v1");
+    spin_simd_paths_begin(&paths, "v1");
     spin_log_set_level(-1);
     spin_log_set_sink(count_warning);
-    spin_code_paths_add(&paths, NULL);
-    spin_code_paths_add(&paths, "v1");
+    spin_simd_paths_add(&paths, NULL);
+    spin_simd_paths_add(&paths, "v1");
     ok(n_warnings == 0 && !strcmp(paths.all, "v1"), "the same code path: nothing is said");
-    spin_code_paths_add(&paths, "base+v1");
+    spin_simd_paths_add(&paths, "base+v1");
     ok(n_warnings == 1 && !strcmp(paths.all, "v1+base"), "another is told, and kept: %s",
        paths.all);
-    spin_code_paths_add(&paths, "base");
+    spin_simd_paths_add(&paths, "base");
     ok(n_warnings == 1, "once");
     spin_log_set_sink(NULL);
 }

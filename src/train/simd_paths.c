@@ -1,15 +1,15 @@
 /* Keeps a list of SIMD paths, in which each path occurs once. */
-#include "train/code_paths.h"
+#include "train/simd_paths.h"
 
 #include <string.h>
 
-void spin_code_paths_begin(struct spin_code_paths *paths, const char *now)
+void spin_simd_paths_begin(struct spin_simd_paths *paths, const char *now)
 {
     paths->now = now;
     snprintf(paths->all, sizeof paths->all, "%s", now);
 }
 
-void spin_code_paths_add(struct spin_code_paths *paths, const char *before)
+void spin_simd_paths_add(struct spin_simd_paths *paths, const char *before)
 {
     bool other = false;
 

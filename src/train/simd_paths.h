@@ -4,12 +4,12 @@
 
 #include "spin.h"
 
-struct spin_code_paths {
+struct spin_simd_paths {
     const char *now; /* SIMD path of this run's device */
     char all[32];    /* all paths of the training: "v4", or "v3+v4" after a resume on another CPU */
 };
 
-void spin_code_paths_begin(struct spin_code_paths *paths, const char *now);
+void spin_simd_paths_begin(struct spin_simd_paths *paths, const char *now);
 /* Adds the SIMD paths that did earlier parts of the work: "v3", "v3+v4" or, if there are none,
  * NULL. Warns if one of them is not in the list yet. */
-void spin_code_paths_add(struct spin_code_paths *paths, const char *before);
+void spin_simd_paths_add(struct spin_simd_paths *paths, const char *before);
