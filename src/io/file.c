@@ -143,9 +143,9 @@ uint32_t spin_crc32(uint32_t crc, const void *data, size_t n)
     return n > 0 ? (uint32_t)crc32_z(crc, data, n) : crc;
 }
 
-struct spin_imprint spin_map_imprint(const struct spin_map *map)
+struct spin_digest spin_map_digest(const struct spin_map *map)
 {
-    return (struct spin_imprint){map->size, spin_crc32(0, map->data, map->size)};
+    return (struct spin_digest){map->size, spin_crc32(0, map->data, map->size)};
 }
 
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out)

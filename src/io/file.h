@@ -31,11 +31,11 @@ void spin_map_rest(const void *bytes, size_t n);
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
 
 /* Digest that identifies a file by its contents, not by its name or time. */
-struct spin_imprint {
+struct spin_digest {
     uint64_t size;
     uint32_t crc; /* CRC-32 of all bytes of the file */
 };
-struct spin_imprint spin_map_imprint(const struct spin_map *map);
+struct spin_digest spin_map_digest(const struct spin_map *map);
 
 /* Read the first n bytes of a file, or the whole file if it is shorter; *n_out receives the number
  * of bytes read. The same files as in spin_map_open() are errors. */

@@ -170,10 +170,10 @@ static spin_status check_exists(const char *path)
     return SPIN_OK;
 }
 
-/* Map the file to detect its format and, if `whole` is set, to check that it is complete. `imprint`
+/* Map the file to detect its format and, if `whole` is set, to check that it is complete. `digest`
  * may be NULL. */
 static spin_status inspect_file(const char *path, bool whole, const char **format,
-                                struct spin_imprint *imprint)
+                                struct spin_digest *digest)
 {
     struct spin_map map;
     bool ends;
@@ -184,8 +184,8 @@ static spin_status inspect_file(const char *path, bool whole, const char **forma
     ends = !whole || (strcmp(*format, "jpeg") == 0  ? jpeg_ends(&map)
                       : strcmp(*format, "png") == 0 ? png_ends(&map)
                                                     : map.size > 0);
-    if (imprint)
-        *imprint = spin_map_imprint(&map);
+    if (digest)
+        *digest = spin_map_digest(&map);
     spin_map_close(&map);
     if (!ends)
         return spin_malformed("cannot read image '%s': the file is cut short", path);
@@ -241,18 +241,18 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
 }
 
 static spin_status check_video_frame(const char *file, int64_t frame, int *width, int *height,
-                                     struct spin_imprint *imprint)
+                                     struct spin_digest *digest)
 {
     int64_t n_frames;
 
-    SPIN_TRY(spin_video_info(file, width, height, &n_frames, imprint));
+    SPIN_TRY(spin_video_info(file, width, height, &n_frames, digest));
     if (frame >= n_frames)
         return spin_not_found("video '%s' has no frame %lld, only 0 to %lld", file,
                               (long long)frame, (long long)n_frames - 1);
     return SPIN_OK;
 }
 
-spin_status spin_image_look(const char *path, int *width, int *height, struct spin_imprint *imprint)
+spin_status spin_image_look(const char *path, int *width, int *height, struct spin_digest *digest)
 {
     int channels;
     struct request q = {.path = path, .width = width, .height = height, .channels = &channels};
@@ -261,8 +261,8 @@ spin_status spin_image_look(const char *path, int *width, int *height, struct sp
 
     SPIN_TRY(find_video(path, &file, &frame));
     if (file)
-        return check_video_frame(file, frame, width, height, imprint);
-    SPIN_TRY(inspect_file(path, true, &q.format, imprint));
+        return check_video_frame(file, frame, width, height, digest);
+    SPIN_TRY(inspect_file(path, true, &q.format, digest));
     SPIN_TRY(read_by_shims(&q));
     if ((int64_t)*width > MAX_PIXELS / *height)
         return spin_unsupported("cannot read image '%s': %d x %d pixels exceed the limit of 64 Mi",

@@ -17,9 +17,8 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
 /* Check, without decoding, that a file exists, that its header is readable, and that it is
  * complete: a JPEG must have all segments up to its end marker, a PNG all chunks up to IEND, and
  * any other file must not be empty. For a frame of a video, check that the video has this frame;
- * `imprint` is then that of the whole video. */
-spin_status spin_image_look(const char *path, int *width, int *height,
-                            struct spin_imprint *imprint);
+ * `digest` is then that of the whole video. */
+spin_status spin_image_look(const char *path, int *width, int *height, struct spin_digest *digest);
 
 /* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc. Grey is replicated, 16-bit
  * values are rounded, and alpha is composited over `background` (0..1; NULL: black) as the

@@ -19,8 +19,8 @@
 
 struct video {
     char *file;
-    struct stat was;             /* the file's status when it was indexed */
-    struct spin_imprint imprint; /* digest of the file; its size is 0 if it was not computed yet */
+    struct stat was;           /* the file's status when it was indexed */
+    struct spin_digest digest; /* digest of the file; its size is 0 if it was not computed yet */
     struct spin_video_index index;
     struct spin_video_stream *stream; /* decoder of the video; NULL: closed */
     int64_t at;                       /* frame that the stream decoded last; -1: none */
@@ -224,32 +224,32 @@ static spin_status open_stream(struct video *v)
 }
 
 static spin_status read_info(const char *file, int *width, int *height, int64_t *n_frames,
-                             struct spin_imprint *imprint)
+                             struct spin_digest *digest)
 {
     struct spin_map map;
     struct video *v;
 
     SPIN_TRY(find_video(file, &v));
-    if (imprint && v->imprint.size == 0) {
+    if (digest && v->digest.size == 0) {
         SPIN_TRY(spin_map_open(file, &map));
-        v->imprint = spin_map_imprint(&map);
+        v->digest = spin_map_digest(&map);
         spin_map_close(&map);
     }
     *width = v->index.width;
     *height = v->index.height;
     *n_frames = v->index.n;
-    if (imprint)
-        *imprint = v->imprint;
+    if (digest)
+        *digest = v->digest;
     return SPIN_OK;
 }
 
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
-                            struct spin_imprint *imprint)
+                            struct spin_digest *digest)
 {
     spin_status status;
 
     pthread_mutex_lock(&mutex);
-    status = read_info(file, width, height, n_frames, imprint);
+    status = read_info(file, width, height, n_frames, digest);
     pthread_mutex_unlock(&mutex);
     return status;
 }

@@ -31,7 +31,7 @@ spin_status spin_video_shim(const struct spin_video_shim **shim);
  * last argument, unless it is NULL, receives the digest of the whole file, which is cached until
  * the file changes. */
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
-                            struct spin_imprint *imprint);
+                            struct spin_digest *digest);
 
 /* Functions that receive the frames decoded on the way to the requested frame. */
 struct spin_video_passer {

@@ -11,7 +11,7 @@ static void add_images(spin_json *j, const struct spin_plan *plan, const struct 
 {
     char text[20];
 
-    snprintf(text, sizeof text, "%016" PRIx64, spin_photos_imprint(photos, plan, frame));
+    snprintf(text, sizeof text, "%016" PRIx64, spin_photos_digest(photos, plan, frame));
     spin_json_set_string(j, "images", text);
 }
 

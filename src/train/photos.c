@@ -25,7 +25,7 @@ void spin_photos_close(struct spin_photos *photos)
     spin_dynamic_mask_close(&photos->dynamic);
     spin_image_cache_close(&photos->cache);
     free(photos->image);
-    free(photos->imprint);
+    free(photos->digest);
 }
 
 spin_status spin_photos_open_store(const struct spin_plan *plan, struct spin_device *device,
@@ -58,10 +58,10 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
 
 static void add_number(uint64_t *hash, double value) { spin_hash(hash, &value, sizeof value); }
 
-static void add_imprint(uint64_t *hash, const struct spin_imprint *imprint)
+static void add_digest(uint64_t *hash, const struct spin_digest *digest)
 {
-    spin_hash(hash, &imprint->size, sizeof imprint->size);
-    spin_hash(hash, &imprint->crc, sizeof imprint->crc);
+    spin_hash(hash, &digest->size, sizeof digest->size);
+    spin_hash(hash, &digest->crc, sizeof digest->crc);
 }
 
 static void add_camera(uint64_t *hash, const struct spin_view *view)
@@ -84,22 +84,22 @@ static spin_status check_view(const struct spin_photos *photos, const struct spi
                               size_t index, uint64_t *hash)
 {
     const struct spin_view *view = &plan->clip.views.view[index];
-    struct spin_imprint imprint;
+    struct spin_digest digest;
     int width, height;
 
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(spin_image_look(view->path, &width, &height, &imprint));
+    SPIN_TRY(spin_image_look(view->path, &width, &height, &digest));
     SPIN_TRY(spin_view_check_size(view, width, height));
     if (!hash)
         return SPIN_OK;
     *hash = SPIN_HASH_BEGIN;
-    add_imprint(hash, &imprint);
+    add_digest(hash, &digest);
     add_camera(hash, view);
     if (photos->dynamic.from != SPIN_DYNAMIC_MASKS)
         return SPIN_OK;
-    SPIN_TRY(spin_image_look(view->mask, &width, &height, &imprint));
-    add_imprint(hash, &imprint);
+    SPIN_TRY(spin_image_look(view->mask, &width, &height, &digest));
+    add_digest(hash, &digest);
     return SPIN_OK;
 }
 
@@ -117,24 +117,24 @@ spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan 
 {
     size_t median[SPIN_MOVING_ROWS];
 
-    SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *photos->imprint, (void **)&photos->imprint));
+    SPIN_TRY(spin_alloc(plan->clip.views.n, sizeof *photos->digest, (void **)&photos->digest));
     for (size_t i = 0; i < plan->n_train; i++)
         SPIN_TRY(
-            check_view(photos, plan, plan->train[i].view, &photos->imprint[plan->train[i].view]));
+            check_view(photos, plan, plan->train[i].view, &photos->digest[plan->train[i].view]));
     for (int k = 0; k < plan->n_cameras; k++) {
         size_t n = median_views(photos, plan, plan->camera[k], median);
 
         for (size_t i = 0; i < n; i++)
-            if (!photos->imprint[median[i]])
-                SPIN_TRY(check_view(photos, plan, median[i], &photos->imprint[median[i]]));
+            if (!photos->digest[median[i]])
+                SPIN_TRY(check_view(photos, plan, median[i], &photos->digest[median[i]]));
     }
     for (size_t i = 0; i < plan->n_test; i++)
         SPIN_TRY(check_view(photos, plan, plan->test[i].view, NULL));
     return SPIN_OK;
 }
 
-uint64_t spin_photos_imprint(const struct spin_photos *photos, const struct spin_plan *plan,
-                             int frame)
+uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_plan *plan,
+                            int frame)
 {
     size_t median[SPIN_MOVING_ROWS];
     uint64_t hash = SPIN_HASH_BEGIN;
@@ -146,10 +146,10 @@ uint64_t spin_photos_imprint(const struct spin_photos *photos, const struct spin
         if (frame >= 0 && pair->frame != frame)
             continue;
         add_number(&hash, frame < 0 ? pair->frame : 0);
-        spin_hash(&hash, &photos->imprint[pair->view], sizeof *photos->imprint);
+        spin_hash(&hash, &photos->digest[pair->view], sizeof *photos->digest);
         n = median_views(photos, plan, plan->clip.views.view[pair->view].camera_id, median);
         for (size_t k = 0; k < n; k++)
-            spin_hash(&hash, &photos->imprint[median[k]], sizeof *photos->imprint);
+            spin_hash(&hash, &photos->digest[median[k]], sizeof *photos->digest);
     }
     return hash;
 }

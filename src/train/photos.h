@@ -12,7 +12,7 @@ struct spin_photos {
     struct spin_dynamic_mask dynamic;
     /* Scratch: an image [max pixels][3], followed by a mask of one bit per pixel. */
     uint8_t *image;
-    uint64_t *imprint; /* [views] digest of each training image */
+    uint64_t *digest; /* [views] digest of each training image */
 };
 
 /* Zero it first; close it also after a failure. */
@@ -23,8 +23,8 @@ void spin_photos_close(struct spin_photos *photos);
 spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan *plan);
 /* Returns a digest of the images, masks and cameras that a frame is trained on or, with frame -1,
  * of those of all frames. Results of an earlier run are reused only if it had the same digest. */
-uint64_t spin_photos_imprint(const struct spin_photos *photos, const struct spin_plan *plan,
-                             int frame);
+uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_plan *plan,
+                            int frame);
 /* Reserves device memory for n images and their masks. */
 spin_status spin_photos_open_store(const struct spin_plan *plan, struct spin_device *device,
                                    size_t n, struct spin_image_store *store);

@@ -247,7 +247,7 @@ static void test_truncated_jpeg(void)
 
 static void test_look(void)
 {
-    struct spin_imprint a, b, c;
+    struct spin_digest a, b, c;
     unsigned char changed[sizeof rgb16];
     int w = 0, h = 0;
     char path[4096];
@@ -255,15 +255,15 @@ static void test_look(void)
     snprintf(path, sizeof path, "%s", write_bytes("look.png", rgb16, sizeof rgb16));
     ok(spin_image_look(path, &w, &h, &a) == SPIN_OK && w == 2 && h == 1 && a.size == sizeof rgb16 &&
            a.crc == spin_crc32(0, rgb16, sizeof rgb16),
-       "a look has the size and the imprint");
+       "a look has the size and the digest");
     memcpy(changed, rgb16, sizeof changed);
     changed[45] ^= 1; /* in the pixels: a look does not decode them */
     ok(spin_image_look(write_bytes("look.png", changed, sizeof changed), &w, &h, &b) == SPIN_OK &&
            a.size == b.size && a.crc != b.crc,
-       "another bit, another imprint");
+       "another bit, another digest");
     ok(spin_image_look(write_bytes("other.png", rgb16, sizeof rgb16), &w, &h, &c) == SPIN_OK &&
            a.size == c.size && a.crc == c.crc,
-       "another name, the same imprint");
+       "another name, the same digest");
     for (size_t n = 0; n < sizeof rgb16 - 4; n++) /* without the CRC of IEND it can be read */
         if (spin_image_look(write_bytes("cut.png", rgb16, n), &w, &h, &a) == SPIN_OK) {
             ok(0, "a look refuses a PNG cut to %zu bytes", n);
@@ -280,7 +280,7 @@ static void test_look(void)
 static void test_look_at_jpeg(void)
 {
     const char *path = check_fixture("court-mini/ims/0/000009.jpg");
-    struct spin_imprint imprint;
+    struct spin_digest digest;
     struct spin_map map;
     int w, h, n_good = 0;
 
@@ -288,10 +288,10 @@ static void test_look_at_jpeg(void)
         ok(0, "there is the fixture court-mini");
         return;
     }
-    ok(spin_image_look(path, &w, &h, &imprint) == SPIN_OK && imprint.size == map.size,
+    ok(spin_image_look(path, &w, &h, &digest) == SPIN_OK && digest.size == map.size,
        "looks at a JPEG");
     for (size_t n = 1; n < map.size; n += n < map.size - 40 ? 97 : 1)
-        n_good += spin_image_look(check_truncated(path, n), &w, &h, &imprint) == SPIN_OK;
+        n_good += spin_image_look(check_truncated(path, n), &w, &h, &digest) == SPIN_OK;
     ok(n_good == 0, "and refuses it cut anywhere");
     spin_map_close(&map);
 }
@@ -300,7 +300,7 @@ static void test_look_at_jpeg(void)
  */
 static void test_lost_table(void)
 {
-    struct spin_imprint imprint;
+    struct spin_digest digest;
     struct spin_map map;
     unsigned char *bytes = NULL, *frame;
     int w, h;
@@ -309,7 +309,7 @@ static void test_lost_table(void)
         bytes = memcpy(malloc(map.size), map.data, map.size);
         frame = memmem(bytes, map.size, "\xff\xc0", 2);
         frame[12] = 3;
-        ok(spin_image_look(write_bytes("lost.jpg", bytes, map.size), &w, &h, &imprint) ==
+        ok(spin_image_look(write_bytes("lost.jpg", bytes, map.size), &w, &h, &digest) ==
                    SPIN_E_MALFORMED &&
                strstr(spin_last_error(), "lost.jpg"),
            "a look refuses a JPEG without one of its tables");

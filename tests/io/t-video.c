@@ -120,7 +120,7 @@ static void test_images(const char *path)
     char name[4200];
     int w = 0, h = 0, channels = 0;
     uint8_t *rgb = NULL;
-    struct spin_imprint imprint;
+    struct spin_digest digest;
     struct spin_map map = {.size = 0};
 
     snprintf(name, sizeof name, "%s#11", path);
@@ -133,14 +133,14 @@ static void test_images(const char *path)
     ok(spin_image_read(name, NULL, &w, &h, &rgb) == SPIN_E_NOT_FOUND && !rgb &&
            strstr(spin_last_error(), "only 0 to 20"),
        "there is none after the last");
-    ok(spin_image_look(name, &w, &h, &imprint) == SPIN_E_NOT_FOUND &&
+    ok(spin_image_look(name, &w, &h, &digest) == SPIN_E_NOT_FOUND &&
            strstr(spin_last_error(), "only 0 to 20"),
        "which a look tells as well");
     snprintf(name, sizeof name, "%s#0", path);
-    ok(spin_image_look(name, &w, &h, &imprint) == SPIN_OK && w == W && h == H &&
-           spin_map_open(path, &map) == SPIN_OK && imprint.size == map.size &&
-           imprint.crc == spin_crc32(0, map.data, map.size),
-       "a frame's imprint is that of its video");
+    ok(spin_image_look(name, &w, &h, &digest) == SPIN_OK && w == W && h == H &&
+           spin_map_open(path, &map) == SPIN_OK && digest.size == map.size &&
+           digest.crc == spin_crc32(0, map.data, map.size),
+       "a frame's digest is that of its video");
     spin_map_close(&map);
 }
 

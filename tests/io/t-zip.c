@@ -643,7 +643,7 @@ static void many_parts(void)
     struct spin_zip_writer w;
     struct spin_zip zip;
     void *owned[2] = {NULL, NULL};
-    struct spin_imprint file[2] = {{0, 1}, {0, 2}};
+    struct spin_digest file[2] = {{0, 1}, {0, 2}};
     struct spin_map map;
     uint32_t state = 1;
     bool good = bytes != NULL;
@@ -662,7 +662,7 @@ static void many_parts(void)
                spin_map_open(path, &map) == SPIN_OK && spin_zip_open(path, &zip) == SPIN_OK;
         if (!good)
             break;
-        file[k] = spin_map_imprint(&map);
+        file[k] = spin_map_digest(&map);
         spin_map_close(&map);
         ok(spin_zip_read(&zip, &zip.member[0], true, LONG, &data, &owned[k]) == SPIN_OK &&
                memcmp(data, bytes, LONG) == 0,

@@ -159,13 +159,13 @@ static spin_status resume(struct run *r, struct spin_device *d, const char *from
 static void check_starved(struct run *r)
 {
     struct spin_map map;
-    struct spin_imprint before, after;
+    struct spin_digest before, after;
     int n = 0, wrong = 0;
     spin_status status = SPIN_E_MEMORY;
 
     if (spin_map_open(path, &map) != SPIN_OK)
         exit(1);
-    before = spin_map_imprint(&map);
+    before = spin_map_digest(&map);
     spin_map_close(&map);
     for (; status == SPIN_E_MEMORY && n < 1000; n++) {
         n_left = n;
@@ -173,7 +173,7 @@ static void check_starved(struct run *r)
         n_left = INT_MAX;
         if (status == SPIN_OK || spin_map_open(path, &map) != SPIN_OK)
             break;
-        after = spin_map_imprint(&map);
+        after = spin_map_digest(&map);
         spin_map_close(&map);
         wrong += after.size != before.size || after.crc != before.crc;
     }
@@ -347,7 +347,7 @@ struct input {
     size_t counts[2];
     struct spin_pair train[2];
     struct spin_refined refined[2];
-    uint64_t imprint[3];
+    uint64_t digest[3];
     struct spin_view view[3];
 };
 
@@ -372,11 +372,11 @@ static void make_input(struct input *in)
     in->plan.clip.bundle.npz.zip.n = 2;
     in->plan.clip.views.view = in->view;
     in->plan.clip.views.n = 3;
-    in->photos.imprint = in->imprint;
+    in->photos.digest = in->digest;
     in->given = in->refined;
     for (int i = 0; i < 3; i++) {
         in->info[i].number = 10 + i;
-        in->imprint[i] = 1000 + (uint64_t)i;
+        in->digest[i] = 1000 + (uint64_t)i;
         in->view[i].camera_id = i;
         in->view[i].test = i == 2;
     }
@@ -407,7 +407,7 @@ static void by_number(struct input *in) { in->info[2].number++; }
 static void by_order(struct input *in) { in->frame[0] = 2, in->frame[1] = 1; }
 static void by_count(struct input *in) { in->counts[1]++; }
 static void by_key(struct input *in) { in->refined[1].key[0] = 'K'; }
-static void by_image(struct input *in) { in->imprint[1]++; }
+static void by_image(struct input *in) { in->digest[1]++; }
 static void by_view(struct input *in) { in->train[1].view = 0; }
 static void by_bytes(struct input *in) { in->member[1].crc++; }
 static void by_exchange(struct input *in) { in->member[0].crc = 78, in->member[1].crc = 77; }

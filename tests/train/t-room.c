@@ -28,16 +28,16 @@ int fallocate(int fd, int mode, off_t first, off_t n)
     return (uint64_t)n <= n_reserve ? 0 : -1;
 }
 
-static struct spin_imprint imprint_of(const char *path)
+static struct spin_digest imprint_of(const char *path)
 {
     struct spin_map map;
-    struct spin_imprint imprint = {0};
+    struct spin_digest digest = {0};
 
     if (spin_map_open(path, &map) != SPIN_OK)
-        return imprint;
-    imprint = spin_map_imprint(&map);
+        return digest;
+    digest = spin_map_digest(&map);
     spin_map_close(&map);
-    return imprint;
+    return digest;
 }
 
 /* Splats that grow beyond the disk: the training stops while its state fits, and goes on where
@@ -45,7 +45,7 @@ static struct spin_imprint imprint_of(const char *path)
 static void test_growth(struct spin_retrain_options o, const char *folder)
 {
     struct spin_retrain_report report;
-    struct spin_imprint want, got;
+    struct spin_digest want, got;
     char whole[320], out[320], part[330];
 
     snprintf(whole, sizeof whole, "%s/whole.spin", folder);
