@@ -43,7 +43,7 @@ struct run {
     struct spin_watch watch;
     /* Differences in colour and brightness between the cameras; look.spread is NaN if they were not
      * measured. */
-    struct spin_look look;
+    struct spin_photometric_result look;
     bool resume; /* whether the training continues from a checkpoint */
 };
 
@@ -245,12 +245,12 @@ static spin_status choose_exposure(struct run *r)
     r->look.spread = NAN;
     if (*choice == SPIN_EXPOSURE_OFF)
         return SPIN_OK;
-    SPIN_TRY(spin_camera_colours(&r->plan, &r->photos, &r->look));
+    SPIN_TRY(spin_photometric_fit_cameras(&r->plan, &r->photos, &r->look));
     if (trains_4d(r))
         SPIN_TRY(spin_rows_4d_looks(&r->plan));
     if (*choice == SPIN_EXPOSURE_ON)
         return SPIN_OK;
-    *choice = (r->look.spread > least_spread && r->look.gains == SPIN_LOOK_SEEN) ||
+    *choice = (r->look.spread > least_spread && r->look.gains == SPIN_PHOTOMETRIC_SEEN) ||
                       fabs(corner_brightness(r) - 1) > least_falloff
                   ? SPIN_EXPOSURE_ON
                   : SPIN_EXPOSURE_OFF;
@@ -259,14 +259,15 @@ static spin_status choose_exposure(struct run *r)
     return SPIN_OK;
 }
 
-static const char *rejection_text(enum spin_look_why why)
+static const char *rejection_text(enum spin_photometric_why why)
 {
     static const char *const text[] = {
-        [SPIN_LOOK_SEEN] = "",
-        [SPIN_LOOK_FEW] = "too few points are visible in three training cameras",
-        [SPIN_LOOK_SAME_RADII] = "each point is about equally far from the centre in all images",
-        [SPIN_LOOK_ODD] = "the measured falloff fits no lens",
-        [SPIN_LOOK_NOT_HELD_OUT] = "held-out points do not confirm the measurement",
+        [SPIN_PHOTOMETRIC_SEEN] = "",
+        [SPIN_PHOTOMETRIC_FEW] = "too few points are visible in three training cameras",
+        [SPIN_PHOTOMETRIC_SAME_RADII] =
+            "each point is about equally far from the centre in all images",
+        [SPIN_PHOTOMETRIC_ODD] = "the measured falloff fits no lens",
+        [SPIN_PHOTOMETRIC_NOT_HELD_OUT] = "held-out points do not confirm the measurement",
     };
 
     return text[why];
@@ -276,7 +277,7 @@ static const char *rejection_text(enum spin_look_why why)
  */
 static void describe_differences(const struct run *r, bool on, char text[400])
 {
-    const struct spin_look *look = &r->look;
+    const struct spin_photometric_result *look = &r->look;
     bool refused = !on && look->spread > least_spread;
     char falloff[160];
 

@@ -47,7 +47,7 @@ struct colours {
     size_t *n;     /* [cameras] number of deviations of each camera */
     float ball[3]; /* centre of the ball that contains most points */
     double radius;
-    struct spin_look_sample *sample;
+    struct spin_photometric_sample *sample;
     size_t n_samples, n_points_seen; /* n_points_seen: number of points that have samples */
     double nearest[CELLS][CELLS];
 };
@@ -182,13 +182,13 @@ static spin_status add_fit_samples(struct colours *c)
         SPIN_TRY(spin_grow(c->n_samples + cameras, sizeof *c->sample, (void **)&c->sample));
         for (size_t k = 0; k < n; k++)
             if (determines_gain(seen[k])) {
-                struct spin_look_sample *s = &c->sample[c->n_samples++];
+                struct spin_photometric_sample *s = &c->sample[c->n_samples++];
 
-                *s = (struct spin_look_sample){.point = (uint32_t)c->n_points_seen,
-                                               .camera = (int)k,
-                                               .lens = c->lens[k],
-                                               .half = half_of(c, i * c->step),
-                                               .r2 = seen[k][3]};
+                *s = (struct spin_photometric_sample){.point = (uint32_t)c->n_points_seen,
+                                                      .camera = (int)k,
+                                                      .lens = c->lens[k],
+                                                      .half = half_of(c, i * c->step),
+                                                      .r2 = seen[k][3]};
                 memcpy(s->value, seen[k], sizeof s->value);
             }
         c->n_points_seen++;
@@ -196,7 +196,7 @@ static spin_status add_fit_samples(struct colours *c)
     return SPIN_OK;
 }
 
-static spin_status fit_samples(struct colours *c, struct spin_look *look)
+static spin_status fit_samples(struct colours *c, struct spin_photometric_result *look)
 {
     struct spin_plan *plan = c->plan;
     const float *lens = plan->exposure + SPIN_EXPOSURE * (size_t)plan->n_cameras;
@@ -207,8 +207,8 @@ static spin_status fit_samples(struct colours *c, struct spin_look *look)
     SPIN_TRY(spin_alloc((size_t)plan->lenses.n + 1, sizeof *corner, (void **)&corner));
     for (int k = 0; k < plan->lenses.n; k++)
         corner[k] = spin_lens_corner_r2(&plan->lenses.lens[k]);
-    SPIN_TRY(spin_look_choose(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n, corner,
-                              plan->exposure, look));
+    SPIN_TRY(spin_photometric_choose(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n,
+                                     corner, plan->exposure, look));
     for (int k = 0; k < plan->lenses.n; k++)
         memcpy(plan->lenses.lens[k].falloff, lens + SPIN_EXPOSURE * k,
                sizeof plan->lenses.lens[k].falloff);
@@ -262,15 +262,16 @@ static double spread_of(struct colours *c, int rgb)
     return most;
 }
 
-spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *photos,
-                                struct spin_look *look)
+spin_status spin_photometric_fit_cameras(struct spin_plan *plan, struct spin_photos *photos,
+                                         struct spin_photometric_result *look)
 {
     struct colours *c = NULL;
     size_t n = (size_t)plan->n_cameras;
     int frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
     spin_status status;
 
-    *look = (struct spin_look){.spread = -1, .gains = SPIN_LOOK_FEW, .falloff = SPIN_LOOK_FEW};
+    *look = (struct spin_photometric_result){
+        .spread = -1, .gains = SPIN_PHOTOMETRIC_FEW, .falloff = SPIN_PHOTOMETRIC_FEW};
     SPIN_TRY(spin_alloc(1, sizeof *c, (void **)&c));
     c->plan = plan;
     c->photos = photos;

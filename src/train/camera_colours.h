@@ -2,7 +2,7 @@
  * corners. */
 #pragma once
 
-#include "train/look_fit.h"
+#include "train/photometric_fit.h"
 #include "train/photos.h"
 
 /* Measures and sets two results. First, look->spread: the largest absolute deviation of any camera
@@ -12,6 +12,6 @@
  * to three training cameras in one frame. Second, each camera's gain and each lens's falloff,
  * fitted to the points that are visible to at least three training cameras, and stored in
  * plan->exposure and plan->lenses. Gains and falloffs that the fit does not determine, or that are
- * not credible (look_fit.h), are 0. */
-spin_status spin_camera_colours(struct spin_plan *plan, struct spin_photos *photos,
-                                struct spin_look *look);
+ * not credible (photometric_fit.h), are 0. */
+spin_status spin_photometric_fit_cameras(struct spin_plan *plan, struct spin_photos *photos,
+                                         struct spin_photometric_result *look);

@@ -133,7 +133,7 @@ TAP_MAIN
     struct spin_plan plan = {0};
     struct spin_photos photos = {0};
     char points[700], data[700], bundle[700], path[700];
-    struct spin_look look = {.spread = NAN};
+    struct spin_photometric_result look = {.spread = NAN};
 
     spin_log_set_level(-2);
     snprintf(folder, sizeof folder, "%s", check_folder());
@@ -159,9 +159,10 @@ TAP_MAIN
     o.learn_exposure = SPIN_EXPOSURE_ON;
     ok(spin_plan_open(&plan, &o, &report) == SPIN_OK && spin_photos_open(&photos, &plan) == SPIN_OK,
        "plans: %s", spin_last_error());
-    ok(spin_camera_colours(&plan, &photos, &look) == SPIN_OK, "compares: %s", spin_last_error());
-    ok(look.gains == SPIN_LOOK_SEEN && look.falloff == SPIN_LOOK_SEEN, "both are believed: %d, %d",
-       (int)look.gains, (int)look.falloff);
+    ok(spin_photometric_fit_cameras(&plan, &photos, &look) == SPIN_OK, "compares: %s",
+       spin_last_error());
+    ok(look.gains == SPIN_PHOTOMETRIC_SEEN && look.falloff == SPIN_PHOTOMETRIC_SEEN,
+       "both are believed: %d, %d", (int)look.gains, (int)look.falloff);
     check(&plan, look.spread);
     spin_photos_close(&photos);
     spin_plan_close(&plan);

@@ -6,7 +6,7 @@
  * The fit explains every difference between views by gains and falloffs, including differences that
  * have other causes: view-dependent light, smoke, points at the wrong depth. It is therefore
  * accepted only if a fit to one half of the scene predicts the samples of the other half. */
-#include "train/look_fit.h"
+#include "train/photometric_fit.h"
 
 #include "base/base.h"
 
@@ -28,7 +28,7 @@ static const double least_errors = 3;
 static const double least_explained = 0.05;
 
 struct fit {
-    const struct spin_look_sample *sample;
+    const struct spin_photometric_sample *sample;
     size_t n, n_unknown;
     int n_cameras, n_lenses;
     const bool *falls;             /* [lenses] whether the falloff of each lens is fitted */
@@ -198,7 +198,7 @@ static void store_channel(const struct fit *f, int rgb, float *exposure)
 }
 
 /* Allocates the arrays of a fit. The caller calls close_fit(), also after a failure. */
-static spin_status open_fit(struct fit *f, const struct spin_look_sample *sample, size_t n,
+static spin_status open_fit(struct fit *f, const struct spin_photometric_sample *sample, size_t n,
                             int n_cameras, int n_lenses, const bool *falls)
 {
     *f = (struct fit){.sample = sample,
@@ -234,7 +234,7 @@ static void fit_channel(struct fit *f, int rgb)
     }
 }
 
-static spin_status fit_looks(const struct spin_look_sample *sample, size_t n, int n_cameras,
+static spin_status fit_looks(const struct spin_photometric_sample *sample, size_t n, int n_cameras,
                              int n_lenses, const bool *falls, float *exposure)
 {
     SPIN_LEAVES(close_fit) struct fit f = {0};
@@ -316,9 +316,9 @@ static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
 /* loss [n] += the loss of each sample, summed over the channels, predicted by a fit to the other
  * half of the scene or, with `fits` false, without gains and falloffs. The first `first` samples
  * are those of half 0, the others those of half 1. `falls`: the falloffs to fit. */
-static spin_status add_held_out_loss(const struct spin_look_sample *sample, size_t n, size_t first,
-                                     int n_cameras, int n_lenses, const bool *falls, bool fits,
-                                     double *loss)
+static spin_status add_held_out_loss(const struct spin_photometric_sample *sample, size_t n,
+                                     size_t first, int n_cameras, int n_lenses, const bool *falls,
+                                     bool fits, double *loss)
 {
     for (int half = 0; half < 2; half++) {
         SPIN_LEAVES(close_fit) struct fit f = {0};
@@ -349,8 +349,8 @@ static double sum_of(const double *v, size_t n)
 /* Returns how far `loss` is below `other`. The difference other - loss is summed over the samples
  * of each point; the result is the mean of these sums over the points, divided by the standard
  * error of this mean. */
-static double errors_below(const struct spin_look_sample *sample, size_t n, const double *loss,
-                           const double *other)
+static double errors_below(const struct spin_photometric_sample *sample, size_t n,
+                           const double *loss, const double *other)
 {
     double sum = 0, squares = 0, points = 0, mean;
 
@@ -369,8 +369,8 @@ static double errors_below(const struct spin_look_sample *sample, size_t n, cons
 
 /* Copies the samples to `out`: those of half 0, then those of half 1. Returns the number of samples
  * of half 0. */
-static size_t split_halves(const struct spin_look_sample *sample, size_t n,
-                           struct spin_look_sample *out)
+static size_t split_halves(const struct spin_photometric_sample *sample, size_t n,
+                           struct spin_photometric_sample *out)
 {
     size_t k = 0, first = 0;
 
@@ -385,10 +385,11 @@ static size_t split_halves(const struct spin_look_sample *sample, size_t n,
 
 /* Sets `falls` to the lenses whose falloff the samples determine (least_deviation). Then fits gains
  * and these falloffs, and removes from `falls` those that are not plausible (is_plausible()), until
- * none is removed. *why: SPIN_LOOK_SEEN if a falloff remains, otherwise why there is none. */
-static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int n_cameras,
+ * none is removed. *why: SPIN_PHOTOMETRIC_SEEN if a falloff remains, otherwise why there is none.
+ */
+static spin_status fit_sane(const struct spin_photometric_sample *sample, size_t n, int n_cameras,
                             int n_lenses, const double *corner, bool *falls, float *exposure,
-                            enum spin_look_why *why)
+                            enum spin_photometric_why *why)
 {
     SPIN_LEAVES(close_fit) struct fit f = {0};
     SPIN_FREED double *camera = NULL;
@@ -400,7 +401,7 @@ static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int
         falls[k] = deviation_of(&f, k, camera) >= least_deviation;
         left += falls[k];
     }
-    *why = left ? SPIN_LOOK_SEEN : SPIN_LOOK_SAME_RADII;
+    *why = left ? SPIN_PHOTOMETRIC_SEEN : SPIN_PHOTOMETRIC_SAME_RADII;
     for (int before = left + 1; left > 0 && left < before;) {
         SPIN_TRY(fit_looks(sample, n, n_cameras, n_lenses, falls, exposure));
         before = left;
@@ -408,17 +409,17 @@ static spin_status fit_sane(const struct spin_look_sample *sample, size_t n, int
             if (falls[k] && !is_plausible(exposure + 6 * (n_cameras + k), corner[k])) {
                 falls[k] = false;
                 left--;
-                *why = left ? SPIN_LOOK_SEEN : SPIN_LOOK_ODD;
+                *why = left ? SPIN_PHOTOMETRIC_SEEN : SPIN_PHOTOMETRIC_ODD;
             }
     }
     return SPIN_OK;
 }
 
-spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, int n_cameras,
-                             int n_lenses, const double *corner, float *exposure,
-                             struct spin_look *look)
+spin_status spin_photometric_choose(const struct spin_photometric_sample *sample, size_t n,
+                                    int n_cameras, int n_lenses, const double *corner,
+                                    float *exposure, struct spin_photometric_result *look)
 {
-    SPIN_FREED struct spin_look_sample *parted = NULL;
+    SPIN_FREED struct spin_photometric_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
     /* [lenses] whether the falloff of each lens is fitted, followed by [lenses] all false. */
     SPIN_FREED bool *falls = NULL;
@@ -437,18 +438,18 @@ spin_status spin_look_choose(const struct spin_look_sample *sample, size_t n, in
     SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, none, true, gains));
     look->gains = errors_below(parted, n, gains, nothing) > least_errors &&
                           sum_of(gains, n) < (1 - least_explained) * sum_of(nothing, n)
-                      ? SPIN_LOOK_SEEN
-                      : SPIN_LOOK_NOT_HELD_OUT;
+                      ? SPIN_PHOTOMETRIC_SEEN
+                      : SPIN_PHOTOMETRIC_NOT_HELD_OUT;
     SPIN_TRY(fit_sane(sample, n, n_cameras, n_lenses, corner, falls, exposure, &look->falloff));
-    if (look->falloff == SPIN_LOOK_SEEN) {
+    if (look->falloff == SPIN_PHOTOMETRIC_SEEN) {
         SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, falls, true, falloff));
         if (!(errors_below(parted, n, falloff, gains) > least_errors &&
               errors_below(parted, n, falloff, nothing) > 0))
-            look->falloff = SPIN_LOOK_NOT_HELD_OUT;
+            look->falloff = SPIN_PHOTOMETRIC_NOT_HELD_OUT;
     }
-    if (look->falloff == SPIN_LOOK_SEEN)
+    if (look->falloff == SPIN_PHOTOMETRIC_SEEN)
         return SPIN_OK;
-    if (look->gains == SPIN_LOOK_SEEN)
+    if (look->gains == SPIN_PHOTOMETRIC_SEEN)
         return fit_looks(sample, n, n_cameras, n_lenses, none, exposure);
     memset(exposure, 0, (size_t)(n_cameras + n_lenses) * 6 * sizeof *exposure);
     return SPIN_OK;

@@ -1,6 +1,6 @@
 /* Gains of cameras and falloff of their lenses from points that several cameras see: made-up rigs
  * of which all is known. K: lens falloff exposure */
-#include "train/look_fit.h"
+#include "train/photometric_fit.h"
 
 #include "tests/tap.h"
 
@@ -8,7 +8,7 @@ enum { CAMERAS = 9, LENSES = 2, POINTS = 900, SEEN = 5, MOST_CAMERAS = 30 };
 
 static const double c1[LENSES] = {-0.10, 0.04}, c2[LENSES] = {0.02, -0.07};
 static const double corner_r2[LENSES] = {1.31640625, 1.31640625};
-static struct spin_look_sample sample[POINTS * SEEN];
+static struct spin_photometric_sample sample[POINTS * SEEN];
 
 static double random01(uint32_t *state)
 {
@@ -27,7 +27,7 @@ static void make(int every)
     uint32_t state = 7;
 
     for (int i = 0; i < POINTS * SEEN; i++) {
-        struct spin_look_sample *s = &sample[i];
+        struct spin_photometric_sample *s = &sample[i];
         int point = i / SEEN, lens;
         double r2 = 1.3 * random01(&state), colour = 0.2 + 0.6 * (point * 37 % 100) / 100.0;
 
@@ -47,12 +47,12 @@ static void make(int every)
 static void check(const char *what, double most_gain, double most_falloff)
 {
     float exposure[CAMERAS + LENSES][6];
-    struct spin_look look;
+    struct spin_photometric_result look;
     double worst = 0, corner = 0, zero = 0;
 
-    ok(spin_look_choose(sample, POINTS * SEEN, CAMERAS, LENSES, corner_r2, exposure[0], &look) ==
-               SPIN_OK &&
-           look.gains == SPIN_LOOK_SEEN && look.falloff == SPIN_LOOK_SEEN,
+    ok(spin_photometric_choose(sample, POINTS * SEEN, CAMERAS, LENSES, corner_r2, exposure[0],
+                               &look) == SPIN_OK &&
+           look.gains == SPIN_PHOTOMETRIC_SEEN && look.falloff == SPIN_PHOTOMETRIC_SEEN,
        "%s: fitted and believed", what);
     for (int rgb = 0; rgb < 3; rgb++) {
         double mean = 0;
@@ -78,18 +78,18 @@ static void check(const char *what, double most_gain, double most_falloff)
 static void test_apart(void)
 {
     float clean[CAMERAS + 1 + LENSES][6], red[CAMERAS + 1 + LENSES][6];
-    struct spin_look look;
+    struct spin_photometric_result look;
     bool same = true;
 
     make(13);
-    ok(spin_look_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES, corner_r2, clean[0], &look) ==
-               SPIN_OK &&
+    ok(spin_photometric_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES, corner_r2, clean[0],
+                               &look) == SPIN_OK &&
            clean[CAMERAS][0] == 0 && clean[CAMERAS][1] == 0 && clean[CAMERAS][2] == 0,
        "a camera without samples stays at 0");
     for (size_t i = 0; i < POINTS * SEEN; i += 17)
         sample[i].value[0] = 0.9f;
-    ok(spin_look_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES, corner_r2, red[0], &look) ==
-               SPIN_OK &&
+    ok(spin_photometric_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES, corner_r2, red[0],
+                               &look) == SPIN_OK &&
            red[0][0] != clean[0][0],
        "wrong values of red");
     for (size_t k = 0; k < CAMERAS + 1 + LENSES; k++)
@@ -106,45 +106,45 @@ struct rig {
     double noise, radii; /* r^2 of a point is within such a range in all pictures */
 };
 
-static void check_rig(const char *what, const struct rig *rig, enum spin_look_why gains,
-                      enum spin_look_why falloff)
+static void check_rig(const char *what, const struct rig *rig, enum spin_photometric_why gains,
+                      enum spin_photometric_why falloff)
 {
     float exposure[MOST_CAMERAS + 1][6];
     const float *lens = exposure[rig->cameras];
-    struct spin_look look;
+    struct spin_photometric_result look;
     uint32_t state = 3;
     int seen = rig->cameras < SEEN ? rig->cameras : SEEN, n = POINTS * seen;
     double most = 0;
 
     for (int i = 0; i < n; i++) {
-        struct spin_look_sample *s = &sample[i];
+        struct spin_photometric_sample *s = &sample[i];
         int point = i / seen, half = point / 3 & 1;
         double middle = 1.3 * (point * 53 % 100) / 100.0, colour = 0.2 + 0.002 * (point % 300);
         double r2 = middle + rig->radii * (random01(&state) - middle / 1.3), t = r2 / corner_r2[0];
 
-        *s = (struct spin_look_sample){.point = (uint32_t)point,
-                                       .camera = (point + i % seen) % rig->cameras,
-                                       .half = half,
-                                       .r2 = (float)r2};
+        *s = (struct spin_photometric_sample){.point = (uint32_t)point,
+                                              .camera = (point + i % seen) % rig->cameras,
+                                              .half = half,
+                                              .r2 = (float)r2};
         colour *= exp(rig->gain[half] * (s->camera & 1) + rig->noise * (random01(&state) - 0.5)) *
                   (1 - rig->falloff[half] * (0.6 * t + 0.4 * t * t));
         for (int rgb = 0; rgb < 3; rgb++)
             s->value[rgb] = (float)colour;
     }
-    if (!ok(spin_look_choose(sample, (size_t)n, rig->cameras, 1, corner_r2, exposure[0], &look) ==
-                SPIN_OK,
+    if (!ok(spin_photometric_choose(sample, (size_t)n, rig->cameras, 1, corner_r2, exposure[0],
+                                    &look) == SPIN_OK,
             "%s: fitted", what))
         return;
     ok(look.gains == gains && look.falloff == falloff, "%s, %d cameras: gains %d, falloff %d", what,
        rig->cameras, (int)look.gains, (int)look.falloff);
-    if (falloff == SPIN_LOOK_SEEN)
+    if (falloff == SPIN_PHOTOMETRIC_SEEN)
         near(corner_r2[0] * ((double)lens[0] + corner_r2[0] * (double)lens[3]), -rig->falloff[0],
              0.012, "and how dark the corners are");
     else
         ok(lens[0] == 0 && lens[3] == 0, "no falloff is kept");
     for (int k = 0; k < rig->cameras; k++)
         most = larger(most, fabs((double)exposure[k][0]));
-    ok((most > 0) == (gains == SPIN_LOOK_SEEN || falloff == SPIN_LOOK_SEEN),
+    ok((most > 0) == (gains == SPIN_PHOTOMETRIC_SEEN || falloff == SPIN_PHOTOMETRIC_SEEN),
        "gains are kept where they or the falloff are believed");
 }
 
@@ -152,7 +152,8 @@ static void test_decision(void)
 {
     static const int cameras[] = {4, 6, 12, MOST_CAMERAS};
     static const double dark[] = {0.05, 0.11, 0.3, 0.6};
-    const enum spin_look_why seen = SPIN_LOOK_SEEN, held_out = SPIN_LOOK_NOT_HELD_OUT;
+    const enum spin_photometric_why seen = SPIN_PHOTOMETRIC_SEEN,
+                                    held_out = SPIN_PHOTOMETRIC_NOT_HELD_OUT;
 
     for (size_t i = 0; i < sizeof cameras / sizeof *cameras; i++) {
         check_rig("no falloff", &(struct rig){cameras[i], {0}, {0}, 0.1, 1.3}, held_out, held_out);
@@ -163,11 +164,11 @@ static void test_decision(void)
                       held_out, seen);
     }
     check_rig("points at one radius", &(struct rig){8, {0.2, 0.2}, {0.2, 0.2}, 0.1, 0.2}, seen,
-              SPIN_LOOK_SAME_RADII);
+              SPIN_PHOTOMETRIC_SAME_RADII);
     check_rig("bright corners", &(struct rig){8, {-0.2, -0.2}, {0}, 0.1, 1.3}, held_out,
-              SPIN_LOOK_ODD);
+              SPIN_PHOTOMETRIC_ODD);
     check_rig("black corners", &(struct rig){8, {0.8, 0.8}, {0}, 0.1, 1.3}, held_out,
-              SPIN_LOOK_ODD);
+              SPIN_PHOTOMETRIC_ODD);
     check_rig("a falloff in half of the scene", &(struct rig){8, {0.3, 0}, {0}, 0.1, 1.3}, held_out,
               held_out);
     check_rig("gains in half of the scene", &(struct rig){8, {0}, {0.2, -0.2}, 0.1, 1.3}, held_out,
@@ -179,14 +180,14 @@ static void test_decision(void)
 TAP_MAIN
 {
     float one[2][6];
-    struct spin_look look;
+    struct spin_photometric_result look;
 
     make(0);
     check("clean", 1e-3, 5e-3);
     make(17);
     check("each 17th sample is wrong", 6e-3, 1e-2);
-    ok(spin_look_choose(sample, 0, 1, 1, corner_r2, one[0], &look) == SPIN_OK && one[0][0] == 0 &&
-           one[1][0] == 0 && one[1][3] == 0,
+    ok(spin_photometric_choose(sample, 0, 1, 1, corner_r2, one[0], &look) == SPIN_OK &&
+           one[0][0] == 0 && one[1][0] == 0 && one[1][3] == 0,
        "without samples all is 0");
     test_apart();
     test_decision();
