@@ -166,8 +166,8 @@ struct spin_splats {
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
 /* Copies the rows i of s with mark[i] not 0 to *out, with all columns except rgb. */
-spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *mark,
-                             struct spin_splats *out);
+spin_status spin_splats_select(const struct spin_splats *s, const unsigned char *mark,
+                               struct spin_splats *out);
 
 /* 4D splats: each has a path and a window in time instead of a row in every frame. At time t, with
  * d = t - times[i], row i is a splat with

@@ -214,7 +214,7 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
     size_t k = 0;
 
     SPIN_TRY(read_frame(d, f, false, &mark, &row));
-    SPIN_TRY(spin_splats_take(&d->splats, mark, &d->part));
+    SPIN_TRY(spin_splats_select(&d->splats, mark, &d->part));
     SPIN_TRY(spin_alloc(d->part.n + 1, sizeof *weight, (void **)&weight));
     SPIN_TRY(weigh(d, f, weight));
     for (size_t i = 0; i < d->splats.n; i++) {
@@ -597,7 +597,7 @@ static spin_status read_part(struct spin_decimation *d, int f, bool kept)
     SPIN_FREED uint32_t *row = NULL;
 
     SPIN_TRY(read_frame(d, f, kept, &mark, &row));
-    return spin_splats_take(&d->splats, mark, &d->part);
+    return spin_splats_select(&d->splats, mark, &d->part);
 }
 
 static spin_status draw(struct spin_decimation *d, int f, bool kept,

@@ -607,7 +607,7 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 
     SPIN_TRY(spin_alloc(im->four_d->n + 1, 1, (void **)&all));
     memset(all, 1, im->four_d->n);
-    SPIN_TRY(spin_splats_4d_take(im->four_d, all, s));
+    SPIN_TRY(spin_splats_4d_select(im->four_d, all, s));
     spin_splats_4d_round(s, round);
     if (im->writing)
         SPIN_TRY(spin_bundle_write_4d(&im->writer, s, round, &im->meta));

@@ -406,7 +406,7 @@ spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
     SPIN_TRY(choose_rows(f, frame, *splats, false, &n_kept, &mark));
     if (n_kept == (*splats)->n)
         return SPIN_OK;
-    SPIN_TRY(spin_splats_take(*splats, mark, &f->kept));
+    SPIN_TRY(spin_splats_select(*splats, mark, &f->kept));
     *splats = &f->kept;
     return SPIN_OK;
 }
@@ -445,7 +445,7 @@ spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
     size_t n_kept;
 
     SPIN_TRY(choose_rows(f, frame, all, true, &n_kept, &mark));
-    return spin_splats_take(all, mark, out);
+    return spin_splats_select(all, mark, out);
 }
 
 /* ---- 4D splats ------------------------------------------------------------------------------- */
@@ -544,7 +544,7 @@ spin_status spin_row_filter_4d(struct spin_row_filter *f, const struct spin_spla
     if (n_kept == s->n)
         return SPIN_OK;
     spin_splats_4d_free(&f->kept_4d);
-    SPIN_TRY(spin_splats_4d_take(s, mark, &f->kept_4d));
+    SPIN_TRY(spin_splats_4d_select(s, mark, &f->kept_4d));
     *splats_4d = &f->kept_4d;
     return SPIN_OK;
 }

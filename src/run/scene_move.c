@@ -55,7 +55,7 @@ spin_status spin_scene_move_frame(struct spin_scene_move *m, const struct spin_s
     if (!m->moves)
         return SPIN_OK;
     SPIN_TRY(mark_all((*splats)->n, &mark));
-    SPIN_TRY(spin_splats_take(*splats, mark, &m->splats));
+    SPIN_TRY(spin_splats_select(*splats, mark, &m->splats));
     spin_scene_move_rows(m, &m->splats);
     *splats = &m->splats;
     return SPIN_OK;
@@ -70,7 +70,7 @@ spin_status spin_scene_move_4d(struct spin_scene_move *m, const struct spin_spla
         return SPIN_OK;
     spin_splats_4d_free(to);
     SPIN_TRY(mark_all((*splats_4d)->n, &mark));
-    SPIN_TRY(spin_splats_4d_take(*splats_4d, mark, to));
+    SPIN_TRY(spin_splats_4d_select(*splats_4d, mark, to));
     move_places(m, to->centres, to->n);
     move_scales(m, to->log_scales, to->n);
     for (size_t i = 0; i < 3 * to->n * (size_t)to->degree; i++)

@@ -102,7 +102,8 @@ void spin_splats_free(struct spin_splats *s)
     *s = (struct spin_splats){0};
 }
 
-void spin_rows_take(const float *from, size_t n, size_t width, const unsigned char *mark, float *to)
+void spin_rows_select(const float *from, size_t n, size_t width, const unsigned char *mark,
+                      float *to)
 {
     for (size_t i = 0; i < n; i++)
         if (mark[i]) {
@@ -111,8 +112,8 @@ void spin_rows_take(const float *from, size_t n, size_t width, const unsigned ch
         }
 }
 
-spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *mark,
-                             struct spin_splats *out)
+spin_status spin_splats_select(const struct spin_splats *s, const unsigned char *mark,
+                               struct spin_splats *out)
 {
     struct spin_splats from = *s;
     size_t n = 0;
@@ -122,8 +123,8 @@ spin_status spin_splats_take(const struct spin_splats *s, const unsigned char *m
     SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, s->sh_degree));
     out->antialias = s->antialias;
     for (unsigned c = SPIN_COL_MEANS; c <= SPIN_COL_SH; c <<= 1)
-        spin_rows_take(*spin_column_of(&from, c), s->n, spin_column_width(c, s->sh_degree), mark,
-                       *spin_column_of(out, c));
+        spin_rows_select(*spin_column_of(&from, c), s->n, spin_column_width(c, s->sh_degree), mark,
+                         *spin_column_of(out, c));
     return SPIN_OK;
 }
 

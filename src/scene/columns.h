@@ -20,5 +20,5 @@ int spin_column_shape(unsigned column, size_t n, int sh_degree, uint64_t shape[3
 /* Returns the address of the member of *s that points to a column. */
 float **spin_column_of(struct spin_splats *s, unsigned column);
 /* Copies to `to` the rows i with mark[i] = 1, out of n rows of `width` floats each. */
-void spin_rows_take(const float *from, size_t n, size_t width, const unsigned char *mark,
-                    float *to);
+void spin_rows_select(const float *from, size_t n, size_t width, const unsigned char *mark,
+                      float *to);

@@ -247,8 +247,8 @@ spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, s
     return SPIN_OK;
 }
 
-spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned char *mark,
-                                struct spin_splats_4d *out)
+spin_status spin_splats_4d_select(const struct spin_splats_4d *s, const unsigned char *mark,
+                                  struct spin_splats_4d *out)
 {
     struct spin_splats_4d from = *s;
     size_t n = 0;
@@ -264,7 +264,7 @@ spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned c
         const float *at = *spin_array_4d_of(&from, k);
 
         if (at)
-            spin_rows_take(at, s->n, spin_array_4d_width(s, k), mark, *spin_array_4d_of(out, k));
+            spin_rows_select(at, s->n, spin_array_4d_width(s, k), mark, *spin_array_4d_of(out, k));
     }
     n = 0;
     for (size_t i = 0; i < s->n; i++)

@@ -28,5 +28,5 @@ bool spin_splats_4d_is_settled(const struct spin_splats_4d *s);
 unsigned spin_splats_4d_parts(const struct spin_splats_4d *s);
 /* Copies the rows i with mark[i] = 1 to *out, including their spans. The caller frees *out, also if
  * the call fails. */
-spin_status spin_splats_4d_take(const struct spin_splats_4d *s, const unsigned char *mark,
-                                struct spin_splats_4d *out);
+spin_status spin_splats_4d_select(const struct spin_splats_4d *s, const unsigned char *mark,
+                                  struct spin_splats_4d *out);

@@ -289,7 +289,7 @@ static void test_take(void)
     fill(&s);
     spin_splats_4d_settle(&s, &n_dropped, NULL);
     mark[1] = mark[s.n - 1] = 1;
-    ok(spin_splats_4d_take(&s, mark, &out) == SPIN_OK && out.n == 2 &&
+    ok(spin_splats_4d_select(&s, mark, &out) == SPIN_OK && out.n == 2 &&
            !memcmp(out.sh_cos + 6, s.sh_cos + 6 * (s.n - 1), 6 * sizeof *s.sh_cos) &&
            !memcmp(out.spans, s.spans + 2, 2 * sizeof *s.spans),
        "two rows are taken out");
