@@ -867,7 +867,7 @@ static spin_status join_frames(struct export *x)
     b->clip.spans = NULL;
     b->clip.n = x->n_cut;
     SPIN_TRY(spin_alloc(x->n_cut + 1, 2 * sizeof(double), (void **)&b->clip.spans));
-    SPIN_TRY(spin_splats_4d_settle(&b->clip, &n_dropped, NULL));
+    SPIN_TRY(spin_splats_4d_finish(&b->clip, &n_dropped, NULL));
     SPIN_TRY(spin_alloc(b->clip.n + 1, sizeof *b->from, (void **)&b->from));
     for (size_t k = 0; k < b->clip.n; k++)
         b->from[k] = k;

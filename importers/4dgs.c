@@ -23,7 +23,7 @@ static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, 
 {
     struct spin_sequence_info *sequence = m->sequence;
 
-    SPIN_TRY(spin_model_settle_4d(m));
+    SPIN_TRY(spin_model_finish_4d(m));
     sequence->time_first = 0;
     sequence->time_last = (double)before(info->duration);
     sequence->half_open = true;

@@ -1006,7 +1006,7 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
         memcpy(s->log_scales + 3 * i, part->column[SCALE] + 3 * row, 3 * sizeof(float));
         memcpy(s->sh + width * i, part->column[SH] + width * row, width * sizeof(float));
     }
-    SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
+    SPIN_TRY(spin_splats_4d_finish(s, &n_dropped, NULL));
     if (n_dropped > 0)
         spin_warn("'%s': %zu of %zu 4D splats dropped: their paths overflow", m->base.path,
                   n_dropped, n);

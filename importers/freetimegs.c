@@ -92,7 +92,7 @@ static spin_status finish(struct model *m)
         n_short += sigma < m->least_sigma;
         s->sigmas[i] = (float)(sigma < m->least_sigma ? m->least_sigma : sigma);
     }
-    SPIN_TRY(spin_model_settle_4d(&m->base));
+    SPIN_TRY(spin_model_finish_4d(&m->base));
     sequence->fps = m->fps > 0 ? m->fps : 30;
     sequence->n_clip_frames = (int)(m->n_frames > 0 ? m->n_frames : USUAL_FRAMES);
     sequence->time_first = 0;

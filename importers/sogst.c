@@ -33,7 +33,7 @@ static spin_status read_file(struct spin_model *m, const char *path, struct spin
     SPIN_TRY(*ply ? spin_sogst_read_ply(path, sogst, &m->splats_4d)
                   : spin_sogst_read(map.data, map.size, sogst, &m->splats_4d));
     m->splats_4d.least_opacity = LEAST_OPACITY;
-    return spin_model_settle_4d(m);
+    return spin_model_finish_4d(m);
 }
 
 static spin_status open_file(void *self, const char *path)

@@ -365,7 +365,7 @@ static spin_status fill_splats(struct model *m)
     SPIN_TRY(spin_model_scratch(&m->base, m->n, sizeof *from, (void **)&from));
     for (size_t i = 0; i < m->n; i++)
         fill_row(m, i);
-    SPIN_TRY(spin_splats_4d_settle(s, &m->n_dropped, from));
+    SPIN_TRY(spin_splats_4d_finish(s, &m->n_dropped, from));
     m->n = s->n;
     if (m->n == 0)
         return spin_malformed("'%s': none of %zu Gaussians has finite values", m->base.path,

@@ -65,7 +65,7 @@ static spin_status open_file(void *self, const char *path)
     if (status == SPIN_OK && m->tsog.time == SPIN_TSOG_CONTINUOUS)
         m->base.splats_4d.least_opacity = LEAST_OPACITY;
     if (status == SPIN_OK)
-        status = spin_model_settle_4d(&m->base);
+        status = spin_model_finish_4d(&m->base);
     SPIN_TRY_IN(status, "cannot read '%s'", path);
     snprintf(sequence->variant, sizeof sequence->variant, "TSOG, %s, %zu splats",
              kinds[m->tsog.time], m->base.splats_4d.n);

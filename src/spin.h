@@ -190,7 +190,7 @@ spin_status spin_splats_select(const struct spin_splats *s, const unsigned char 
  * of the 4D splats: the rows that are drawn at its time, in order.
  *
  * The struct owns its memory: zero it, call spin_splats_4d_reserve() once, fill the arrays, call
- * spin_splats_4d_settle(), and free it with spin_splats_4d_free(). */
+ * spin_splats_4d_finish(), and free it with spin_splats_4d_free(). */
 struct spin_splats_4d {
     size_t n;
     int degree;           /* degree of the paths, which are polynomials: 0..3 */
@@ -238,7 +238,7 @@ struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s);
  * far out of range, with a rotation of length 0, or with a sigma that is not above 0. Keeps the
  * order of the others and normalises their quats. from: NULL, or [n], which receives the original
  * index of each remaining row. */
-spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, size_t *from);
+spin_status spin_splats_4d_finish(struct spin_splats_4d *s, size_t *n_dropped, size_t *from);
 /* Fill the columns with the rows that are drawn at `time`. */
 spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, unsigned columns,
                                  struct spin_splats *out);
@@ -367,7 +367,7 @@ struct spin_importer {
                          struct spin_splats *out);
     void (*close)(void *self);
 
-    /* The same input as 4D splats, after spin_splats_4d_settle(). The importer owns them until
+    /* The same input as 4D splats, after spin_splats_4d_finish(). The importer owns them until
      * close(). *out is NULL if this input contains none. NULL: the method never stores any. */
     spin_status (*splats_4d)(void *self, const struct spin_splats_4d **out);
 

@@ -118,7 +118,7 @@ spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d
             s->paths[3 * i + c] = (float)(s->paths[3 * i + c] / ratio);
     }
     s->period = times->last - times->first;
-    SPIN_TRY(spin_model_settle_4d(m));
+    SPIN_TRY(spin_model_finish_4d(m));
     m->sequence->time_first = times->first;
     m->sequence->time_last = times->last;
     return SPIN_OK;

@@ -199,11 +199,11 @@ void spin_model_describe(const struct spin_model *m, const size_t *counts, int s
     s->time_last = 1;
 }
 
-spin_status spin_model_settle_4d(struct spin_model *m)
+spin_status spin_model_finish_4d(struct spin_model *m)
 {
     size_t n = m->splats_4d.n, n_dropped;
 
-    SPIN_TRY(spin_splats_4d_settle(&m->splats_4d, &n_dropped, NULL));
+    SPIN_TRY(spin_splats_4d_finish(&m->splats_4d, &n_dropped, NULL));
     if (n_dropped == n)
         return spin_malformed("none of the %zu Gaussians has finite values", n);
     if (n_dropped > 0)

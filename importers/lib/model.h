@@ -121,7 +121,7 @@ void spin_model_describe(const struct spin_model *m, const size_t *counts, int s
  * m->sequence: times are continuous from 0 to 1, and row i may be another Gaussian in every frame.
  * Importers of such models use spin_model_slice() as frame() and spin_model_splats_4d() as
  * splats_4d(). */
-spin_status spin_model_settle_4d(struct spin_model *m);
+spin_status spin_model_finish_4d(struct spin_model *m);
 spin_status spin_model_slice(void *self, int frame, double time, unsigned columns,
                              struct spin_splats *out);
 spin_status spin_model_splats_4d(void *self, const struct spin_splats_4d **out);

@@ -33,7 +33,7 @@ struct spin_4dgs {
     bool sound, camera;
 };
 
-/* Reads a whole file that is in memory. The caller must call spin_splats_4d_settle() on the splats.
+/* Reads a whole file that is in memory. The caller must call spin_splats_4d_finish() on the splats.
  * The ends of windows, which are doubles in the file, are rounded down to floats. Files with
  * keyframe-delta models or object tracks are refused. Error messages do not contain the path. */
 spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4dgs *out,

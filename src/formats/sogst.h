@@ -25,7 +25,7 @@ struct spin_sogst {
 };
 
 /* Reads a file that is in memory. Zero *splats before the call, and free it even after a failure.
- * The caller must call spin_splats_4d_settle() on the splats. Error messages do not contain the
+ * The caller must call spin_splats_4d_finish() on the splats. Error messages do not contain the
  * path. */
 spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *out,
                             struct spin_splats_4d *splats);

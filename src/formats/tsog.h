@@ -24,7 +24,7 @@ struct spin_tsog {
 };
 
 /* Reads a file that is in memory. Zero *splats before the call, and free it even after a failure.
- * The caller must call spin_splats_4d_settle() on the splats. Times are 0 to 1 in continuous files;
+ * The caller must call spin_splats_4d_finish() on the splats. Times are 0 to 1 in continuous files;
  * in discrete files they are frame numbers, and cuts restrict each splat to its frame. Error
  * messages do not contain the path. */
 spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,

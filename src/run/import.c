@@ -611,7 +611,7 @@ static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
     spin_splats_4d_round(s, round);
     if (im->writing)
         SPIN_TRY(spin_bundle_write_4d(&im->writer, s, round, &im->meta));
-    return spin_splats_4d_settle(s, &n_dropped, NULL);
+    return spin_splats_4d_finish(s, &n_dropped, NULL);
 }
 
 /* Stores the 4D splats instead of frames, and counts the splats of each frame, which is a slice of
@@ -834,9 +834,9 @@ static spin_status find_4d(struct import *im)
 
     if (im->importer->splats_4d)
         SPIN_TRY(im->importer->splats_4d(im->self, &im->four_d));
-    if (im->four_d && !spin_splats_4d_is_settled(im->four_d))
+    if (im->four_d && !spin_splats_4d_is_finished(im->four_d))
         return spin_malformed("the importer '%s' provides 4D splats without calling "
-                              "spin_splats_4d_settle()",
+                              "spin_splats_4d_finish()",
                               im->importer->name);
     im->keeps_4d = im->four_d && im->sequence.continuous && !sampled && !o->positions_only &&
                    (im->sequence.columns & SPIN_COL_ATTRIBUTES) == SPIN_COL_ATTRIBUTES;

@@ -360,7 +360,7 @@ static spin_status load_4d(struct spin_bundle *b, struct spin_splats_4d *s)
         spin_bundle_values_get(&v, 0, (size_t)v.count, *spin_array_4d_of(s, k));
         spin_bundle_values_close(&v);
     }
-    SPIN_TRY(spin_splats_4d_settle(s, &n_dropped, NULL));
+    SPIN_TRY(spin_splats_4d_finish(s, &n_dropped, NULL));
     return n_dropped ? spin_malformed(
                            "source/4d: %s values that are not finite or rotations of "
                            "length zero",

@@ -1,4 +1,4 @@
-/* Allocates, validates (spin_splats_4d_settle()), rounds and slices 4D splats. A slice is the frame
+/* Allocates, validates (spin_splats_4d_finish()), rounds and slices 4D splats. A slice is the frame
  * at one time. */
 #include "scene/splats_4d.h"
 
@@ -214,7 +214,7 @@ static void span_of(const struct spin_splats_4d *s, size_t i, double span[2])
         &w, fmax(s->least_weight, s->least_opacity > 0 ? s->least_opacity / opacity : 0), span);
 }
 
-bool spin_splats_4d_is_settled(const struct spin_splats_4d *s)
+bool spin_splats_4d_is_finished(const struct spin_splats_4d *s)
 {
     for (size_t i = 0; i < s->n; i++) {
         double span[2];
@@ -226,7 +226,7 @@ bool spin_splats_4d_is_settled(const struct spin_splats_4d *s)
     return true;
 }
 
-spin_status spin_splats_4d_settle(struct spin_splats_4d *s, size_t *n_dropped, size_t *from)
+spin_status spin_splats_4d_finish(struct spin_splats_4d *s, size_t *n_dropped, size_t *from)
 {
     size_t kept = 0;
 

@@ -13,7 +13,7 @@ size_t spin_array_4d_width(const struct spin_splats_4d *s, int k);
  * bits and also to multiples of 2^-11 (HALF) or of larger steps that are hardly visible (COMPACT).
  * See --precision of spin-retrain. */
 enum spin_round_4d { SPIN_ROUND_NOTHING, SPIN_ROUND_HALF, SPIN_ROUND_COMPACT };
-/* Rounds all arrays in place. The caller must call spin_splats_4d_settle() afterwards. */
+/* Rounds all arrays in place. The caller must call spin_splats_4d_finish() afterwards. */
 void spin_splats_4d_round(struct spin_splats_4d *s, enum spin_round_4d round);
 /* Returns the number of rounding steps per unit for array k; 0 if the array is not rounded. */
 float spin_array_4d_per_unit(int k, enum spin_round_4d round);
@@ -22,8 +22,8 @@ float spin_array_4d_per_unit(int k, enum spin_round_4d round);
 bool spin_array_4d_in(const struct spin_splats_4d *s, int k, unsigned parts);
 /* Returns the enum spin_splats_4d_part of the optional array with this name; 0 if there is none. */
 unsigned spin_array_4d_part(const char *name);
-/* Returns whether the spans match the rows, which is so after spin_splats_4d_settle(). */
-bool spin_splats_4d_is_settled(const struct spin_splats_4d *s);
+/* Returns whether the spans match the rows, which is so after spin_splats_4d_finish(). */
+bool spin_splats_4d_is_finished(const struct spin_splats_4d *s);
 /* Returns the set of optional arrays that *s has. */
 unsigned spin_splats_4d_parts(const struct spin_splats_4d *s);
 /* Copies the rows i with mark[i] = 1 to *out, including their spans. The caller frees *out, also if

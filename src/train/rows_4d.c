@@ -423,5 +423,5 @@ spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer 
     out->antialias = plan->o->antialias;
     out->least_weight = spin_rows_4d_least_weight;
     spin_splats_4d_round(out, round);
-    return spin_splats_4d_settle(out, &n_dropped, NULL);
+    return spin_splats_4d_finish(out, &n_dropped, NULL);
 }

@@ -37,7 +37,7 @@ spin_status spin_rows_4d_looks(struct spin_plan *plan);
  * of spin_frames_load(). */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *trainer, struct spin_frames *frames);
-/* Downloads the current rows, rounds their values and calls spin_splats_4d_settle() for them. The
+/* Downloads the current rows, rounds their values and calls spin_splats_4d_finish() for them. The
  * caller frees *out, also after a failure. */
 spin_status spin_rows_4d_read(const struct spin_plan *plan, struct spin_trainer *trainer,
                               enum spin_round_4d round, struct spin_splats_4d *out);

@@ -36,7 +36,7 @@ static void fill(struct spin_splats_4d *s)
     s->paths[27 + 3] = 0.5f;
     s->paths[27 + 6] = 0.01f;
     s->sigmas[3] = 0.7f;
-    if (spin_splats_4d_settle(s, &n_dropped, NULL) != SPIN_OK || n_dropped > 0)
+    if (spin_splats_4d_finish(s, &n_dropped, NULL) != SPIN_OK || n_dropped > 0)
         exit(1);
 }
 
@@ -94,7 +94,7 @@ static void test_shorten(struct spin_export_job *job)
     s.quats[0] = 1;
     s.paths[0] = 0.5f;
     job->splats_4d = &s;
-    if (spin_splats_4d_settle(&s, &n_dropped, NULL) != SPIN_OK)
+    if (spin_splats_4d_finish(&s, &n_dropped, NULL) != SPIN_OK)
         exit(1);
     ok(spin_bells_convert(&b) == SPIN_OK && b.clip.n == 1 && b.clip.sigmas[0] == 8,
        "a sigma of twenty clips becomes one of eight");
@@ -147,7 +147,7 @@ static void test_cuts(struct spin_export_job *job)
     for (size_t i = 0; i < sizeof row / sizeof row[0]; i++) {
         s.cuts[0] = row[i].first;
         s.cuts[1] = row[i].end;
-        if (spin_splats_4d_settle(&s, &n_dropped, NULL) != SPIN_OK || n_dropped > 0)
+        if (spin_splats_4d_finish(&s, &n_dropped, NULL) != SPIN_OK || n_dropped > 0)
             exit(1);
         ok(can(job) == row[i].can && (row[i].can || strstr(spin_last_error(), "begin or end")),
            "from %g to %g", (double)row[i].first, (double)row[i].end);

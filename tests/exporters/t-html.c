@@ -729,7 +729,7 @@ static void make_4d(struct spin_splats_4d *s, int degree, int sh_degree, unsigne
         for (size_t k = 0; k < 2 * n_sh && s->sh_cos; k++)
             s->sh_cos[2 * n_sh * i + k] = draw(&seed, -0.4f, 0.4f);
     }
-    if (spin_splats_4d_settle(s, &n_dropped, NULL) != SPIN_OK || n_dropped > 0)
+    if (spin_splats_4d_finish(s, &n_dropped, NULL) != SPIN_OK || n_dropped > 0)
         exit(1);
     spin_splats_free(&like);
 }
@@ -1072,8 +1072,8 @@ static void test_4d_as_frames(void)
     {
         struct spin_export_job job = {.output = in_folder("none.html")};
 
-        ok(run_4d(&job, &s) == SPIN_E_UNSUPPORTED && strstr(spin_last_error(), "no splat is visible") &&
-               !spin_path_exists(job.output),
+        ok(run_4d(&job, &s) == SPIN_E_UNSUPPORTED &&
+               strstr(spin_last_error(), "no splat is visible") && !spin_path_exists(job.output),
            "none that is seen: refused, and nothing is left");
     }
     spin_splats_4d_free(&s);

@@ -318,7 +318,7 @@ static spin_status read_file(const unsigned char *bytes, size_t n, struct spin_4
     spin_status status = spin_4dgs_read(bytes, n, info, out);
     size_t n_dropped;
 
-    return status == SPIN_OK ? spin_splats_4d_settle(out, &n_dropped, NULL) : status;
+    return status == SPIN_OK ? spin_splats_4d_finish(out, &n_dropped, NULL) : status;
 }
 
 static void test_values(void)

@@ -81,7 +81,7 @@ static spin_status read_4dgs(const uint8_t *data, size_t size, struct spin_splat
     spin_status status = spin_4dgs_read(data, size, &info, &splats);
 
     if (status == SPIN_OK)
-        status = spin_splats_4d_settle(&splats, &n_dropped, NULL);
+        status = spin_splats_4d_finish(&splats, &n_dropped, NULL);
     if (status == SPIN_OK)
         status = spin_splats_4d_slice(&splats, info.duration / 2, ALL, out);
     spin_splats_4d_free(&splats);

@@ -105,7 +105,7 @@ static inline void look_at_splats(struct spin_splats_4d *splats, double first, d
     struct spin_splats s = {0};
     size_t n_dropped;
 
-    if (spin_splats_4d_settle(splats, &n_dropped, NULL) == SPIN_OK)
+    if (spin_splats_4d_finish(splats, &n_dropped, NULL) == SPIN_OK)
         for (int i = 0; i < 3; i++) {
             if (spin_splats_4d_slice(splats, first + (last - first) * i / 2,
                                      SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &s) != SPIN_OK)

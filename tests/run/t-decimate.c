@@ -338,7 +338,7 @@ static void check_4d(void)
         s.logit_opacities[i] = 2;
         s.sigmas[i] = SPIN_FOREVER;
     }
-    spin_splats_4d_settle(&s, &n_dropped, NULL);
+    spin_splats_4d_finish(&s, &n_dropped, NULL);
     for (int f = 0; f < 2; f++) {
         meta.frame[f] = (struct spin_frame_info){.number = f, .time = f, .n = ROWS};
         meta.source_index[f] = f;

@@ -59,9 +59,9 @@ static void test_slice(void)
     size_t n_dropped, counts[3];
 
     fill(&s);
-    ok(!spin_splats_4d_is_settled(&s), "rows alone are not settled");
-    ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 0 && s.n == N &&
-           spin_splats_4d_is_settled(&s),
+    ok(!spin_splats_4d_is_finished(&s), "rows alone are not settled");
+    ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 0 && s.n == N &&
+           spin_splats_4d_is_finished(&s),
        "all rows are of use");
     ok(spin_splats_4d_slice(&s, 4, ALL, &out) == SPIN_OK && out.n == 4, "time 4 shows all four");
     ok(close_to(out.means[3], 1 - 1 + 0.5, 1e-6) && out.means[4] == 0, "a place on a parabola");
@@ -93,7 +93,7 @@ static void test_dropped(void)
     fill(&s);
     s.centres[0] = NAN;
     memset(s.quats + 8, 0, 4 * sizeof *s.quats);
-    ok(spin_splats_4d_settle(&s, &n_dropped, from) == SPIN_OK && n_dropped == 2 && s.n == 2 &&
+    ok(spin_splats_4d_finish(&s, &n_dropped, from) == SPIN_OK && n_dropped == 2 && s.n == 2 &&
            from[0] == 1 && from[1] == 3 && s.centres[3] == 3 && s.cuts[2] == 3,
        "NaN and no rotation go, the others close up with all their arrays");
     spin_splats_4d_free(&s);
@@ -101,15 +101,15 @@ static void test_dropped(void)
     s.sigmas[1] = 0;
     s.gates[2] = 1.5f;
     s.plateaus[0] = 6;
-    ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 3,
+    ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 3,
        "so do a sigma of 0, a gate above 1 and a plateau that ends before it begins");
     spin_splats_4d_free(&s);
     fill(&s);
     s.log_scales[4] = 400;
-    ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 1,
+    ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 1,
        "and a scale of exp(400), which is no float");
     s.period = 0;
-    ok(spin_splats_4d_settle(&s, &n_dropped, NULL) == SPIN_E_MALFORMED, "cosines need a period");
+    ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_E_MALFORMED, "cosines need a period");
     spin_splats_4d_free(&s);
     ok(spin_splats_4d_reserve(&s, 1, 4, 0, 0) == SPIN_E_UNSUPPORTED,
        "paths of degree 4 are refused");
@@ -148,7 +148,7 @@ static void test_bundle(void)
 
     snprintf(path, sizeof path, "%s/a.spin", check_folder());
     fill(&s);
-    spin_splats_4d_settle(&s, &n_dropped, NULL);
+    spin_splats_4d_finish(&s, &n_dropped, NULL);
     write_bundle(path, &s, 2, false, SPIN_ROUND_NOTHING);
     if (!ok(spin_bundle_open(path, &b) == SPIN_OK, "a bundle of 4D splats opens")) {
         printf("# %s\n", spin_last_error());
@@ -239,8 +239,8 @@ static void test_round(void)
         snprintf(path, sizeof path, "%s/round%d.spin", check_folder(), r);
         fill(&was);
         fill(&is);
-        spin_splats_4d_settle(&was, &n_dropped, NULL);
-        spin_splats_4d_settle(&is, &n_dropped, NULL);
+        spin_splats_4d_finish(&was, &n_dropped, NULL);
+        spin_splats_4d_finish(&is, &n_dropped, NULL);
         is.sh[1] = was.sh[1] = 0.123456f;
         is.log_scales[1] = was.log_scales[1] = -5.4321f;
         spin_splats_4d_round(&is, round);
@@ -287,7 +287,7 @@ static void test_take(void)
     size_t n_dropped, n = 0;
 
     fill(&s);
-    spin_splats_4d_settle(&s, &n_dropped, NULL);
+    spin_splats_4d_finish(&s, &n_dropped, NULL);
     mark[1] = mark[s.n - 1] = 1;
     ok(spin_splats_4d_select(&s, mark, &out) == SPIN_OK && out.n == 2 &&
            !memcmp(out.sh_cos + 6, s.sh_cos + 6 * (s.n - 1), 6 * sizeof *s.sh_cos) &&
