@@ -645,7 +645,7 @@ static spin_status omg4_frame(void *self, int frame, double time, unsigned colum
         return SPIN_OK;
     m->n_kept = 0;
     for (size_t i = 0; i < m->base.splats_4d.n; i++)
-        if (spin_splats_4d_shows(&m->base.splats_4d, i, time))
+        if (spin_splats_4d_is_visible(&m->base.splats_4d, i, time))
             m->kept[m->n_kept++] = i;
     return run_networks(&pass);
 }

@@ -243,7 +243,7 @@ spin_status spin_splats_4d_finish(struct spin_splats_4d *s, size_t *n_dropped, s
 spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, unsigned columns,
                                  struct spin_splats *out);
 /* Whether row i is drawn at `time`. */
-bool spin_splats_4d_shows(const struct spin_splats_4d *s, size_t i, double time);
+bool spin_splats_4d_is_visible(const struct spin_splats_4d *s, size_t i, double time);
 /* The window w(time) of row i. */
 double spin_splats_4d_weight(const struct spin_splats_4d *s, size_t i, double time);
 /* Counts the rows that are drawn at each of n times. */

@@ -87,7 +87,7 @@ static spin_status check_frame(struct check *check, int f)
     SPIN_TRY(spin_splats_4d_slice(s, t, columns, &check->frame));
     rows.splats = &check->frame;
     for (size_t i = 0; i < s->n; i++)
-        if (spin_splats_4d_shows(s, i, t)) {
+        if (spin_splats_4d_is_visible(s, i, t)) {
             size_t j = check->row_of[i];
 
             if (j != UINT32_MAX) {

@@ -206,9 +206,9 @@ static bool find_ticks(const struct spin_page_rows *r, size_t i, struct piece *p
     p->row = (uint32_t)i;
     p->from = (int32_t)ceil(frames_of(r, from) * SPIN_PAGE_TICKS - slack);
     p->end = (int32_t)floor(frames_of(r, to) * SPIN_PAGE_TICKS + slack) + 1;
-    while (p->from < p->end && !spin_splats_4d_shows(s, i, time_of(r, p->from)))
+    while (p->from < p->end && !spin_splats_4d_is_visible(s, i, time_of(r, p->from)))
         p->from++;
-    while (p->from < p->end && !spin_splats_4d_shows(s, i, time_of(r, p->end - 1)))
+    while (p->from < p->end && !spin_splats_4d_is_visible(s, i, time_of(r, p->end - 1)))
         p->end--;
     return p->from < p->end;
 }

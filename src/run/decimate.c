@@ -72,7 +72,7 @@ static spin_status rows_of(const struct spin_decimation *d, int f, size_t n, uin
         return SPIN_OK;
     SPIN_TRY(spin_alloc(n + 1, sizeof **out, (void **)out));
     for (size_t i = 0; i < d->splats_4d->n && k < n; i++)
-        if (spin_splats_4d_shows(d->splats_4d, i, time_of(d, f)))
+        if (spin_splats_4d_is_visible(d->splats_4d, i, time_of(d, f)))
             (*out)[k++] = (uint32_t)i;
     return SPIN_OK;
 }
@@ -284,7 +284,7 @@ static spin_status read_items(const struct spin_decimation *d, int f, size_t n, 
     if (d->sharing == FOUR_D) {
         SPIN_TRY(spin_bundle_splats_4d(b, &s));
         for (size_t i = 0; i < s->n && k < n; i++)
-            if (spin_splats_4d_shows(s, i, time_of(d, f)))
+            if (spin_splats_4d_is_visible(s, i, time_of(d, f)))
                 item[k++] = (uint32_t)i;
         return SPIN_OK;
     }

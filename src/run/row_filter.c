@@ -463,7 +463,7 @@ static void find_frames(const struct spin_row_filter *filter, const struct spin_
             double time = filter->clip->bundle.meta.frame[filter->clip->frame[f]].time;
             double away = fabs(time - (double)s->times[i]);
 
-            if (away < nearest && spin_splats_4d_shows(s, i, time)) {
+            if (away < nearest && spin_splats_4d_is_visible(s, i, time)) {
                 nearest = away;
                 frame[i] = f;
             }
@@ -485,7 +485,7 @@ static spin_status judge_slice(struct spin_row_filter *f, const struct spin_spla
     rows = (struct rows){slice->n, slice->means, slice->log_scales, f->reason};
     SPIN_TRY(judge_places(f, frame, &rows));
     for (size_t i = 0; i < s->n; i++) {
-        if (!spin_splats_4d_shows(s, i, time))
+        if (!spin_splats_4d_is_visible(s, i, time))
             continue;
         if (frame_of[i] == frame)
             f->reason_4d[i] = f->reason[at];

@@ -323,7 +323,7 @@ static void fill_row(const struct spin_splats_4d *s, size_t i, double time, unsi
     }
 }
 
-bool spin_splats_4d_shows(const struct spin_splats_4d *s, size_t i, double time)
+bool spin_splats_4d_is_visible(const struct spin_splats_4d *s, size_t i, double time)
 {
     return s->spans[2 * i] <= time && time <= s->spans[2 * i + 1];
 }
@@ -335,11 +335,11 @@ spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, un
 
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     for (size_t i = 0; i < s->n; i++)
-        n += spin_splats_4d_shows(s, i, time);
+        n += spin_splats_4d_is_visible(s, i, time);
     SPIN_TRY(spin_splats_reserve(out, n, columns, s->sh_degree));
     out->antialias = s->antialias;
     for (size_t i = 0; i < s->n; i++)
-        if (spin_splats_4d_shows(s, i, time))
+        if (spin_splats_4d_is_visible(s, i, time))
             fill_row(s, i, time, columns, out, k++);
     if (columns & SPIN_COL_MEANS && spin_finite_missing(out->means, 3 * n) > 0)
         return spin_malformed("positions are not finite at time %g", time);

@@ -123,10 +123,10 @@ static bool compare_own(struct run *run, const struct spin_splats_4d *rows, stru
         size_t k = 0;
 
         if (time < run->sequence.time_first || time > run->sequence.time_last ||
-            !spin_splats_4d_shows(rows, i, time))
+            !spin_splats_4d_is_visible(rows, i, time))
             continue;
         for (size_t before = 0; before < i; before++)
-            k += spin_splats_4d_shows(rows, before, time);
+            k += spin_splats_4d_is_visible(rows, before, time);
         good = compare_at(run, rows, time, k, out);
     }
     return good;

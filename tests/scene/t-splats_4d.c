@@ -294,7 +294,7 @@ static void test_take(void)
            !memcmp(out.spans, s.spans + 2, 2 * sizeof *s.spans),
        "two rows are taken out");
     for (double t = 0; t < 10; t += 0.5) {
-        n += spin_splats_4d_shows(&s, 1, t) + spin_splats_4d_shows(&s, s.n - 1, t);
+        n += spin_splats_4d_is_visible(&s, 1, t) + spin_splats_4d_is_visible(&s, s.n - 1, t);
         n -= spin_splats_4d_slice(&out, t, ALL, &a) == SPIN_OK ? a.n : 0;
     }
     ok(n == 0, "and are shown when they were");
