@@ -40,7 +40,7 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
 {
     size_t first = block * SPIN_ROWS_BLOCK;
 
-    spin_bundle_rest_rows(rows->splats, first, end_of(rows, block) - first, columns);
+    spin_bundle_release_rows(rows->splats, first, end_of(rows, block) - first, columns);
 }
 
 /* Counts the kept rows of the whole frame, and for each block the kept rows before the block. */

@@ -121,7 +121,7 @@ void spin_map_close(struct spin_map *map)
 
 /* The first page is removed even if it also contains bytes before these, which are reloaded on
  * access. The last page is kept if it also contains bytes after these. */
-void spin_map_rest(const void *bytes, size_t n)
+void spin_map_release(const void *bytes, size_t n)
 {
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
     uintptr_t first = (uintptr_t)bytes / page * page, end = ((uintptr_t)bytes + n) / page * page;
@@ -135,7 +135,7 @@ void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n)
     uintptr_t base = (uintptr_t)map->data, first = (uintptr_t)bytes;
 
     if (map->size > 0 && first >= base && first + n <= base + map->size)
-        spin_map_rest(bytes, n);
+        spin_map_release(bytes, n);
 }
 
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n)

@@ -25,7 +25,7 @@ spin_status spin_map_check(const struct spin_map *map);
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
 /* spin_map_forget() without the check that the bytes lie in a map: the caller must know that they
  * do. */
-void spin_map_rest(const void *bytes, size_t n);
+void spin_map_release(const void *bytes, size_t n);
 /* Returns the CRC-32 of n bytes, as zip and gzip define it. crc: the CRC-32 of all bytes that
  * precede them, or 0 if there are none. */
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);

@@ -370,7 +370,7 @@ spin_status spin_player_show(struct spin_player *p, int index)
         SPIN_TRY(read_stored(p, index, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &p->splats));
         count_stored(p, index, &p->splats);
         SPIN_TRY(spin_player_show_splats(p, &p->splats));
-        spin_bundle_rest(&p->splats);
+        spin_bundle_release(&p->splats);
     } else {
         SPIN_TRY(reserve_frame(p, n));
         SPIN_TRY(read_network_frame(p, index, n, &residual));

@@ -223,7 +223,7 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
         if (mark[i])
             *sum = spin_maxf(*sum, 0) + weight[k++];
     }
-    spin_bundle_rest(&d->splats);
+    spin_bundle_release(&d->splats);
     return SPIN_OK;
 }
 

@@ -127,7 +127,7 @@ static spin_status write_round(struct export *x, int first, int n)
         info.n = splats->n;
         SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
     }
-    spin_bundle_rest(&x->splats);
+    spin_bundle_release(&x->splats);
     return SPIN_OK;
 }
 

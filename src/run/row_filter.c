@@ -326,7 +326,7 @@ static void judge_block(void *context, size_t first, size_t end)
         else if (s->logit_opacities[i] < d->f->min_logit)
             d->reason[i] = SPIN_ROW_MIN_OPACITY;
     }
-    spin_bundle_rest_rows(s, first, end - first, SPIN_COL_ATTRIBUTES);
+    spin_bundle_release_rows(s, first, end - first, SPIN_COL_ATTRIBUTES);
 }
 
 /* Drops undrawable rows and applies --min-opacity and --max-scale. The size of the scene, which

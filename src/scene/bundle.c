@@ -446,7 +446,7 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
     return SPIN_OK;
 }
 
-void spin_bundle_rest(const struct spin_splats *view)
+void spin_bundle_release(const struct spin_splats *view)
 {
     struct spin_splats s = *view;
 
@@ -454,11 +454,12 @@ void spin_bundle_rest(const struct spin_splats *view)
         const float *values = *spin_column_of(&s, column);
 
         if (values)
-            spin_map_rest(values, s.n * spin_column_width(column, s.sh_degree) * sizeof *values);
+            spin_map_release(values, s.n * spin_column_width(column, s.sh_degree) * sizeof *values);
     }
 }
 
-void spin_bundle_rest_rows(const struct spin_splats *view, size_t first, size_t n, unsigned columns)
+void spin_bundle_release_rows(const struct spin_splats *view, size_t first, size_t n,
+                              unsigned columns)
 {
     struct spin_splats s = *view;
     size_t row = 11 + spin_column_width(SPIN_COL_SH, s.sh_degree);
@@ -471,7 +472,7 @@ void spin_bundle_rest_rows(const struct spin_splats *view, size_t first, size_t 
         size_t width = spin_column_width(column, s.sh_degree);
 
         if (values && (columns & column))
-            spin_map_rest(values + width * first, width * n * sizeof *values);
+            spin_map_release(values + width * first, width * n * sizeof *values);
     }
 }
 

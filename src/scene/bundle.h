@@ -132,11 +132,11 @@ spin_status spin_bundle_refined_frame(struct spin_bundle *bundle, int frame, uns
 spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_splat_source from,
                              unsigned columns, struct spin_splats *out);
 /* Releases the memory pages of a mapped view that is not needed soon. Does nothing for a copy. */
-void spin_bundle_rest(const struct spin_splats *view);
+void spin_bundle_release(const struct spin_splats *view);
 /* Releases the memory pages of n rows of a mapped view, from row `first` on, in these columns only.
  * Does nothing for a copy or for a small frame. */
-void spin_bundle_rest_rows(const struct spin_splats *view, size_t first, size_t n,
-                           unsigned columns);
+void spin_bundle_release_rows(const struct spin_splats *view, size_t first, size_t n,
+                              unsigned columns);
 /* Returns the number of splats of a frame: for SPIN_FROM_REFINED the number of refined splats, or
  * of source splats in a bundle without refined frames; for SPIN_FROM_TRAINED the number after
  * densification if the training had any, otherwise the number for SPIN_FROM_REFINED. */
