@@ -11,7 +11,7 @@
  * seconds from the first frame, and sigma is not stored as a logarithm. The reference encoder
  * accepts only SH of degree 0 or 3, so missing coefficients are written as 0. */
 #include "base/base.h"
-#include "exporters/lib/bells_check.h"
+#include "exporters/lib/time_windows_check.h"
 #include "io/ply.h"
 #include "math/sh.h"
 
@@ -35,9 +35,9 @@ struct layout {
 struct export
 {
     const struct layout *layout;
-    struct spin_bells bells;
+    struct spin_time_windows windows;
     struct spin_splat_filter rows;
-    struct spin_sort_rows order; /* the kept rows of bells.clip in the order of the file */
+    struct spin_sort_rows order; /* the kept rows of windows.clip in the order of the file */
     double fps;
     int sh_degree; /* SH degree in the file */
     size_t width;  /* floats per row */
@@ -77,7 +77,7 @@ static void print_rest(struct export *x)
 
 static void print_ftgs(struct export *x)
 {
-    const struct spin_splats_4d *s = &x->bells.clip;
+    const struct spin_splats_4d *s = &x->windows.clip;
     double least = MOST_SIGMA;
 
     for (size_t j = 0; j < x->order.n; j++)
@@ -86,10 +86,10 @@ static void print_ftgs(struct export *x)
             "comment ftgs_version 1\ncomment time_units normalized\ncomment sh_degree %d\n"
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
             "comment n_frames %d\n",
-            x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->bells.job->n_frames);
+            x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->windows.job->n_frames);
     /* The line "comment fps" is not part of the format; only spin-import reads this line. */
-    if (x->bells.job->fps > 0)
-        fprintf(x->out.file, "comment fps %.9g\n", x->bells.job->fps);
+    if (x->windows.job->fps > 0)
+        fprintf(x->out.file, "comment fps %.9g\n", x->windows.job->fps);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
     print_properties(x, "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2");
     print_rest(x);
@@ -99,13 +99,13 @@ static void print_ftgs(struct export *x)
 
 static void print_sogst(struct export *x)
 {
-    const struct spin_splats_4d *s = &x->bells.clip;
-    const double *cov2d = x->bells.job->splats_4d->cov2d;
+    const struct spin_splats_4d *s = &x->windows.clip;
+    const double *cov2d = x->windows.job->splats_4d->cov2d;
 
     fprintf(x->out.file,
             "comment sogst.version 1\ncomment sogst.time_min 0\ncomment sogst.time_max %.9g\n"
             "comment sogst.fps %.9g\ncomment sogst.motion_degree %d\n",
-            x->bells.length, x->fps, s->degree);
+            x->windows.length, x->fps, s->degree);
     if (cov2d[0] > 0)
         fprintf(x->out.file, "comment sogst.cov2d_scale %.9g %.9g\n", cov2d[0], cov2d[1]);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
@@ -120,7 +120,7 @@ static void print_header(struct export *x)
 {
     fprintf(x->out.file,
             "ply\nformat binary_little_endian 1.0\ncomment generator spin4d " SPIN_VERSION "\n%s",
-            x->bells.job->antialias ? SPIN_PLY_ANTIALIASED : "");
+            x->windows.job->antialias ? SPIN_PLY_ANTIALIASED : "");
     x->width = 0;
     x->layout->print_header(x);
     fprintf(x->out.file, "end_header\n");
@@ -146,7 +146,7 @@ static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
  * to the row's centre. `to` is not changed if the path has a lower degree. */
 static void fill_path(const struct export *x, size_t i, int power, float to[3])
 {
-    const struct spin_splats_4d *s = &x->bells.clip;
+    const struct spin_splats_4d *s = &x->windows.clip;
 
     if (power < s->degree)
         spin_splat_filter_direction(&x->rows, s->paths + 3 * (size_t)s->degree * i + 3 * power, to);
@@ -154,7 +154,7 @@ static void fill_path(const struct export *x, size_t i, int power, float to[3])
 
 static void fill_ftgs(const struct export *x, size_t i, float *to)
 {
-    const struct spin_splats_4d *s = &x->bells.clip;
+    const struct spin_splats_4d *s = &x->windows.clip;
 
     spin_splat_filter_place(&x->rows, i, to);
     fill_sh(x, i, to + 6, to + 9);
@@ -169,7 +169,7 @@ static void fill_ftgs(const struct export *x, size_t i, float *to)
 
 static void fill_sogst(const struct export *x, size_t i, float *to)
 {
-    const struct spin_splats_4d *s = &x->bells.clip;
+    const struct spin_splats_4d *s = &x->windows.clip;
 
     spin_splat_filter_place(&x->rows, i, to);
     spin_splat_filter_turned(&x->rows, i, to + 3);
@@ -209,19 +209,19 @@ static void free_export(void *self)
     spin_out_abandon(&x->out);
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
-    spin_bells_free(&x->bells);
+    spin_time_windows_free(&x->windows);
     free(x);
 }
 
 static spin_status choose_length(struct export *x)
 {
-    const struct spin_export_job *job = x->bells.job;
+    const struct spin_export_job *job = x->windows.job;
 
-    x->bells.length = 1;
+    x->windows.length = 1;
     if (!x->layout->seconds)
         return SPIN_OK;
-    SPIN_TRY(spin_bells_fps(&x->bells, &x->fps));
-    x->bells.length = (job->n_frames - 1) / x->fps;
+    SPIN_TRY(spin_time_windows_fps(&x->windows, &x->fps));
+    x->windows.length = (job->n_frames - 1) / x->fps;
     return SPIN_OK;
 }
 
@@ -229,13 +229,13 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
                                 const struct layout *layout)
 {
     x->layout = layout;
-    x->bells = (struct spin_bells){.job = job,
-                                   .name = layout->name,
-                                   .most_sigma = MOST_SIGMA,
-                                   .says_cov2d = layout->seconds,
-                                   .least_degree = layout->seconds ? 1 : 0,
-                                   .degree = layout->degree};
-    SPIN_TRY(spin_bells_can(&x->bells));
+    x->windows = (struct spin_time_windows){.job = job,
+                                            .name = layout->name,
+                                            .most_sigma = MOST_SIGMA,
+                                            .says_cov2d = layout->seconds,
+                                            .least_degree = layout->seconds ? 1 : 0,
+                                            .degree = layout->degree};
+    SPIN_TRY(spin_time_windows_can(&x->windows));
     SPIN_TRY(choose_length(x));
     SPIN_TRY(spin_splat_filter_begin(&x->rows, job, NULL));
     x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
@@ -246,27 +246,28 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
 
 static spin_status write_file(struct export *x)
 {
-    const struct spin_export_job *job = x->bells.job;
-    struct spin_bells_check of = {
-        .bells = &x->bells, .rows = &x->rows, .importer = x->layout->importer};
+    const struct spin_export_job *job = x->windows.job;
+    struct spin_time_windows_check of = {
+        .windows = &x->windows, .rows = &x->rows, .importer = x->layout->importer};
 
-    SPIN_TRY(spin_bells_convert(&x->bells));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view));
+    SPIN_TRY(spin_time_windows_convert(&x->windows));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->windows.view));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
         return spin_unsupported(
             "no splat of the clip is left to write: check the options that drop "
             "splats");
-    SPIN_TRY(spin_splat_filter_report_4d(&x->rows, job, x->bells.from, job->times, job->n_frames));
+    SPIN_TRY(
+        spin_splat_filter_report_4d(&x->rows, job, x->windows.from, job->times, job->n_frames));
     print_header(x);
     SPIN_TRY(write_rows(x));
     if (job->report)
         job->report->bytes = (uint64_t)ftell(x->out.file);
     SPIN_TRY(spin_out_commit(&x->out));
-    spin_bells_warn(&x->bells);
+    spin_time_windows_warn(&x->windows);
     of.order = x->order.item;
     of.n = x->order.n;
-    return job->check ? spin_bells_check(&of) : SPIN_OK;
+    return job->check ? spin_time_windows_check(&of) : SPIN_OK;
 }
 
 static spin_status prepare_ftgs(struct export *x, const struct spin_export_job *job)

@@ -10,7 +10,7 @@
  * TSOG can also contain a clip of frames: each splat then has the index of the only frame that
  * shows it. */
 #include "base/base.h"
-#include "exporters/lib/bells_check.h"
+#include "exporters/lib/time_windows_check.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
@@ -49,11 +49,11 @@ struct export
                                    of all frames, and whose times are the indices of the frames */
     bool frames;                /* true: the clip consists of frames, not of 4D splats */
     double *places;             /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
-    size_t n_cut;               /* if `frames`: number of rows added to bells.clip so far */
-    size_t capacity;            /* if `frames`: number of rows for which bells.clip has memory */
+    size_t n_cut;               /* if `frames`: number of rows added to windows.clip so far */
+    size_t capacity;            /* if `frames`: number of rows for which windows.clip has memory */
     struct spin_splat_filter rows;
-    struct spin_sort_rows order; /* row j of the file is row item[j].row of bells.clip */
-    struct spin_bells bells;
+    struct spin_sort_rows order; /* row j of the file is row item[j].row of windows.clip */
+    struct spin_time_windows windows;
     double fps;
     double segment; /* duration of a segment in seconds; 0: the clip is not segmented */
     int level;
@@ -76,7 +76,7 @@ struct export
     struct spin_quant_error *block_quant;
 };
 
-static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->bells.clip; }
+static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->windows.clip; }
 
 /* Warns if there are more splats than the player of the format draws. */
 static void warn_of_kind(const struct export *x)
@@ -198,7 +198,7 @@ static double fade_lost(float logit, const float time[2], const float shown[2])
 /* Rounds times and sigmas, and moves each splat along its path to the rounded time. */
 static spin_status round_times(struct export *x)
 {
-    struct spin_splats_4d *s = &x->bells.clip;
+    struct spin_splats_4d *s = &x->windows.clip;
     struct spin_sog_range *range = &x->coding.time;
 
     for (size_t j = 0; j < x->order.n; j++) {
@@ -221,7 +221,7 @@ static spin_status round_times(struct export *x)
         x->fade_lost =
             fmax(x->fade_lost, fade_lost(s->logit_opacities[k],
                                          (const float[2]){s->times[k], s->sigmas[k]}, shown));
-        spin_bells_move(s, k, (double)shown[0]);
+        spin_time_windows_move(s, k, (double)shown[0]);
         s->sigmas[k] = shown[1];
     }
     return SPIN_OK;
@@ -245,10 +245,10 @@ static spin_status choose_order(struct export *x)
 {
     size_t n = x->order.n;
 
-    spin_sort_rows_by_place(&x->order, &x->bells.view);
+    spin_sort_rows_by_place(&x->order, &x->windows.view);
     x->n_groups = 1;
-    if (x->kind->sogst && x->segment > 0 && x->bells.length > x->segment)
-        x->n_groups = 1 + (size_t)ceil(x->bells.length / x->segment - 1e-6);
+    if (x->kind->sogst && x->segment > 0 && x->windows.length > x->segment)
+        x->n_groups = 1 + (size_t)ceil(x->windows.length / x->segment - 1e-6);
     SPIN_TRY(spin_alloc(x->n_groups, sizeof *x->end, (void **)&x->end));
     SPIN_TRY(spin_alloc(x->n_groups, 2 * sizeof *x->span, (void **)&x->span));
     x->end[0] = n;
@@ -596,7 +596,7 @@ static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint6
 
     fprintf(to,
             "{\"version\":1,\"format\":\"sogst\",\"time\":{\"min\":0,\"max\":%.9g,\"fps\":%.9g},",
-            x->bells.length, x->fps);
+            x->windows.length, x->fps);
     print_still(to, x);
     fprintf(to, ",\"motion\":{\"degree\":%d,", x->coding.degree);
     print_range(to, &x->coding.motion, 3, "[", "]");
@@ -707,15 +707,15 @@ static spin_status write_file(struct export *x)
 static spin_status check_file(const struct export *x)
 {
     const struct spin_sog_range *range = &x->coding.means;
-    struct spin_bells_check of = {.bells = &x->bells,
-                                  .rows = &x->rows,
-                                  .order = x->order.item,
-                                  .n = x->order.n,
-                                  .importer = x->kind->importer};
+    struct spin_time_windows_check of = {.windows = &x->windows,
+                                         .rows = &x->rows,
+                                         .order = x->order.item,
+                                         .n = x->order.n,
+                                         .importer = x->kind->importer};
 
     for (int c = 0; c < 3; c++)
         of.half[c] = (range->maxs[c] - range->mins[c]) / 131070 * 1.01;
-    return spin_bells_check(&of);
+    return spin_time_windows_check(&of);
 }
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
@@ -730,7 +730,7 @@ static void free_export(void *self)
     free(x->picture);
     spin_splat_filter_end(&x->rows);
     spin_sort_rows_free(&x->order);
-    spin_bells_free(&x->bells);
+    spin_time_windows_free(&x->windows);
     free(x->rest);
     free(x->palette);
     free(x->label);
@@ -748,18 +748,18 @@ static spin_status read_options(struct export *x)
 
     x->level = 3;
     SPIN_TRY(spin_option_count(v, "level", 0, 9, &x->level));
-    SPIN_TRY(spin_bells_fps(&x->bells, &x->fps));
-    x->bells.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
+    SPIN_TRY(spin_time_windows_fps(&x->windows, &x->fps));
+    x->windows.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     if (x->frames)
-        x->bells.length = x->job->n_frames - 1;
+        x->windows.length = x->job->n_frames - 1;
     /* By default, a segment lasts about half a second, rounded to a whole number of frames. */
     segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
     SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
     x->segment = segment;
-    if (x->segment > 0 && x->bells.length / x->segment > 999)
+    if (x->segment > 0 && x->windows.length / x->segment > 999)
         return spin_misuse("--segment %g: a clip of %g seconds would have more than 999 segments; "
                            "choose longer segments",
-                           x->segment, x->bells.length);
+                           x->segment, x->windows.length);
     return spin_splat_filter_begin(&x->rows, x->job, NULL);
 }
 
@@ -775,14 +775,14 @@ static spin_status expect_frames(struct export *x)
             x->kind->name, STEPS, n);
     x->frames = true;
     x->own = *x->job;
-    x->own.splats_4d = &x->bells.clip;
+    x->own.splats_4d = &x->windows.clip;
     SPIN_TRY(spin_alloc((size_t)n, sizeof *x->places, (void **)&x->places));
     for (int f = 0; f < n; f++)
         x->places[f] = f;
     x->own.times = x->places;
-    x->job = x->bells.job = &x->own;
+    x->job = x->windows.job = &x->own;
     x->coding.n_frames = n;
-    return spin_splats_4d_reserve(&x->bells.clip, 0, 0, x->job->sh_degree, SPIN_4D_CUTS);
+    return spin_splats_4d_reserve(&x->windows.clip, 0, 0, x->job->sh_degree, SPIN_4D_CUTS);
 }
 
 static spin_status begin_export(struct export *x, const struct spin_export_job *job,
@@ -790,15 +790,15 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
 {
     x->job = job;
     x->kind = kind;
-    x->bells = (struct spin_bells){.job = job,
-                                   .says_cov2d = x->kind->sogst,
-                                   .name = kind->name,
-                                   .most_sigma = MOST_SIGMA,
-                                   .least_degree = kind->sogst ? 1 : 0,
-                                   .degree = kind->degree};
+    x->windows = (struct spin_time_windows){.job = job,
+                                            .says_cov2d = x->kind->sogst,
+                                            .name = kind->name,
+                                            .most_sigma = MOST_SIGMA,
+                                            .least_degree = kind->sogst ? 1 : 0,
+                                            .degree = kind->degree};
     if (!x->job->splats_4d)
         SPIN_TRY(expect_frames(x));
-    SPIN_TRY(spin_bells_can(&x->bells));
+    SPIN_TRY(spin_time_windows_can(&x->windows));
     SPIN_TRY(spin_webp_need());
     SPIN_TRY(read_options(x));
     SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
@@ -809,7 +809,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
 /* Reserves capacity for n more rows. */
 static spin_status make_room(struct export *x, size_t n)
 {
-    struct spin_splats_4d *s = &x->bells.clip;
+    struct spin_splats_4d *s = &x->windows.clip;
     const struct {
         float **values;
         size_t width;
@@ -830,7 +830,7 @@ static spin_status make_room(struct export *x, size_t n)
 
 static void add_row(struct export *x, const struct spin_splats *from, size_t i, int frame)
 {
-    struct spin_splats_4d *s = &x->bells.clip;
+    struct spin_splats_4d *s = &x->windows.clip;
     size_t k = x->n_cut++, n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
 
     memcpy(s->centres + 3 * k, from->means + 3 * i, 3 * sizeof(float));
@@ -860,7 +860,7 @@ static spin_status take_frame(void *self, int frame, const struct spin_frame_inf
 /* Completes the 4D splats that take_frame() made of the frames' rows. */
 static spin_status join_frames(struct export *x)
 {
-    struct spin_bells *b = &x->bells;
+    struct spin_time_windows *b = &x->windows;
     size_t n_dropped;
 
     free(b->clip.spans);
@@ -877,13 +877,13 @@ static spin_status join_frames(struct export *x)
 
 static spin_status encode_clip(struct export *x)
 {
-    SPIN_TRY(x->frames ? join_frames(x) : spin_bells_convert(&x->bells));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->bells.view));
+    SPIN_TRY(x->frames ? join_frames(x) : spin_time_windows_convert(&x->windows));
+    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->windows.view));
     if (x->rows.n_kept == 0)
         return spin_unsupported(
             "no splat of the clip is left to write: check the options that drop "
             "splats");
-    SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, x->bells.from, x->job->times,
+    SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, x->windows.from, x->job->times,
                                          x->job->n_frames));
     SPIN_TRY(choose_coding(x));
     if (spin_cancelled())
@@ -896,7 +896,7 @@ static spin_status write_all(struct export *x)
 {
     SPIN_TRY(encode_clip(x));
     SPIN_TRY(write_file(x));
-    spin_bells_warn(&x->bells);
+    spin_time_windows_warn(&x->windows);
     warn_of_kind(x);
     spin_quant_error_say(&x->quant, x->kind->name);
     if (x->fade_lost > 2 / 255.0)

@@ -690,7 +690,7 @@ enum { SPLATS = 50, PIECES = 2000, FRAMES = 5, ROW_COLUMNS = COLUMNS + 60 };
 static const double even[FRAMES] = {10, 10.5, 11, 11.5, 12};
 static const int rows_of_numbers[FRAMES] = {3, 5, 7, 9, 11};
 
-/* Rows that a clip of half seconds sees: bells of half a frame to many, plateaus, cuts, gates,
+/* Rows that a clip of half seconds sees: windows of half a frame to many, plateaus, cuts, gates,
  * turns. */
 static void make_4d(struct spin_splats_4d *s, int degree, int sh_degree, unsigned parts)
 {

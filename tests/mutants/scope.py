@@ -41,7 +41,7 @@ ROOM_TESTS = {
     "importers/views": "importers/t-golden importers/t-4danyone importers/t-panoptic cli/t1010 cli/t9006",
     "exporters/sog_4d": "exporters/t-check cli/t3011 cli/t3010",
     "exporters/ply_4d": "exporters/t-check cli/t3010",
-    "exporters/lib/bells": "cli/t3010 cli/t3011",
+    "exporters/lib/time_windows": "cli/t3010 cli/t3011",
     "exporters/lib/frames": "run/t-export cmd/t-export cli/t3003 cli/t9005",
     "exporters/images": "exporters/t-images cli/t3016 cli/t3009",
     "exporters/lib/path_file": "cli/t3016 cli/t3017",

@@ -2,14 +2,15 @@
  * that was written. */
 #pragma once
 
-#include "exporters/lib/bells.h"
+#include "exporters/lib/time_windows.h"
 #include "exporters/lib/sort_rows.h"
 
-struct spin_bells_check {
-    const struct spin_bells *bells; /* the clip, with times and sigmas rounded as in the file */
-    /* The filter that chose the rows of bells->view to be written. */
+struct spin_time_windows_check {
+    const struct spin_time_windows
+        *windows; /* the clip, with times and sigmas rounded as in the file */
+    /* The filter that chose the rows of windows->view to be written. */
     const struct spin_splat_filter *rows;
-    const struct spin_keyed *order; /* [n] row j of the file is row order[j].row of bells->clip */
+    const struct spin_keyed *order; /* [n] row j of the file is row order[j].row of windows->clip */
     size_t n;
     const char *importer;
     double half[3]; /* tolerance of log(1 + |x|) of each coordinate x: half a quantisation step; 0:
@@ -18,4 +19,4 @@ struct spin_bells_check {
 
 /* Fills job->report->check with the largest errors over all frames of the job. SPIN_E_IO if the
  * file does not contain what was written. */
-spin_status spin_bells_check(const struct spin_bells_check *of);
+spin_status spin_time_windows_check(const struct spin_time_windows_check *of);

@@ -5,7 +5,7 @@
 
 #include "spin.h"
 
-struct spin_bells {
+struct spin_time_windows {
     const struct spin_export_job *job; /* the export; job->splats_4d is not NULL */
     const char *name;                  /* the format's name in messages */
     double length;                     /* duration of the clip in the file's unit of time */
@@ -24,16 +24,16 @@ struct spin_bells {
 
 /* Returns an error if a window is not Gaussian within the clip, or if the clip has only one
  * frame. */
-spin_status spin_bells_can(const struct spin_bells *b);
+spin_status spin_time_windows_can(const struct spin_time_windows *b);
 /* Sets *out to the frames per second: the value of --fps, else that of the bundle, else 30 with a
  * warning. */
-spin_status spin_bells_fps(const struct spin_bells *b, double *out);
+spin_status spin_time_windows_fps(const struct spin_time_windows *b, double *out);
 /* Converts the 4D splats: sets `clip` and all members after it. */
-spin_status spin_bells_convert(struct spin_bells *b);
+spin_status spin_time_windows_convert(struct spin_time_windows *b);
 /* Warns once for each kind of loss. */
-void spin_bells_warn(const struct spin_bells *b);
+void spin_time_windows_warn(const struct spin_time_windows *b);
 /* Converts a time from the source's unit to the file's. */
-double spin_bells_time(const struct spin_bells *b, double time);
+double spin_time_windows_time(const struct spin_time_windows *b, double time);
 /* Moves the centre of row k along its path to another time; the path itself does not change. */
-void spin_bells_move(struct spin_splats_4d *s, size_t k, double time);
-void spin_bells_free(struct spin_bells *b);
+void spin_time_windows_move(struct spin_splats_4d *s, size_t k, double time);
+void spin_time_windows_free(struct spin_time_windows *b);

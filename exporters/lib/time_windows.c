@@ -1,4 +1,4 @@
-#include "exporters/lib/bells.h"
+#include "exporters/lib/time_windows.h"
 
 #include "base/base.h"
 #include "math/activate.h"
@@ -7,10 +7,13 @@
 
 enum { SAMPLES = 9 }; /* number of times per row at which the errors are measured */
 
-static double first_time(const struct spin_bells *b) { return b->job->times[0]; }
-static double last_time(const struct spin_bells *b) { return b->job->times[b->job->n_frames - 1]; }
+static double first_time(const struct spin_time_windows *b) { return b->job->times[0]; }
+static double last_time(const struct spin_time_windows *b)
+{
+    return b->job->times[b->job->n_frames - 1];
+}
 
-static bool is_visible(const struct spin_bells *b, size_t i)
+static bool is_visible(const struct spin_time_windows *b, size_t i)
 {
     const double *span = b->job->splats_4d->spans + 2 * i;
 
@@ -18,7 +21,7 @@ static bool is_visible(const struct spin_bells *b, size_t i)
 }
 
 /* Whether a visible row begins or ends abruptly within the clip, which no Gaussian window does. */
-static bool has_cuts(const struct spin_bells *b)
+static bool has_cuts(const struct spin_time_windows *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
 
@@ -29,7 +32,7 @@ static bool has_cuts(const struct spin_bells *b)
     return false;
 }
 
-spin_status spin_bells_can(const struct spin_bells *b)
+spin_status spin_time_windows_can(const struct spin_time_windows *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     bool cuts = has_cuts(b);
@@ -50,17 +53,17 @@ spin_status spin_bells_can(const struct spin_bells *b)
 }
 
 /* Returns the factor that converts a duration from the source's unit of time to the file's. */
-static double per_time(const struct spin_bells *b)
+static double per_time(const struct spin_time_windows *b)
 {
     return b->length / (last_time(b) - first_time(b));
 }
 
-double spin_bells_time(const struct spin_bells *b, double time)
+double spin_time_windows_time(const struct spin_time_windows *b, double time)
 {
     return (time - first_time(b)) * per_time(b);
 }
 
-void spin_bells_warn(const struct spin_bells *b)
+void spin_time_windows_warn(const struct spin_time_windows *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
 
@@ -89,7 +92,7 @@ void spin_bells_warn(const struct spin_bells *b)
 
 /* Sets d to SAMPLES evenly spaced times, from the first to the last time of the clip at which row i
  * is visible, as offsets from the row's centre in time. */
-static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES])
+static void sample_times(const struct spin_time_windows *b, size_t i, double d[SAMPLES])
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     double from = fmax(s->spans[2 * i], first_time(b));
@@ -101,7 +104,7 @@ static void sample_times(const struct spin_bells *b, size_t i, double d[SAMPLES]
 
 /* Adds the colour error of row i at offset d from its centre in time to b->lost_colour. The file
  * stores the colour at the centre, where both cosines are 1. */
-static void measure_colour_error(struct spin_bells *b, size_t i, double d)
+static void measure_colour_error(struct spin_time_windows *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
@@ -119,7 +122,7 @@ static void measure_colour_error(struct spin_bells *b, size_t i, double d)
 /* Adds the rotation error of row i at offset d from its centre in time to b->lost_turn. The file
  * stores the rotation at the centre. The angle between two rotations is 2 acos |dot|, where dot is
  * the dot product of their unit quaternions. */
-static void measure_rotation_error(struct spin_bells *b, size_t i, double d)
+static void measure_rotation_error(struct spin_time_windows *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     double dot = 0, length = 0;
@@ -135,8 +138,8 @@ static void measure_rotation_error(struct spin_bells *b, size_t i, double d)
             fmax(b->lost_turn, 360 / 3.141592653589793 * acos(fmin(fabs(dot) / sqrt(length), 1)));
 }
 
-static void measure_position_error(struct spin_bells *b, size_t i, double d, const float *centre,
-                                   const float *path)
+static void measure_position_error(struct spin_time_windows *b, size_t i, double d,
+                                   const float *centre, const float *path)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     double is[3], fitted[3], off = 0;
@@ -172,8 +175,8 @@ static void solve_equations(double a[3][3], double y[3][3], int n)
  * the squared distances at the times d, weighted by the row's Gaussian window. If all times
  * coincide, `centre` and `path` are not changed: they contain the first terms of the row's own
  * path. */
-static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLES], float centre[3],
-                     float *path)
+static void fit_path(const struct spin_time_windows *b, size_t i, const double d[SAMPLES],
+                     float centre[3], float *path)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     const float *own = s->paths + 3 * (size_t)s->degree * i;
@@ -202,7 +205,7 @@ static void fit_path(const struct spin_bells *b, size_t i, const double d[SAMPLE
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
+void spin_time_windows_move(struct spin_splats_4d *s, size_t k, double time)
 {
     double d = time - (double)s->times[k], place[3];
     float *path = s->paths ? s->paths + 3 * (size_t)s->degree * k : NULL;
@@ -218,7 +221,7 @@ void spin_bells_move(struct spin_splats_4d *s, size_t k, double time)
 
 /* Reduces the sigma of row k to `most`. The row's opacity and centre in time change such that the
  * opacity in the middle of the clip keeps its value and its derivative. */
-static void limit_sigma(struct spin_bells *b, size_t k, double sigma, double most)
+static void limit_sigma(struct spin_time_windows *b, size_t k, double sigma, double most)
 {
     struct spin_splats_4d *s = &b->clip;
     double middle = b->length / 2, off = middle - (double)s->times[k], share = most / sigma;
@@ -227,10 +230,10 @@ static void limit_sigma(struct spin_bells *b, size_t k, double sigma, double mos
 
     s->logit_opacities[k] = spin_logit_of(opacity);
     s->sigmas[k] = (float)most;
-    spin_bells_move(s, k, middle - off * share * share);
+    spin_time_windows_move(s, k, middle - off * share * share);
 }
 
-static void convert_path(struct spin_bells *b, size_t i, size_t k)
+static void convert_path(struct spin_time_windows *b, size_t i, size_t k)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     size_t step = 3 * (size_t)b->clip.degree, own = 3 * (size_t)s->degree;
@@ -254,7 +257,7 @@ static void convert_path(struct spin_bells *b, size_t i, size_t k)
         to[c] = (float)((double)to[c] / pow(per_time(b), c < 3 ? 1 : 2));
 }
 
-static void convert_row(struct spin_bells *b, size_t i, size_t k)
+static void convert_row(struct spin_time_windows *b, size_t i, size_t k)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     struct spin_splats_4d *to = &b->clip;
@@ -266,7 +269,7 @@ static void convert_row(struct spin_bells *b, size_t i, size_t k)
     memcpy(to->quats + 4 * k, s->quats + 4 * i, 4 * sizeof(float));
     memcpy(to->log_scales + 3 * k, s->log_scales + 3 * i, 3 * sizeof(float));
     to->logit_opacities[k] = s->logit_opacities[i];
-    to->times[k] = (float)spin_bells_time(b, (double)s->times[i]);
+    to->times[k] = (float)spin_time_windows_time(b, (double)s->times[i]);
     to->sigmas[k] = (float)fmin(sigma, most);
     for (size_t c = 0; c < width; c++) {
         const float *cosine = s->sh_cos ? s->sh_cos + 2 * width * i + c : NULL;
@@ -279,7 +282,7 @@ static void convert_row(struct spin_bells *b, size_t i, size_t k)
     b->from[k] = i;
 }
 
-spin_status spin_bells_fps(const struct spin_bells *b, double *out)
+spin_status spin_time_windows_fps(const struct spin_time_windows *b, double *out)
 {
     *out = b->job->fps;
     SPIN_TRY(spin_option_number(b->job->values, "fps", 0.001, 1e6, out));
@@ -290,7 +293,7 @@ spin_status spin_bells_fps(const struct spin_bells *b, double *out)
     return SPIN_OK;
 }
 
-spin_status spin_bells_convert(struct spin_bells *b)
+spin_status spin_time_windows_convert(struct spin_time_windows *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
     size_t n = 0;
@@ -309,7 +312,7 @@ spin_status spin_bells_convert(struct spin_bells *b)
     return SPIN_OK;
 }
 
-void spin_bells_free(struct spin_bells *b)
+void spin_time_windows_free(struct spin_time_windows *b)
 {
     spin_splats_4d_free(&b->clip);
     free(b->from);

@@ -1,6 +1,6 @@
-/* 4D splats as bells in a file's unit of time: what is frozen, fitted, shortened and left out, and
- * what that loses. K: 4d tsog sogst export */
-#include "exporters/lib/bells.h"
+/* 4D splats as windows in a file's unit of time: what is frozen, fitted, shortened and left out,
+ * and what that loses. K: 4d tsog sogst export */
+#include "exporters/lib/time_windows.h"
 #include "math/activate.h"
 #include "math/motion.h"
 #include "tests/tap.h"
@@ -42,13 +42,14 @@ static void fill(struct spin_splats_4d *s)
 
 static void test_convert(const struct spin_export_job *job)
 {
-    struct spin_bells b = {.job = job, .name = "it", .length = 2, .most_sigma = 8, .degree = 1};
+    struct spin_time_windows b = {
+        .job = job, .name = "it", .length = 2, .most_sigma = 8, .degree = 1};
     const struct spin_splats_4d *c = &b.clip;
     double end = job->splats_4d->spans[1] < 14 ? job->splats_4d->spans[1] : 14, off = 0, sum = 0;
 
-    ok(spin_bells_convert(&b) == SPIN_OK && c->n == 3 && c->degree == 1 && b.from[2] == 3,
+    ok(spin_time_windows_convert(&b) == SPIN_OK && c->n == 3 && c->degree == 1 && b.from[2] == 3,
        "rows that no frame shows are left out");
-    ok(c->times[0] == 1 && c->sigmas[0] == 0.5f && spin_bells_time(&b, 14) == 2,
+    ok(c->times[0] == 1 && c->sigmas[0] == 0.5f && spin_time_windows_time(&b, 14) == 2,
        "times are the file's");
     near((double)c->paths[0], 6, 1e-5, "and so are velocities");
     ok(c->sh[0] == 0.625f && c->sh[5] == 2 && c->sh[12] == 0.5f,
@@ -78,13 +79,14 @@ static void test_convert(const struct spin_export_job *job)
     near((double)c->centres[6], off / sum, 1e-5, "a curved path is fitted where it is seen");
     ok(c->paths[6] > 2 && c->paths[6] < 2.1f && b.lost_place > 0.1 && b.lost_place < 0.5,
        "and its speed, and what that loses");
-    spin_bells_free(&b);
+    spin_time_windows_free(&b);
 }
 
 static void test_shorten(struct spin_export_job *job)
 {
     struct spin_splats_4d s = {0};
-    struct spin_bells b = {.job = job, .name = "it", .length = 1, .most_sigma = 8, .degree = 1};
+    struct spin_time_windows b = {
+        .job = job, .name = "it", .length = 1, .most_sigma = 8, .degree = 1};
     size_t n_dropped;
 
     if (spin_splats_4d_reserve(&s, 1, 1, 0, 0) != SPIN_OK)
@@ -96,7 +98,7 @@ static void test_shorten(struct spin_export_job *job)
     job->splats_4d = &s;
     if (spin_splats_4d_finish(&s, &n_dropped, NULL) != SPIN_OK)
         exit(1);
-    ok(spin_bells_convert(&b) == SPIN_OK && b.clip.n == 1 && b.clip.sigmas[0] == 8,
+    ok(spin_time_windows_convert(&b) == SPIN_OK && b.clip.n == 1 && b.clip.sigmas[0] == 8,
        "a sigma of twenty clips becomes one of eight");
     for (int f = 0; f < 5; f++) {
         double t = times[f], d = (t - 10) / 4 - (double)b.clip.times[0], place[3];
@@ -107,15 +109,15 @@ static void test_shorten(struct spin_export_job *job)
         near(seen, is, 1e-3, "it fades as before");
         near(place[0], 0.5 * (t + 60), 1e-4, "and is where it was");
     }
-    spin_bells_free(&b);
+    spin_time_windows_free(&b);
     spin_splats_4d_free(&s);
 }
 
 static bool can(const struct spin_export_job *job)
 {
-    const struct spin_bells b = {.job = job, .name = "it"};
+    const struct spin_time_windows b = {.job = job, .name = "it"};
 
-    return spin_bells_can(&b) == SPIN_OK;
+    return spin_time_windows_can(&b) == SPIN_OK;
 }
 
 static void refused(struct spin_export_job *job, struct spin_splats_4d *s, unsigned part,
@@ -161,7 +163,7 @@ TAP_MAIN
     struct spin_export_job job = {.splats_4d = &s, .times = times, .n_frames = 5};
 
     fill(&s);
-    ok(can(&job), "bells can be written");
+    ok(can(&job), "windows can be written");
     test_convert(&job);
     spin_splats_4d_free(&s);
     test_shorten(&job);

@@ -1,4 +1,4 @@
-#include "exporters/lib/bells_check.h"
+#include "exporters/lib/time_windows_check.h"
 
 #include "base/base.h"
 #include "exporters/lib/readback.h"
@@ -6,7 +6,7 @@
 #include "math/motion.h"
 
 struct check {
-    const struct spin_bells_check *of;
+    const struct spin_time_windows_check *of;
     const struct spin_importer *importer;
     void *self;
     const struct spin_splats_4d *back;
@@ -18,8 +18,8 @@ struct check {
 
 static spin_status read_back(struct check *check)
 {
-    const struct spin_bells_check *of = check->of;
-    const char *path = of->bells->job->output;
+    const struct spin_time_windows_check *of = check->of;
+    const char *path = of->windows->job->output;
     const struct spin_plugin_values values = {NULL};
     struct spin_sequence_info sequence;
 
@@ -38,12 +38,13 @@ static spin_status read_back(struct check *check)
  * within the precision of the file. */
 static spin_status check_row(const struct check *check, size_t j)
 {
-    const struct spin_bells_check *of = check->of;
-    const struct spin_splats_4d *back = check->back, *clip = &of->bells->clip;
+    const struct spin_time_windows_check *of = check->of;
+    const struct spin_splats_4d *back = check->back, *clip = &of->windows->clip;
     size_t k = of->order[j].row;
     float place[3];
-    bool good = fabs((double)back->times[j] - (double)clip->times[k]) <= 1e-6 * of->bells->length &&
-                fabs((double)back->sigmas[j] / (double)clip->sigmas[k] - 1) <= 1e-5;
+    bool good =
+        fabs((double)back->times[j] - (double)clip->times[k]) <= 1e-6 * of->windows->length &&
+        fabs((double)back->sigmas[j] / (double)clip->sigmas[k] - 1) <= 1e-5;
 
     spin_splat_filter_place(of->rows, k, place);
     for (size_t c = 0; c < 3; c++)
@@ -74,7 +75,7 @@ static void slice_row(const struct spin_splats_4d *s, size_t j, double time,
 static spin_status check_frame(struct check *check, int f)
 {
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    const struct spin_export_job *job = check->of->bells->job;
+    const struct spin_export_job *job = check->of->windows->job;
     const struct spin_splats_4d *s = job->splats_4d, *back = check->back;
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), row = 0;
     double t = job->times[f];
@@ -91,7 +92,7 @@ static spin_status check_frame(struct check *check, int f)
             size_t j = check->row_of[i];
 
             if (j != UINT32_MAX) {
-                slice_row(back, j, spin_bells_time(check->of->bells, t), &there);
+                slice_row(back, j, spin_time_windows_time(check->of->windows, t), &there);
                 spin_readback_row(&check->values, &rows, row, &there, back->sh + n_sh * j,
                                   back->sh_degree);
             }
@@ -103,25 +104,25 @@ static spin_status check_frame(struct check *check, int f)
 
 static spin_status check_all(struct check *check)
 {
-    const struct spin_bells_check *of = check->of;
-    size_t n = of->bells->job->splats_4d->n;
+    const struct spin_time_windows_check *of = check->of;
+    size_t n = of->windows->job->splats_4d->n;
 
     SPIN_TRY(read_back(check));
     SPIN_TRY(spin_alloc(n + 1, sizeof *check->row_of, (void **)&check->row_of));
     for (size_t i = 0; i < n; i++)
         check->row_of[i] = UINT32_MAX;
     for (size_t j = 0; j < of->n; j++) {
-        check->row_of[of->bells->from[of->order[j].row]] = (uint32_t)j;
+        check->row_of[of->windows->from[of->order[j].row]] = (uint32_t)j;
         SPIN_TRY(check_row(check, j));
     }
-    for (int f = 0; f < of->bells->job->n_frames; f++)
+    for (int f = 0; f < of->windows->job->n_frames; f++)
         SPIN_TRY(check_frame(check, f));
     return SPIN_OK;
 }
 
-spin_status spin_bells_check(const struct spin_bells_check *of)
+spin_status spin_time_windows_check(const struct spin_time_windows_check *of)
 {
-    const struct spin_export_job *job = of->bells->job;
+    const struct spin_export_job *job = of->windows->job;
     struct check check = {.of = of};
     spin_status status;
 
