@@ -5,7 +5,7 @@
  * and an animation with STEP interpolation sets the scale of each node: 1 while the frame of the
  * node is shown, 0 otherwise. A final key repeats the last value, so that players show the last
  * frame for its whole duration. An attribute whose values are the same in two frames is stored
- * once. --still-apart moves the splats that are equal in all frames (lib/still_rows.h) to a
+ * once. --still-apart moves the splats that are equal in all frames (lib/static_rows.h) to a
  * separate node without animation. This node is the first of the scene, so that players that draw
  * one mesh after another draw the static splats first.
  *
@@ -21,7 +21,7 @@
 
 #include "base/base.h"
 #include "exporters/lib/frames.h"
-#include "exporters/lib/still_rows.h"
+#include "exporters/lib/static_rows.h"
 #include "formats/glb_write.h"
 
 #define DEFAULT_FPS 30
@@ -51,9 +51,9 @@ struct export
     /* The following members are for a clip in a single file. */
     struct spin_out out;
     int n_done;
-    struct spin_glb_frame *frame; /* [clip.n_frames] */
-    struct spin_glb_frame shared; /* the static splats of --still-apart */
-    struct spin_still_rows still; /* the source rows of the static splats */
+    struct spin_glb_frame *frame;  /* [clip.n_frames] */
+    struct spin_glb_frame shared;  /* the static splats of --still-apart */
+    struct spin_static_rows still; /* the source rows of the static splats */
 };
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
@@ -103,8 +103,8 @@ static void write_block(void *context, int number)
         }
     }
     for (int a = 0; a < clip->n_attributes && w->hash; a++)
-        spin_still_hash(w->hash[number * clip->n_attributes + a], column[a],
-                        n * clip->width[a] / 4);
+        spin_static_hash(w->hash[number * clip->n_attributes + a], column[a],
+                         n * clip->width[a] / 4);
     if (w->hash)
         return;
     spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
@@ -132,7 +132,7 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
         size_t same = clip->n_columns;
 
         for (size_t b = 0; b < n_blocks && w->hash; b++)
-            spin_still_hash(now.hash, w->hash[b * n + a], sizeof *w->hash / 4);
+            spin_static_hash(now.hash, w->hash[b * n + a], sizeof *w->hash / 4);
         for (size_t i = 0; i < clip->n_columns && w->hash && same == clip->n_columns; i++) {
             const struct spin_glb_column *was = &x->column[i];
 
@@ -221,7 +221,7 @@ static spin_status gltf_order(void *self, const struct spin_keyed **row)
     struct export *x = self;
 
     *row = NULL;
-    return x->still.n > 0 ? spin_still_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
+    return x->still.n > 0 ? spin_static_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
 }
 
 /* Appends a frame to the single file. Static splats are written only once, after the other splats
@@ -237,7 +237,7 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
     SPIN_TRY(spin_splat_filter_choose(rows, s));
     n = rows->n_kept;
     if (x->still.n > 0)
-        SPIN_TRY(spin_still_rows_leave_out(&x->still, rows, info->number));
+        SPIN_TRY(spin_static_rows_leave_out(&x->still, rows, info->number));
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
     if (x->n_done == 0 && all > (double)UINT32_MAX) /* warn early: writing may take hours */
@@ -246,7 +246,7 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
                   x->clip.n_frames, all / 1e9);
     SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
-        spin_still_rows_only(&x->still, rows);
+        spin_static_rows_only(&x->still, rows);
         SPIN_TRY(write_rows(x, info, &x->shared));
     }
     x->n_done++;
@@ -304,7 +304,7 @@ static void free_export(void *self)
     spin_out_abandon(&x->out);
     free(x->frame);
     free(x->column);
-    spin_still_rows_free(&x->still);
+    spin_static_rows_free(&x->still);
 }
 
 static spin_status open_single(void *self, const struct spin_export_job *job)
@@ -315,7 +315,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
 
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
-        SPIN_TRY(spin_still_rows_find(&x->still, &x->frames.rows, job));
+        SPIN_TRY(spin_static_rows_find(&x->still, &x->frames.rows, job));
         spin_log(0, "identical in all frames: %s",
                  spin_text_count((long long)x->still.n, "splat", count));
     }

@@ -1,4 +1,4 @@
-#include "exporters/lib/still_rows.h"
+#include "exporters/lib/static_rows.h"
 
 #include "base/base.h"
 
@@ -21,14 +21,14 @@ static void columns_of(const struct spin_splats *s, int n_sh, struct column c[5]
 
 static int by_hash(const void *a, const void *b)
 {
-    const struct spin_still_row *x = a, *y = b;
+    const struct spin_static_row *x = a, *y = b;
     int order = memcmp(x->hash, y->hash, sizeof x->hash);
 
     return order ? order : (x->row > y->row) - (x->row < y->row);
 }
 
 /* Lists the kept rows of the current frame in s->now, sorted by hash. */
-static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+static spin_status list_rows(struct spin_static_rows *s, const struct spin_splat_filter *rows)
 {
     size_t room = rows->splats->n + 1, n = 0;
     struct column c[5];
@@ -40,9 +40,9 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
     for (size_t i = 0; i < rows->splats->n; i++) {
         if (!rows->keep[i])
             continue;
-        s->now[n] = (struct spin_still_row){.hash = {c[4].n}, .row = (uint32_t)i};
+        s->now[n] = (struct spin_static_row){.hash = {c[4].n}, .row = (uint32_t)i};
         for (int k = 0; k < 5; k++)
-            spin_still_hash(s->now[n].hash, c[k].at + i * c[k].width, c[k].n);
+            spin_static_hash(s->now[n].hash, c[k].at + i * c[k].width, c[k].n);
         n++;
     }
     qsort(s->now, n, sizeof *s->now, by_hash);
@@ -51,12 +51,12 @@ static spin_status list_rows(struct spin_still_rows *s, const struct spin_splat_
 
 /* Sets s->mate: for each row of s->kept, the row of the current frame with the same values, or
  * NONE. Several rows with equal values are matched one to one. */
-static void pair_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+static void pair_rows(struct spin_static_rows *s, const struct spin_splat_filter *rows)
 {
     size_t at = 0;
 
     for (size_t k = 0; k < s->n; k++) {
-        const struct spin_still_row *kept = &s->kept[k];
+        const struct spin_static_row *kept = &s->kept[k];
         int order = 1;
 
         while (at < rows->n_kept &&
@@ -66,7 +66,8 @@ static void pair_rows(struct spin_still_rows *s, const struct spin_splat_filter 
     }
 }
 
-static spin_status copy_first_frame(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+static spin_status copy_first_frame(struct spin_static_rows *s,
+                                    const struct spin_splat_filter *rows)
 {
     s->n = rows->n_kept;
     s->n_first = rows->splats->n;
@@ -78,7 +79,7 @@ static spin_status copy_first_frame(struct spin_still_rows *s, const struct spin
 }
 
 /* Drops the rows of s->kept that the current frame does not contain. */
-static void narrow_rows(struct spin_still_rows *s, const struct spin_splat_filter *rows)
+static void narrow_rows(struct spin_static_rows *s, const struct spin_splat_filter *rows)
 {
     size_t n = 0;
 
@@ -90,8 +91,8 @@ static void narrow_rows(struct spin_still_rows *s, const struct spin_splat_filte
     s->n = n;
 }
 
-spin_status spin_still_rows_find(struct spin_still_rows *s, struct spin_splat_filter *rows,
-                                 const struct spin_export_job *job)
+spin_status spin_static_rows_find(struct spin_static_rows *s, struct spin_splat_filter *rows,
+                                  const struct spin_export_job *job)
 {
     for (int f = 0; f < job->n_frames && (f == 0 || s->n > 0); f++) {
         const struct spin_splats *splats;
@@ -108,7 +109,7 @@ spin_status spin_still_rows_find(struct spin_still_rows *s, struct spin_splat_fi
 }
 
 /* Sets s->mate and s->keep for the current frame. */
-static spin_status match_frame(struct spin_still_rows *s, const struct spin_splat_filter *rows,
+static spin_status match_frame(struct spin_static_rows *s, const struct spin_splat_filter *rows,
                                int number)
 {
     SPIN_TRY(list_rows(s, rows));
@@ -128,15 +129,15 @@ static spin_status match_frame(struct spin_still_rows *s, const struct spin_spla
     return SPIN_OK;
 }
 
-spin_status spin_still_rows_leave_out(struct spin_still_rows *s, struct spin_splat_filter *rows,
-                                      int number)
+spin_status spin_static_rows_leave_out(struct spin_static_rows *s, struct spin_splat_filter *rows,
+                                       int number)
 {
     SPIN_TRY(match_frame(s, rows, number));
     spin_splat_filter_keep(rows, s->keep);
     return SPIN_OK;
 }
 
-void spin_still_rows_only(const struct spin_still_rows *s, struct spin_splat_filter *rows)
+void spin_static_rows_only(const struct spin_static_rows *s, struct spin_splat_filter *rows)
 {
     memset(s->keep, 0, s->n_first);
     for (size_t k = 0; k < s->n; k++)
@@ -144,8 +145,8 @@ void spin_still_rows_only(const struct spin_still_rows *s, struct spin_splat_fil
     spin_splat_filter_keep(rows, s->keep);
 }
 
-spin_status spin_still_rows_order(struct spin_still_rows *s, const struct spin_splat_filter *rows,
-                                  int number, const struct spin_keyed **order)
+spin_status spin_static_rows_order(struct spin_static_rows *s, const struct spin_splat_filter *rows,
+                                   int number, const struct spin_keyed **order)
 {
     size_t n = 0;
 
@@ -162,12 +163,12 @@ spin_status spin_still_rows_order(struct spin_still_rows *s, const struct spin_s
     return SPIN_OK;
 }
 
-void spin_still_rows_free(struct spin_still_rows *s)
+void spin_static_rows_free(struct spin_static_rows *s)
 {
     free(s->kept);
     free(s->now);
     free(s->keep);
     free(s->mate);
     free(s->order);
-    *s = (struct spin_still_rows){0};
+    *s = (struct spin_static_rows){0};
 }

@@ -6,25 +6,25 @@
 
 #include "exporters/lib/sort_rows.h"
 
-struct spin_still_row {
+struct spin_static_row {
     uint64_t hash[2]; /* hash of the row's values */
     uint32_t row;
 };
 
-struct spin_still_rows {
-    size_t n;                    /* number of static rows */
-    struct spin_still_row *kept; /* [n] the static rows in the first frame, sorted by hash */
-    struct spin_still_row *now;  /* the kept rows of the current frame, sorted by hash */
-    unsigned char *keep;         /* [rows] 1: this row of the current frame is kept and dynamic */
+struct spin_static_rows {
+    size_t n;                     /* number of static rows */
+    struct spin_static_row *kept; /* [n] the static rows in the first frame, sorted by hash */
+    struct spin_static_row *now;  /* the kept rows of the current frame, sorted by hash */
+    unsigned char *keep;          /* [rows] 1: this row of the current frame is kept and dynamic */
     uint32_t *mate; /* [n_first] for each row of the first frame, the matching row of the current
                        frame; UINT32_MAX: the row is not static */
     size_t n_first;
-    struct spin_keyed *order; /* [rows] see spin_still_rows_order() */
+    struct spin_keyed *order; /* [rows] see spin_static_rows_order() */
 };
 
 /* Hashes n words of 4 bytes into two 64-bit numbers, with different factors. With 128 bits, equal
  * hashes are assumed to mean equal bytes. */
-static inline void spin_still_hash(uint64_t hash[2], const void *words, size_t n)
+static inline void spin_static_hash(uint64_t hash[2], const void *words, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
         uint32_t word;
@@ -39,17 +39,17 @@ static inline void spin_still_hash(uint64_t hash[2], const void *words, size_t n
 
 /* Reads the frames with job->again() and finds the static rows. Stops reading when no static row is
  * left. Zero *still before the call, and free it even if the call fails. */
-spin_status spin_still_rows_find(struct spin_still_rows *still, struct spin_splat_filter *rows,
-                                 const struct spin_export_job *job);
+spin_status spin_static_rows_find(struct spin_static_rows *still, struct spin_splat_filter *rows,
+                                  const struct spin_export_job *job);
 /* Removes the static rows from the frame's kept rows. SPIN_E_IO: a static row is missing, because
  * the frame has changed since it was first read. */
-spin_status spin_still_rows_leave_out(struct spin_still_rows *still, struct spin_splat_filter *rows,
-                                      int number);
-/* Call it in the first frame, after spin_still_rows_leave_out(): keeps only the static rows. */
-void spin_still_rows_only(const struct spin_still_rows *still, struct spin_splat_filter *rows);
+spin_status spin_static_rows_leave_out(struct spin_static_rows *still,
+                                       struct spin_splat_filter *rows, int number);
+/* Call it in the first frame, after spin_static_rows_leave_out(): keeps only the static rows. */
+void spin_static_rows_only(const struct spin_static_rows *still, struct spin_splat_filter *rows);
 /* Sets *order to a list of all kept rows of a frame: first the dynamic rows, then the static rows
  * in the order of the first frame. */
-spin_status spin_still_rows_order(struct spin_still_rows *still,
-                                  const struct spin_splat_filter *rows, int number,
-                                  const struct spin_keyed **order);
-void spin_still_rows_free(struct spin_still_rows *still);
+spin_status spin_static_rows_order(struct spin_static_rows *still,
+                                   const struct spin_splat_filter *rows, int number,
+                                   const struct spin_keyed **order);
+void spin_static_rows_free(struct spin_static_rows *still);
