@@ -4,7 +4,7 @@
 
 #include "base/base.h"
 #include "train/appearance.h"
-#include "train/chains.h"
+#include "train/track_matching.h"
 #include "train/morton.h"
 
 /* Limits for the standard deviation of a track's position over time, in units of the camera extent.
@@ -215,7 +215,7 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
  * by matching as a candidate for a dynamic track. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
-    SPIN_LEAVES(spin_chains_close) struct spin_chains chains = {0};
+    SPIN_LEAVES(spin_track_matching_close) struct spin_track_matching chains = {0};
     size_t first = p->n;
 
     for (int f = 0; f < tracks->n_frames; f++)
@@ -225,7 +225,7 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
             if (*of != SPIN_NO_TRACK && !is_track(tracks, &p->place[*of]))
                 *of = SPIN_NO_TRACK;
         }
-    SPIN_TRY(spin_chains_find(&chains, plan, tracks->of, (uint32_t)first));
+    SPIN_TRY(spin_track_matching_find(&chains, plan, tracks->of, (uint32_t)first));
     SPIN_TRY(reserve_places(p, chains.n));
     for (size_t k = 0; k < chains.n; k++)
         p->place[add_place(p, chains.place + 3 * k)].moves = true;

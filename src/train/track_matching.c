@@ -1,6 +1,6 @@
 /* Matches the splats of each frame with those of the next, in one pass; only two frames are in
  * memory at a time. */
-#include "train/chains.h"
+#include "train/track_matching.h"
 
 #include "base/base.h"
 #include "math/sh.h"
@@ -104,7 +104,8 @@ static spin_status read_loose(struct spin_pool *pool, const struct spin_splats *
     return set_reach(pool, l);
 }
 
-static spin_status add_track(struct spin_chains *chains, const float at[3], uint32_t *number)
+static spin_status add_track(struct spin_track_matching *chains, const float at[3],
+                             uint32_t *number)
 {
     SPIN_TRY(spin_array_grow(chains->n, &chains->capacity, 3 * sizeof *chains->place,
                              (void **)&chains->place));
@@ -115,7 +116,7 @@ static spin_status add_track(struct spin_chains *chains, const float at[3], uint
 
 /* Records that splat k of `to` is the match of splat i of `from`: adds it to the track of i, and
  * updates its expected position. */
-static spin_status add_link(struct spin_chains *chains, struct loose *from, size_t i,
+static spin_status add_link(struct spin_track_matching *chains, struct loose *from, size_t i,
                             struct loose *to, size_t k)
 {
     if (from->chain[i] == SPIN_NO_TRACK)
@@ -126,7 +127,7 @@ static spin_status add_link(struct spin_chains *chains, struct loose *from, size
     return SPIN_OK;
 }
 
-static spin_status link_frames(struct spin_pool *pool, struct spin_chains *chains,
+static spin_status link_frames(struct spin_pool *pool, struct spin_track_matching *chains,
                                struct loose *from, struct loose *to)
 {
     SPIN_FREED uint32_t *next = NULL;
@@ -147,7 +148,7 @@ static void number_splats(const struct loose *l, uint32_t *of, uint32_t first)
             of[l->splat[i]] = first + l->chain[i];
 }
 
-static spin_status match_frames(struct spin_pool *pool, struct spin_chains *chains,
+static spin_status match_frames(struct spin_pool *pool, struct spin_track_matching *chains,
                                 struct spin_plan *plan, uint32_t **of, uint32_t first)
 {
     unsigned there = plan->clip.bundle.meta.columns;
@@ -174,8 +175,8 @@ out:
     return status;
 }
 
-spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan, uint32_t **of,
-                             uint32_t first)
+spin_status spin_track_matching_find(struct spin_track_matching *chains, struct spin_plan *plan,
+                                     uint32_t **of, uint32_t first)
 {
     struct spin_pool *pool = NULL;
     spin_status status;
@@ -186,7 +187,7 @@ spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan,
     return status;
 }
 
-void spin_chains_close(struct spin_chains *chains)
+void spin_track_matching_close(struct spin_track_matching *chains)
 {
     free(chains->place);
     memset(chains, 0, sizeof *chains);

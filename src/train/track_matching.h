@@ -4,7 +4,7 @@
 
 #include "train/plan.h"
 
-struct spin_chains {
+struct spin_track_matching {
     size_t n, capacity;
     float *place; /* [n][3] position of the first splat of each track */
 };
@@ -13,6 +13,6 @@ struct spin_chains {
  * SPIN_NO_TRACK are matched. The entry of each matched splat becomes `first` plus the index of its
  * track in `chains`. Reads the means and colours of the bundle once. Zero it first; close it also
  * after a failure. */
-spin_status spin_chains_find(struct spin_chains *chains, struct spin_plan *plan, uint32_t **of,
-                             uint32_t first);
-void spin_chains_close(struct spin_chains *chains);
+spin_status spin_track_matching_find(struct spin_track_matching *chains, struct spin_plan *plan,
+                                     uint32_t **of, uint32_t first);
+void spin_track_matching_close(struct spin_track_matching *chains);
