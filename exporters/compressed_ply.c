@@ -49,13 +49,13 @@ static int degree_of(const struct export *x) { return x->frames.rows.sh_degree; 
 
 static void take_row(const struct export *x, size_t at, struct spin_gaussian *out)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     size_t i = x->row[at];
 
-    spin_splat_filter_place(rows, i, out->place);
+    spin_splat_rows_place(rows, i, out->place);
     memcpy(out->log_scale, rows->splats->log_scales + 3 * i, sizeof out->log_scale);
-    spin_splat_filter_turned(rows, i, out->rotation);
-    out->opacity = spin_splat_filter_opacity(rows, i);
+    spin_splat_rows_turned(rows, i, out->rotation);
+    out->opacity = spin_splat_rows_opacity(rows, i);
     memcpy(out->colour, x->colour + 3 * at, sizeof out->colour);
 }
 
@@ -104,7 +104,7 @@ static void pack_task(void *context, int task)
 static void scatter_block(void *context, int b)
 {
     struct export *x = context;
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     size_t i = (size_t)b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
     size_t n_rest = spin_n_rest(degree_of(x));
     float room[3 * SPIN_SH_MAX], lost[3 * SPIN_SH_MAX];
@@ -112,12 +112,12 @@ static void scatter_block(void *context, int b)
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (!rows->keep[i])
             continue;
-        spin_splat_filter_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
-        spin_compressed_pack_sh(spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
+        spin_splat_rows_colour(rows, i, x->colour + 3 * (size_t)x->place[i]);
+        spin_compressed_pack_sh(spin_splat_rows_sh(rows, i, room), spin_splat_rows_n_sh(rows),
                                 degree_of(x), x->rest + n_rest * x->place[i], lost);
         spin_quant_error_add_sh(&x->frames.block_quant[b], lost, n_rest);
     }
-    spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_SH);
+    spin_splat_rows_rest(rows, (size_t)b, SPIN_COL_SH);
 }
 
 /* ---- Order ----------------------------------------------------------------------------------- */
@@ -164,15 +164,15 @@ static uint64_t compressed_bytes(const void *self, size_t n)
 static spin_status write_chunks(struct export *x)
 {
     struct spin_frames *frames = &x->frames;
-    const struct spin_splat_filter *rows = &frames->rows;
+    const struct spin_splat_rows *rows = &frames->rows;
     size_t bytes = CHUNKS_PER_TASK * RANGES * sizeof(float) + SPIN_ROWS_BLOCK * VERTEX;
     size_t n_tasks = (rows->n_kept + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
 
     SPIN_TRY(spin_frames_scratch(frames, bytes, &x->scratch));
     atomic_store(&x->error, 0);
     spin_pool_run(rows->pool, (int)n_tasks, pack_task, x);
-    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
-        spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    for (size_t b = 0; b < spin_splat_rows_blocks(rows); b++)
+        spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     return x->error ? spin_out_failed(x->out, x->error) : SPIN_OK;
 }
 
@@ -184,7 +184,7 @@ static spin_status compressed_write(void *self, const struct spin_frame_info *in
     char text[SPIN_GS_PLY_MAX_HEADER];
 
     SPIN_TRY(choose_order(x));
-    spin_splat_filter_each(&x->frames.rows, scatter_block, x);
+    spin_splat_rows_each(&x->frames.rows, scatter_block, x);
     x->out = out;
     x->range_at = make_header(x, info, n, text);
     x->vertex_at = x->range_at + spin_compressed_chunks(n) * RANGES * sizeof(float);

@@ -76,7 +76,7 @@ static void write_block(void *context, int number)
 {
     struct writing *w = context;
     const struct export *x = w->x;
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     const struct spin_glb_clip *clip = &x->clip;
     unsigned char *column[SPIN_GLB_MAX_ATTRIBUTES];
     unsigned char *to = w->scratch + (size_t)spin_pool_worker() * x->frames.scratch_bytes;
@@ -94,8 +94,8 @@ static void write_block(void *context, int number)
 
         if (!rows->keep[i])
             continue;
-        spin_splat_filter_take(rows, i, &row);
-        spin_glb_code(clip, &row, spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
+        spin_splat_rows_take(rows, i, &row);
+        spin_glb_code(clip, &row, spin_splat_rows_sh(rows, i, room), spin_splat_rows_n_sh(rows),
                       column, n++);
         for (int c = 0; c < 3; c++) {
             bounds[c] = spin_minf(bounds[c], row.place[c]);
@@ -107,13 +107,13 @@ static void write_block(void *context, int number)
                          n * clip->width[a] / 4);
     if (w->hash)
         return;
-    spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     spin_glb_order(clip, column, n);
     for (int a = 0; a < clip->n_attributes && !error; a++)
         if (w->fresh[a])
             error = spin_glb_put(clip,
                                  x->column[w->frame->column[a]].offset +
-                                     spin_splat_filter_before(rows, b) * clip->width[a],
+                                     spin_splat_rows_before(rows, b) * clip->width[a],
                                  column[a], n * clip->width[a]);
     if (error)
         atomic_store(&w->error, error);
@@ -125,7 +125,7 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
 {
     struct export *x = w->x;
     struct spin_glb_clip *clip = &x->clip;
-    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows), n = (size_t)clip->n_attributes;
+    size_t n_blocks = spin_splat_rows_blocks(&x->frames.rows), n = (size_t)clip->n_attributes;
 
     for (size_t a = 0; a < n; a++) {
         struct spin_glb_column now = {.attribute = (int)a, .n = frame->n, .offset = clip->n_bytes};
@@ -158,7 +158,7 @@ static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
 static spin_status write_rows(struct export *x, const struct spin_frame_info *info,
                               struct spin_glb_frame *frame)
 {
-    size_t n_blocks = spin_splat_filter_blocks(&x->frames.rows);
+    size_t n_blocks = spin_splat_rows_blocks(&x->frames.rows);
     struct writing w = {.x = x, .frame = frame};
     spin_status status;
 
@@ -171,12 +171,12 @@ static spin_status write_rows(struct export *x, const struct spin_frame_info *in
     if (x->clip.n_frames > 1) {
         SPIN_TRY_OUT(
             spin_alloc(n_blocks * (size_t)x->clip.n_attributes, sizeof *w.hash, (void **)&w.hash));
-        spin_splat_filter_each(&x->frames.rows, write_block, &w);
+        spin_splat_rows_each(&x->frames.rows, write_block, &w);
     }
     SPIN_TRY_OUT(find_columns(&w, frame));
     free(w.hash);
     w.hash = NULL;
-    spin_splat_filter_each(&x->frames.rows, write_block, &w);
+    spin_splat_rows_each(&x->frames.rows, write_block, &w);
     for (int c = 0; c < 3; c++) {
         struct spin_glb_column *places = &x->column[frame->column[SPIN_GLB_POSITION]];
 
@@ -230,11 +230,11 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
     struct export *x = self;
-    struct spin_splat_filter *rows = &x->frames.rows;
+    struct spin_splat_rows *rows = &x->frames.rows;
     double all;
     size_t n;
 
-    SPIN_TRY(spin_splat_filter_choose(rows, s));
+    SPIN_TRY(spin_splat_rows_choose(rows, s));
     n = rows->n_kept;
     if (x->still.n > 0)
         SPIN_TRY(spin_static_rows_leave_out(&x->still, rows, info->number));
@@ -273,7 +273,7 @@ static spin_status parse_options(void *self, const struct spin_export_job *job)
 static spin_status begin_clip(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     bool single = x->frames.file != NULL;
 
     if (spin_plugin_value(job->values, "still-apart", NULL) && !single)

@@ -85,7 +85,7 @@ struct export
     struct spin_page_draft draft;
     size_t draft_splats; /* number of splats in the draft; 0: there is no draft */
     uint64_t draft_bytes;
-    struct spin_splat_filter rows;
+    struct spin_splat_rows rows;
     struct spin_sort_rows order;
     struct spin_page_space space;
     double size; /* size of the scene, see spin_initial_view_middle(); 0: not known yet */
@@ -107,7 +107,7 @@ struct export
 
 static spin_status choose_splats(struct export *x, const struct spin_splats *s, size_t *n)
 {
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, s));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, s));
     *n = x->rows.n_kept;
     if (x->max_splats == 0 || *n <= x->max_splats)
         return SPIN_OK;
@@ -391,7 +391,7 @@ static void free_export(void *self)
         free(x->version[i].frame);
     }
     spin_page_draft_free(&x->draft);
-    spin_splat_filter_end(&x->rows);
+    spin_splat_rows_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_splats_free(&x->source);
     free(x->number);
@@ -405,7 +405,7 @@ static spin_status parse_options(struct export *x)
     int n = 0;
 
     x->title = spin_plugin_value(v, "title", NULL);
-    SPIN_TRY(spin_splat_filter_begin(&x->rows, x->job, NULL));
+    SPIN_TRY(spin_splat_rows_begin(&x->rows, x->job, NULL));
     SPIN_TRY(spin_option_count(v, "max-splats", 1, 1000000000, &n));
     x->max_splats = (size_t)n;
     x->every = 1;
@@ -433,7 +433,7 @@ static spin_status add_version(struct export *x, const char *name, const char *l
     v->name = name;
     v->label = label;
     v->antialias = antialias;
-    SPIN_TRY(spin_splat_filter_parse_sh(sh, degree, &v->sh_degree));
+    SPIN_TRY(spin_splat_rows_parse_sh(sh, degree, &v->sh_degree));
     if (v->sh_degree > degree)
         v->sh_degree = degree < 0 ? 0 : degree;
     v->n_sh = 3 * (spin_sh_count(v->sh_degree) - 1);
@@ -570,12 +570,12 @@ static spin_status write_rows(struct export *x, const double *times)
     spin_page_rows_begin(&x->four_d);
     if (x->split) {
         x->draft.group.space = x->four_d.inner;
-        SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->source));
+        SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->source));
         SPIN_TRY(spin_page_draft_take(&x->draft, &x->rows, &x->source, &x->view, &x->order));
     }
     SPIN_TRY(spin_grow((size_t)n_blocks, sizeof *v->frame, (void **)&v->frame));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &view));
-    SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, NULL, times, x->n_written));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, &view));
+    SPIN_TRY(spin_splat_rows_report_4d(&x->rows, x->job, NULL, times, x->n_written));
     return spin_page_rows_write(&x->four_d, &x->rows, take_rows, &sink);
 }
 
@@ -620,7 +620,7 @@ static spin_status fill_report(struct export *x)
              spin_text_count(x->n_written, "frame", text[1]),
              spin_text_count(x->n_versions, "version", text[2]),
              (double)x->data_bytes / fmax((double)x->n_splats, 1));
-    spin_splat_filter_warn_empty(x->version[0].n_empty, (size_t)x->n_written);
+    spin_splat_rows_warn_empty(x->version[0].n_empty, (size_t)x->n_written);
     if (!report)
         return SPIN_OK;
     report->frames = x->n_written;

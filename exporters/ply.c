@@ -17,16 +17,16 @@ static size_t row_bytes(const struct spin_frames *x) { return spin_gs_ply_row(x-
 static void code_row(void *self, size_t i, unsigned char *to, struct spin_quant_error *quant)
 {
     const struct spin_frames *x = self;
-    const struct spin_splat_filter *rows = &x->rows;
+    const struct spin_splat_rows *rows = &x->rows;
     float room[3 * SPIN_SH_MAX];
     struct spin_gs_ply_row row = {.logit = spin_finite_logit(rows->splats->logit_opacities[i]),
                                   .log_scale = rows->splats->log_scales + 3 * i,
-                                  .sh = spin_splat_filter_sh(rows, i, room),
-                                  .n_sh = spin_splat_filter_n_sh(rows)};
+                                  .sh = spin_splat_rows_sh(rows, i, room),
+                                  .n_sh = spin_splat_rows_n_sh(rows)};
 
     (void)quant; /* floats are not rounded, so there is no error to report */
-    spin_splat_filter_place(rows, i, row.place);
-    spin_splat_filter_turned(rows, i, row.rotation);
+    spin_splat_rows_place(rows, i, row.place);
+    spin_splat_rows_turned(rows, i, row.rotation);
     spin_gs_ply_code(&row, rows->sh_degree, to);
 }
 

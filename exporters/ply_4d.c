@@ -36,7 +36,7 @@ struct export
 {
     const struct layout *layout;
     struct spin_time_windows windows;
-    struct spin_splat_filter rows;
+    struct spin_splat_rows rows;
     struct spin_sort_rows order; /* the kept rows of windows.clip in the order of the file */
     double fps;
     int sh_degree; /* SH degree in the file */
@@ -132,9 +132,9 @@ static void print_header(struct export *x)
  * red, then those of green, then those of blue. */
 static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
 {
-    size_t n_there = (size_t)spin_splat_filter_n_sh(&x->rows), n_file = n_rest(x) / 3;
+    size_t n_there = (size_t)spin_splat_rows_n_sh(&x->rows), n_file = n_rest(x) / 3;
     float room[3 * SPIN_SH_MAX];
-    const float *sh = spin_splat_filter_sh(&x->rows, i, room);
+    const float *sh = spin_splat_rows_sh(&x->rows, i, room);
 
     memcpy(dc, sh, 3 * sizeof *dc);
     for (size_t k = 1; k < n_there; k++)
@@ -149,19 +149,19 @@ static void fill_path(const struct export *x, size_t i, int power, float to[3])
     const struct spin_splats_4d *s = &x->windows.clip;
 
     if (power < s->degree)
-        spin_splat_filter_direction(&x->rows, s->paths + 3 * (size_t)s->degree * i + 3 * power, to);
+        spin_splat_rows_direction(&x->rows, s->paths + 3 * (size_t)s->degree * i + 3 * power, to);
 }
 
 static void fill_ftgs(const struct export *x, size_t i, float *to)
 {
     const struct spin_splats_4d *s = &x->windows.clip;
 
-    spin_splat_filter_place(&x->rows, i, to);
+    spin_splat_rows_place(&x->rows, i, to);
     fill_sh(x, i, to + 6, to + 9);
     to += 9 + n_rest(x);
     to[0] = spin_finite_logit(s->logit_opacities[i]);
     memcpy(to + 1, s->log_scales + 3 * i, 3 * sizeof *to);
-    spin_splat_filter_turned(&x->rows, i, to + 4);
+    spin_splat_rows_turned(&x->rows, i, to + 4);
     to[8] = s->times[i];
     to[9] = (float)log((double)s->sigmas[i]);
     fill_path(x, i, 0, to + 10);
@@ -171,8 +171,8 @@ static void fill_sogst(const struct export *x, size_t i, float *to)
 {
     const struct spin_splats_4d *s = &x->windows.clip;
 
-    spin_splat_filter_place(&x->rows, i, to);
-    spin_splat_filter_turned(&x->rows, i, to + 3);
+    spin_splat_rows_place(&x->rows, i, to);
+    spin_splat_rows_turned(&x->rows, i, to + 3);
     memcpy(to + 7, s->log_scales + 3 * i, 3 * sizeof *to);
     to[10] = spin_finite_logit(s->logit_opacities[i]);
     fill_sh(x, i, to + 11, to + 19);
@@ -207,7 +207,7 @@ static void free_export(void *self)
     struct export *x = self;
 
     spin_out_abandon(&x->out);
-    spin_splat_filter_end(&x->rows);
+    spin_splat_rows_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_time_windows_free(&x->windows);
     free(x);
@@ -237,7 +237,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
                                             .degree = layout->degree};
     SPIN_TRY(spin_time_windows_can(&x->windows));
     SPIN_TRY(choose_length(x));
-    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, NULL));
+    SPIN_TRY(spin_splat_rows_begin(&x->rows, job, NULL));
     x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
@@ -251,14 +251,13 @@ static spin_status write_file(struct export *x)
         .windows = &x->windows, .rows = &x->rows, .importer = x->layout->importer};
 
     SPIN_TRY(spin_time_windows_convert(&x->windows));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->windows.view));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
         return spin_unsupported(
             "no splat of the clip is left to write: check the options that drop "
             "splats");
-    SPIN_TRY(
-        spin_splat_filter_report_4d(&x->rows, job, x->windows.from, job->times, job->n_frames));
+    SPIN_TRY(spin_splat_rows_report_4d(&x->rows, job, x->windows.from, job->times, job->n_frames));
     print_header(x);
     SPIN_TRY(write_rows(x));
     if (job->report)

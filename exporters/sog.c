@@ -56,14 +56,14 @@ static spin_status make_room(struct export *x)
 static void gather_task(void *context, size_t i, size_t end)
 {
     struct export *x = context;
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     size_t width = n_rest(x);
-    size_t n_sh = 3 * (size_t)spin_splat_filter_n_sh(rows);
+    size_t n_sh = 3 * (size_t)spin_splat_rows_n_sh(rows);
     float room[3 * SPIN_SH_MAX];
 
     for (; i < end; i++) {
         size_t row = x->frames.order.item[i].row;
-        const float *sh = spin_splat_filter_sh(rows, row, room);
+        const float *sh = spin_splat_rows_sh(rows, row, room);
 
         memcpy(x->scales + 3 * i, rows->splats->log_scales + 3 * row, 3 * sizeof *x->scales);
         memcpy(x->dc + 3 * i, sh, 3 * sizeof *x->dc);
@@ -74,11 +74,11 @@ static void gather_task(void *context, size_t i, size_t end)
 
 static void grow_box(struct export *x)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     float place[3];
 
     for (size_t i = 0; i < rows->n_kept; i++) {
-        spin_splat_filter_place(rows, x->frames.order.item[i].row, place);
+        spin_splat_rows_place(rows, x->frames.order.item[i].row, place);
         for (int c = 0; c < 3; c++) {
             double v = spin_sog_log((double)place[c]);
 
@@ -115,7 +115,7 @@ static spin_status choose_book(const struct export *x, const float *values, size
 
 static spin_status choose_coding(struct export *x)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     size_t n = rows->n_kept;
 
     SPIN_TRY(make_room(x));
@@ -154,14 +154,14 @@ static spin_status blank_pictures(struct export *x)
 
 static void code_row(const struct export *x, size_t i, struct spin_quant_error *quant)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     const struct spin_sog *sog = &x->sog;
     struct spin_gaussian is, shown;
     uint8_t *at[SPIN_SOG_PICTURES];
 
     for (int p = 0; p < SPIN_SOG_CENTROIDS; p++)
         at[p] = x->picture[p].rgba + 4 * i;
-    spin_splat_filter_take(rows, x->frames.order.item[i].row, &is);
+    spin_splat_rows_take(rows, x->frames.order.item[i].row, &is);
     spin_sog_code(&sog->means, false, 3, is.place, at[SPIN_SOG_MEANS_LOW], at[SPIN_SOG_MEANS_HIGH],
                   shown.place);
     spin_sog_code_rotation(is.rotation, at[SPIN_SOG_QUATS], shown.rotation);
@@ -230,7 +230,7 @@ static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
 static spin_status sog_write(void *self, const struct spin_frame_info *info, struct spin_out *out)
 {
     struct export *x = self;
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     struct spin_zip_writer zip;
     spin_status status;
 
@@ -241,8 +241,8 @@ static spin_status sog_write(void *self, const struct spin_frame_info *info, str
     spin_pool_rows(rows->pool, x->sog.n, SPIN_ROWS_BLOCK, code_task, x);
     code_palette(x);
     spin_pictures_pack(x->picture, SPIN_SOG_PICTURES, x->level, rows->pool);
-    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
-        spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    for (size_t b = 0; b < spin_splat_rows_blocks(rows); b++)
+        spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     spin_zip_writer_begin(out, &zip);
     status = spin_zip_writer_end(&zip, write_members(x, &zip), out);
     spin_pictures_free(x->picture, SPIN_SOG_PICTURES, false);

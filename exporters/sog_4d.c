@@ -51,7 +51,7 @@ struct export
     double *places;             /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
     size_t n_cut;               /* if `frames`: number of rows added to windows.clip so far */
     size_t capacity;            /* if `frames`: number of rows for which windows.clip has memory */
-    struct spin_splat_filter rows;
+    struct spin_splat_rows rows;
     struct spin_sort_rows order; /* row j of the file is row item[j].row of windows.clip */
     struct spin_time_windows windows;
     double fps;
@@ -278,7 +278,7 @@ static spin_status choose_order(struct export *x)
 
 static void turned_path(const struct export *x, size_t k, int power, float out[3])
 {
-    spin_splat_filter_direction(
+    spin_splat_rows_direction(
         &x->rows, clip_of(x)->paths + 3 * (size_t)clip_of(x)->degree * k + 3 * power, out);
 }
 
@@ -290,13 +290,13 @@ static void choose_ranges(struct export *x)
 
     for (size_t j = 0; j < x->order.n; j++) {
         size_t k = x->order.item[j].row;
-        const float *sh = spin_splat_filter_sh(&x->rows, k, room);
+        const float *sh = spin_splat_rows_sh(&x->rows, k, room);
 
         for (size_t c = 0; c < 3; c++) {
             widen_range(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
             widen_range(&dc, 0, (double)sh[c], j + c == 0);
         }
-        spin_splat_filter_place(&x->rows, k, v);
+        spin_splat_rows_place(&x->rows, k, v);
         for (size_t c = 0; c < 3; c++)
             widen_range(&to->means, c, spin_sog_log((double)v[c]), j == 0);
         for (int p = 0; p < to->degree; p++) {
@@ -317,7 +317,7 @@ static size_t n_rest(const struct export *x) { return spin_n_rest(x->coding.sh_d
 
 static spin_status choose_palette(struct export *x)
 {
-    size_t n = x->order.n, width = n_rest(x), n_sh = 3 * (size_t)spin_splat_filter_n_sh(&x->rows);
+    size_t n = x->order.n, width = n_rest(x), n_sh = 3 * (size_t)spin_splat_rows_n_sh(&x->rows);
     float room[3 * SPIN_SH_MAX];
 
     if (width == 0)
@@ -326,7 +326,7 @@ static spin_status choose_palette(struct export *x)
     SPIN_TRY(spin_alloc(n, sizeof *x->label, (void **)&x->label));
     SPIN_TRY(spin_alloc(spin_sog_palette(n), width * sizeof *x->palette, (void **)&x->palette));
     for (size_t j = 0; j < n; j++)
-        memcpy(x->rest + width * j, spin_splat_filter_sh(&x->rows, x->order.item[j].row, room) + 3,
+        memcpy(x->rest + width * j, spin_splat_rows_sh(&x->rows, x->order.item[j].row, room) + 3,
                (n_sh - 3) * sizeof *x->rest);
     SPIN_TRY(spin_palette_make(x->rest, n, width, spin_sog_palette(n), x->rows.pool, x->label,
                                x->palette, &x->coding.n_palette));
@@ -430,14 +430,14 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
     struct spin_gaussian is, shown;
     uint8_t *at[SPIN_4D_PICTURES];
     float room[3 * SPIN_SH_MAX], v[3], seen[3];
-    const float *sh = spin_splat_filter_sh(&x->rows, k, room);
+    const float *sh = spin_splat_rows_sh(&x->rows, k, room);
 
     for (int p = 0; p < SPIN_4D_PICTURES; p++) {
         uint8_t *rgba = picture_of(x, g, p)->rgba;
 
         at[p] = rgba && p != SPIN_4D_CENTROIDS ? rgba + 4 * (j - first_of(x, g)) : NULL;
     }
-    spin_splat_filter_take(&x->rows, k, &is);
+    spin_splat_rows_take(&x->rows, k, &is);
     spin_sog_code(&to->means, false, 3, is.place, at[SPIN_4D_MEANS], at[SPIN_4D_MEANS_HIGH],
                   shown.place);
     spin_sog_code_rotation(is.rotation, at[SPIN_4D_QUATS], shown.rotation);
@@ -728,7 +728,7 @@ static void free_export(void *self)
     if (x->picture)
         spin_pictures_free(x->picture, n_pictures(x), true);
     free(x->picture);
-    spin_splat_filter_end(&x->rows);
+    spin_splat_rows_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_time_windows_free(&x->windows);
     free(x->rest);
@@ -760,7 +760,7 @@ static spin_status read_options(struct export *x)
         return spin_misuse("--segment %g: a clip of %g seconds would have more than 999 segments; "
                            "choose longer segments",
                            x->segment, x->windows.length);
-    return spin_splat_filter_begin(&x->rows, x->job, NULL);
+    return spin_splat_rows_begin(&x->rows, x->job, NULL);
 }
 
 /* Prepares the export of a clip of frames: splats of a frame become 4D splats that are visible only
@@ -849,7 +849,7 @@ static spin_status take_frame(void *self, int frame, const struct spin_frame_inf
     struct export *x = self;
 
     (void)info;
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, splats));
     SPIN_TRY(make_room(x, x->rows.n_kept));
     for (size_t i = 0; i < splats->n; i++)
         if (x->rows.keep[i])
@@ -878,13 +878,13 @@ static spin_status join_frames(struct export *x)
 static spin_status encode_clip(struct export *x)
 {
     SPIN_TRY(x->frames ? join_frames(x) : spin_time_windows_convert(&x->windows));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, &x->windows.view));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
     if (x->rows.n_kept == 0)
         return spin_unsupported(
             "no splat of the clip is left to write: check the options that drop "
             "splats");
-    SPIN_TRY(spin_splat_filter_report_4d(&x->rows, x->job, x->windows.from, x->job->times,
-                                         x->job->n_frames));
+    SPIN_TRY(spin_splat_rows_report_4d(&x->rows, x->job, x->windows.from, x->job->times,
+                                       x->job->n_frames));
     SPIN_TRY(choose_coding(x));
     if (spin_cancelled())
         return spin_fail_cancelled();

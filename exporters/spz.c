@@ -51,23 +51,23 @@ struct export
 static void code_row(const struct export *x, size_t i, unsigned char *out,
                      struct spin_quant_error *quant)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     float is[4], shown[4], room[3 * SPIN_SH_MAX], lost[MAX_SH];
     const float *scale = rows->splats->log_scales + 3 * i;
 
     switch (x->stream) {
     case SPIN_SPZ_PLACE:
-        spin_splat_filter_place(rows, i, is);
+        spin_splat_rows_place(rows, i, is);
         spin_spz_code_place(is, x->fraction, out, shown);
         spin_quant_error_add_place(quant, is, shown);
         break;
     case SPIN_SPZ_ALPHA:
-        is[0] = spin_splat_filter_opacity(rows, i);
+        is[0] = spin_splat_rows_opacity(rows, i);
         out[0] = spin_spz_code_alpha(is[0], shown);
         spin_quant_error_add(quant, SPIN_QUANT_OPACITY, (double)is[0] - shown[0]);
         break;
     case SPIN_SPZ_COLOUR:
-        spin_splat_filter_colour(rows, i, is);
+        spin_splat_rows_colour(rows, i, is);
         spin_spz_code_colour(is, out, shown);
         spin_quant_error_add_3(quant, SPIN_QUANT_COLOUR, is, shown);
         break;
@@ -76,12 +76,12 @@ static void code_row(const struct export *x, size_t i, unsigned char *out,
         spin_quant_error_add_3(quant, SPIN_QUANT_SCALE, scale, shown);
         break;
     case SPIN_SPZ_ROTATION:
-        spin_splat_filter_turned(rows, i, is);
+        spin_splat_rows_turned(rows, i, is);
         spin_spz_code_rotation(is, out, shown);
         spin_quant_error_add_rotation(quant, is, shown);
         break;
     default:
-        spin_spz_code_sh(spin_splat_filter_sh(rows, i, room), spin_splat_filter_n_sh(rows),
+        spin_spz_code_sh(spin_splat_rows_sh(rows, i, room), spin_splat_rows_n_sh(rows),
                          rows->sh_degree, out, lost);
         spin_quant_error_add_sh(quant, lost, x->width);
     }
@@ -92,9 +92,9 @@ static void code_row(const struct export *x, size_t i, unsigned char *out,
 static void code_block(void *context, int task)
 {
     const struct export *x = context;
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     size_t b = (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
-    unsigned char *out = x->to + spin_splat_filter_before(rows, b) * x->width;
+    unsigned char *out = x->to + spin_splat_rows_before(rows, b) * x->width;
 
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (rows->keep[i]) {
@@ -102,18 +102,18 @@ static void code_block(void *context, int task)
             out += x->width;
         }
     }
-    spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
 /* Codes one attribute of all rows to `to` and returns the number of bytes. */
 static size_t code_stream(struct export *x, int stream, unsigned char *to)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
 
     x->stream = stream;
     x->width = spin_spz_width(stream, rows->sh_degree);
     x->to = to;
-    spin_pool_run(rows->pool, (int)spin_splat_filter_blocks(rows), code_block, x);
+    spin_pool_run(rows->pool, (int)spin_splat_rows_blocks(rows), code_block, x);
     return rows->n_kept * x->width;
 }
 
@@ -133,14 +133,14 @@ static spin_status write_stream(struct export *x, int stream, struct spin_out *o
  * stored, but no more bits than in the previous frame. */
 static spin_status choose_fraction(struct export *x, int number)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     int before = x->fraction;
     float largest = 0, place[3];
 
     for (size_t i = 0; i < rows->splats->n; i++) {
         if (!rows->keep[i])
             continue;
-        spin_splat_filter_place(rows, i, place);
+        spin_splat_rows_place(rows, i, place);
         for (int c = 0; c < 3; c++)
             largest = spin_maxf(largest, fabsf(place[c]));
     }
@@ -201,7 +201,7 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
  * streams. */
 static spin_status reserve_bytes(struct export *x)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     size_t n = SPIN_SPZ_HEADER_4;
 
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++) {

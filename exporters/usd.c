@@ -182,13 +182,13 @@ static float rounded_place(const struct export *x, float v)
 static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], size_t *group,
                        struct spin_quant_error *quant)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
-    size_t n_sh = 3 * (size_t)spin_splat_filter_n_sh(rows);
+    const struct spin_splat_rows *rows = &x->frames.rows;
+    size_t n_sh = 3 * (size_t)spin_splat_rows_n_sh(rows);
     size_t n = 3 * (size_t)spin_sh_count(rows->sh_degree);
     struct spin_gaussian is, shown;
     float room[3 * SPIN_SH_MAX], lost[MAX_FLOATS];
 
-    spin_splat_filter_take(rows, i, &is);
+    spin_splat_rows_take(rows, i, &is);
     shown = is;
     *group = 3;
     switch (x->attribute) {
@@ -220,7 +220,7 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
         return 1;
     default:
         memset(out, 0, n * sizeof *out);
-        memcpy(out, spin_splat_filter_sh(rows, i, room), n_sh * sizeof *out);
+        memcpy(out, spin_splat_rows_sh(rows, i, room), n_sh * sizeof *out);
         for (size_t k = 0; k < n; k++) {
             float v = out[k];
 
@@ -258,10 +258,10 @@ static char *print_row(const struct export *x, size_t i, bool first, char *to,
 static void print_block(void *context, int task)
 {
     struct export *x = context;
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     size_t b = x->first + (size_t)task, i = b * SPIN_ROWS_BLOCK, end = i + SPIN_ROWS_BLOCK;
     char *begin = x->text + (size_t)task * x->stride, *to = begin;
-    bool first = spin_splat_filter_before(rows, b) == 0;
+    bool first = spin_splat_rows_before(rows, b) == 0;
 
     for (end = end < rows->splats->n ? end : rows->splats->n; i < end; i++) {
         if (!rows->keep[i])
@@ -270,7 +270,7 @@ static void print_block(void *context, int task)
         first = false;
     }
     x->n_text[task] = (size_t)(to - begin);
-    spin_splat_filter_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
 /* ---- A layer --------------------------------------------------------------------------------- */
@@ -295,9 +295,9 @@ static const char *name_of(const struct export *x, enum attribute a)
 static spin_status write_attribute(struct export *x, enum attribute a, int number,
                                    struct spin_out *out)
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     bool still = (x->still >> a & 1u) != 0;
-    size_t n_blocks = spin_splat_filter_blocks(rows);
+    size_t n_blocks = spin_splat_rows_blocks(rows);
     char head[160];
 
     x->attribute = a;
@@ -321,7 +321,7 @@ static spin_status write_attribute(struct export *x, enum attribute a, int numbe
  * are three standard deviations. */
 static void find_extent(const struct export *x, float extent[6])
 {
-    const struct spin_splat_filter *rows = &x->frames.rows;
+    const struct spin_splat_rows *rows = &x->frames.rows;
     bool any = false;
     float place[3];
 
@@ -332,9 +332,9 @@ static void find_extent(const struct export *x, float extent[6])
 
         if (!rows->keep[i])
             continue;
-        spin_splat_filter_turned(rows, i, q);
+        spin_splat_rows_turned(rows, i, q);
         spin_rotation(q, axis);
-        spin_splat_filter_place(rows, i, place);
+        spin_splat_rows_place(rows, i, place);
         for (int c = 0; c < 3; c++) {
             float reach = 0;
 
@@ -759,7 +759,7 @@ static spin_status find_still(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     for (int f = 0; f < job->n_frames && still; f++) {
         SPIN_TRY(job->again(job->context, f, &splats));
-        SPIN_TRY(spin_splat_filter_choose(&x->frames.rows, splats));
+        SPIN_TRY(spin_splat_rows_choose(&x->frames.rows, splats));
         for (int a = 0; a < ATTRIBUTES; a++) {
             uint64_t now = f == 0 || still >> a & 1u ? hash_attribute(x, (enum attribute)a) : 0;
 

@@ -6,7 +6,7 @@
 
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/path_file.h"
-#include "exporters/lib/splat_filter.h"
+#include "exporters/lib/splat_rows.h"
 
 #define SPIN_DRAWING_OPTION_PATH                                                                   \
     {                                                                                              \

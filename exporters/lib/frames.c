@@ -43,7 +43,7 @@ static void free_frames(struct spin_frames *x)
     if (x->format->end)
         x->format->end(x);
     spin_output_folder_end(&x->folder);
-    spin_splat_filter_end(&x->rows);
+    spin_splat_rows_end(&x->rows);
     spin_sort_rows_free(&x->order);
     free(x->entry);
     free(x->scratch);
@@ -92,7 +92,7 @@ static spin_status begin_frames(struct spin_frames *x, const struct spin_export_
     SPIN_TRY(spin_option_number(v, "fps", 0.001, 1e6, &x->fps));
     SPIN_TRY(choose_file(x, job));
     SPIN_TRY(spin_pattern_parse(spin_plugin_value(v, "pattern", x->format->pattern), &x->pattern));
-    SPIN_TRY(spin_splat_filter_begin(&x->rows, job, x->axes));
+    SPIN_TRY(spin_splat_rows_begin(&x->rows, job, x->axes));
     if (x->format->ready)
         SPIN_TRY(x->format->ready(x, job));
     if (x->file && x->format->open)
@@ -222,7 +222,7 @@ static spin_status write_sequence(struct spin_frames *x)
 static spin_status write_frame(struct spin_frames *x, const struct spin_frame_info *info,
                                struct spin_out *out)
 {
-    size_t n = spin_splat_filter_blocks(&x->rows);
+    size_t n = spin_splat_rows_blocks(&x->rows);
 
     SPIN_TRY(spin_grow(n + 1, sizeof *x->block_quant, (void **)&x->block_quant));
     memset(x->block_quant, 0, (n + 1) * sizeof *x->block_quant);
@@ -244,7 +244,7 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     (void)frame;
     if (x->file && x->format->add)
         return x->format->add(x, info, splats);
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, splats));
     SPIN_TRY(path_of(x, info->number, &path));
     SPIN_TRY(spin_out_open(path, x->job->force, &out));
     out.sync = x->job->sync;
@@ -284,7 +284,7 @@ spin_status spin_frames_end(void *self)
         SPIN_TRY_OUT(x->format->close(x));
     for (size_t i = 0; i < x->n_entries; i++)
         n_empty += x->entry[i].n == 0;
-    spin_splat_filter_warn_empty(n_empty, x->n_entries);
+    spin_splat_rows_warn_empty(n_empty, x->n_entries);
     if (x->format->lossy && !x->exact)
         spin_quant_error_say(&x->quant, x->format->name);
     warn_clipped(x);
@@ -313,8 +313,7 @@ spin_status spin_frames_scratch(struct spin_frames *x, size_t bytes, unsigned ch
 {
     bytes = (bytes + 63) / 64 * 64; /* rounded up, so that workers do not share a cache line */
     if (bytes > x->scratch_bytes) {
-        SPIN_TRY(
-            spin_grow((size_t)spin_splat_filter_workers(&x->rows), bytes, (void **)&x->scratch));
+        SPIN_TRY(spin_grow((size_t)spin_splat_rows_workers(&x->rows), bytes, (void **)&x->scratch));
         x->scratch_bytes = bytes;
     }
     *out = x->scratch;
@@ -334,7 +333,7 @@ struct writing {
 static void write_block(void *context, int b)
 {
     struct writing *w = context;
-    const struct spin_splat_filter *rows = &w->x->rows;
+    const struct spin_splat_rows *rows = &w->x->rows;
     unsigned char *piece = w->scratch + (size_t)spin_pool_worker() * w->stride, *to = piece;
     size_t first = (size_t)b * SPIN_ROWS_BLOCK, end = first + SPIN_ROWS_BLOCK;
     int error;
@@ -346,9 +345,9 @@ static void write_block(void *context, int b)
             to += w->width;
         }
     }
-    spin_splat_filter_rest(rows, (size_t)b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
-    error = spin_out_put(w->out, w->at + spin_splat_filter_before(rows, (size_t)b) * w->width,
-                         piece, (size_t)(to - piece));
+    spin_splat_rows_rest(rows, (size_t)b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    error = spin_out_put(w->out, w->at + spin_splat_rows_before(rows, (size_t)b) * w->width, piece,
+                         (size_t)(to - piece));
     if (error)
         atomic_store(&w->error, error);
 }
@@ -360,7 +359,7 @@ spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at
 
     SPIN_TRY(spin_frames_scratch(w.x, SPIN_ROWS_BLOCK * width, &w.scratch));
     w.stride = w.x->scratch_bytes;
-    spin_splat_filter_each(&w.x->rows, write_block, &w);
+    spin_splat_rows_each(&w.x->rows, write_block, &w);
     return w.error ? spin_out_failed(out, w.error) : SPIN_OK;
 }
 

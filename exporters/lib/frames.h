@@ -9,7 +9,7 @@
 
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
-#include "exporters/lib/splat_filter.h"
+#include "exporters/lib/splat_rows.h"
 #include "io/output.h"
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
@@ -65,14 +65,14 @@ struct spin_frames_entry {
 
 struct spin_frames {
     const struct spin_frames_format *format;
-    /* The rotation from the source's axes to the format's, w x y z; see spin_splat_filter_begin().
+    /* The rotation from the source's axes to the format's, w x y z; see spin_splat_rows_begin().
      * NULL: the axes are the same. */
     const double *axes;
     const char *file; /* path of the single output file; NULL: the output is a folder */
     bool exact;       /* true: this export does not round values, although the format is lossy */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
-    struct spin_splat_filter rows;
+    struct spin_splat_rows rows;
     struct spin_sort_rows order; /* see spin_frames_order() */
     /* Sorts `order`. NULL: rows keep the source's order. */
     void (*sort)(struct spin_sort_rows *, const struct spin_splats *);

@@ -26,7 +26,7 @@ static float area_of(const float *value, const struct spin_initial_view *view)
                    (ahead > 0 ? 1 : 1e-9));
 }
 
-spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_splat_filter *rows,
+spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_splat_rows *rows,
                                  const struct spin_splats *splats,
                                  const struct spin_initial_view *view, struct spin_sort_rows *order)
 {

@@ -22,7 +22,7 @@ struct spin_page_draft {
 
 /* Copies the kept rows of the first frame and computes their areas in this view. `order` is scratch
  * memory. */
-spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_splat_filter *rows,
+spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_splat_rows *rows,
                                  const struct spin_splats *splats,
                                  const struct spin_initial_view *view,
                                  struct spin_sort_rows *order);

@@ -60,7 +60,7 @@ typedef spin_status (*spin_page_sink)(void *context, const struct spin_page_bloc
 /* Adds a frame: the kept rows of the splats, in the filter's axes. Sets *full and adds nothing if
  * the group has too many frames, would need too much memory, or shares too few rows with the frame;
  * the caller then writes the group and adds the frame to the next group. */
-spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_filter *rows,
+spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_rows *rows,
                                 const struct spin_splats *splats, bool *full);
 /* Encodes all frames, decodes them again, compares the errors with the bounds, passes the blocks to
  * the sink, and empties the group. SPIN_E_MALFORMED: an error exceeds its bound. */

@@ -13,7 +13,7 @@
 
 struct take {
     const struct spin_page_group *g;
-    const struct spin_splat_filter *rows;
+    const struct spin_splat_rows *rows;
     struct spin_page_frame *frame;
 };
 
@@ -31,18 +31,18 @@ static void copy_block(void *context, size_t from, size_t to)
         memset(v, 0, width * sizeof *v);
         if (!t->rows->keep[i])
             continue;
-        spin_splat_filter_take(t->rows, i, &is);
+        spin_splat_rows_take(t->rows, i, &is);
         memcpy(v + SPIN_PAGE_PLACE, is.place, sizeof is.place);
         memcpy(v + SPIN_PAGE_COLOUR, is.colour, sizeof is.colour);
         v[SPIN_PAGE_OPACITY] = is.opacity;
         memcpy(v + SPIN_PAGE_SCALE, is.log_scale, sizeof is.log_scale);
         memcpy(v + SPIN_PAGE_ROTATION, is.rotation, sizeof is.rotation);
-        memcpy(v + SPIN_PAGE_VALUE_SH, spin_splat_filter_sh(t->rows, i, room) + 3,
+        memcpy(v + SPIN_PAGE_VALUE_SH, spin_splat_rows_sh(t->rows, i, room) + 3,
                (size_t)(n_sh < t->g->n_sh ? n_sh : t->g->n_sh) * sizeof *v);
     }
 }
 
-static spin_status copy_frame(const struct spin_page_group *g, const struct spin_splat_filter *rows,
+static spin_status copy_frame(const struct spin_page_group *g, const struct spin_splat_rows *rows,
                               size_t n, struct spin_page_frame *f)
 {
     struct take take = {.g = g, .rows = rows, .frame = f};
@@ -160,7 +160,7 @@ static spin_status follow_rows(const struct spin_page_frame *last, struct spin_p
     return SPIN_OK;
 }
 
-spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_filter *rows,
+spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_rows *rows,
                                 const struct spin_splats *splats, bool *full)
 {
     struct spin_page_frame *now = &g->frame[g->n_frames % SPIN_PAGE_MOST_FRAMES];

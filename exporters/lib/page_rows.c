@@ -401,7 +401,7 @@ static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *ke
 }
 
 /* Codes all columns of a piece. Returns false if a number is too large. */
-static bool number_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
+static bool number_piece(const struct spin_page_rows *r, const struct spin_splat_rows *rows,
                          const struct piece *p, int32_t *key)
 {
     float value[SPIN_PAGE_WIDTH] = {0}, room[3 * SPIN_SH_MAX];
@@ -416,7 +416,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
         return false;
     ends_of(r, p, a, b);
     unit_of(a, q);
-    spin_splat_filter_take(rows, p->row, &is);
+    spin_splat_rows_take(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
         /* A placeholder: number_path() codes positions. */
         value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];
@@ -427,7 +427,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
         value[SPIN_PAGE_ROTATION + c] = (float)q[c];
     value[SPIN_PAGE_OPACITY] = (float)opacity;
     if (r->n_sh)
-        memcpy(value + SPIN_PAGE_VALUE_SH, spin_splat_filter_sh(rows, p->row, room) + 3,
+        memcpy(value + SPIN_PAGE_VALUE_SH, spin_splat_rows_sh(rows, p->row, room) + 3,
                (size_t)r->n_sh * sizeof *value);
     return spin_page_number_own(&r->inner, value, r->n_sh, key) && number_path(r, p, key) &&
            (!r->turn || number_turn(r, a, b, key)) &&
@@ -498,14 +498,14 @@ static void read_piece(const struct spin_page_rows *r, const int32_t *key, int t
 }
 
 /* Sets `value` to the source's values of row i at time t. */
-static void true_piece(const struct spin_page_rows *r, const struct spin_splat_filter *rows,
-                       size_t i, double t, double *value)
+static void true_piece(const struct spin_page_rows *r, const struct spin_splat_rows *rows, size_t i,
+                       double t, double *value)
 {
     const struct spin_splats_4d *s = r->splats;
     size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
     double d = t - (double)s->times[i], turn = s->sh_cos ? TURN * d / s->period : 0, q[4];
     float room[3 * SPIN_SH_MAX];
-    const float *sh = spin_splat_filter_sh(rows, i, room);
+    const float *sh = spin_splat_rows_sh(rows, i, room);
 
     spin_path_at(s->centres + 3 * i, s->paths ? s->paths + 3 * (size_t)s->degree * i : NULL,
                  s->degree, d, value);
@@ -529,7 +529,7 @@ static void true_piece(const struct spin_page_rows *r, const struct spin_splat_f
 
 struct block {
     struct spin_page_rows *r;
-    const struct spin_splat_filter *rows;
+    const struct spin_splat_rows *rows;
     const struct piece *piece; /* [n] */
     size_t n;
     struct spin_keyed *order;       /* [n] */
@@ -642,7 +642,7 @@ static spin_status pack_block(const struct block *b, spin_page_rows_sink sink, v
     return sink(context, &out);
 }
 
-static spin_status write_block(struct spin_page_rows *r, const struct spin_splat_filter *rows,
+static spin_status write_block(struct spin_page_rows *r, const struct spin_splat_rows *rows,
                                const struct piece *piece, size_t n, spin_page_rows_sink sink,
                                void *context)
 {
@@ -734,7 +734,7 @@ static spin_status sort_by_block(const struct spin_page_rows *r, struct pieces *
     return SPIN_OK;
 }
 
-spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_filter *rows,
+spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_rows *rows,
                                  spin_page_rows_sink sink, void *context)
 {
     struct pieces pieces = {0};

@@ -50,12 +50,12 @@ static void widen_box(double box[6], const float place[3])
 }
 
 /* Adds the errors of the SH coefficients above degree 0 of row i. */
-static void compare_sh(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
+static void compare_sh(struct spin_readback *e, const struct spin_splat_rows *rows, size_t i,
                        const float *sh, int degree)
 {
-    int n = 3 * spin_sh_count(degree), n_is = 3 * spin_splat_filter_n_sh(rows);
+    int n = 3 * spin_sh_count(degree), n_is = 3 * spin_splat_rows_n_sh(rows);
     float room[3 * SPIN_SH_MAX], error[3 * SPIN_SH_MAX];
-    const float *is = spin_splat_filter_sh(rows, i, room);
+    const float *is = spin_splat_rows_sh(rows, i, room);
     bool lost = false;
 
     for (int k = 3; k < n; k++)
@@ -66,12 +66,12 @@ static void compare_sh(struct spin_readback *e, const struct spin_splat_filter *
     e->sh_lost += lost;
 }
 
-void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
+void spin_readback_row(struct spin_readback *e, const struct spin_splat_rows *rows, size_t i,
                        const struct spin_gaussian *there, const float *sh, int degree)
 {
     struct spin_gaussian is;
 
-    spin_splat_filter_take(rows, i, &is);
+    spin_splat_rows_take(rows, i, &is);
     spin_quant_error_row(&e->quant, &is, there);
     spin_readback_add(e, rows->splats->means + 3 * i, rows->splats->log_scales + 3 * i,
                       spin_quant_error_distance(is.place, there->place));

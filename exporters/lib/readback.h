@@ -4,7 +4,7 @@
 #pragma once
 
 #include "exporters/lib/quant_error.h"
-#include "exporters/lib/splat_filter.h"
+#include "exporters/lib/splat_rows.h"
 
 struct spin_readback {
     struct spin_quant_error quant;
@@ -32,7 +32,7 @@ void spin_readback_add(struct spin_readback *e, const float mean[3], const float
                        double off);
 /* Compares row i of the source with the file's values: `there`, and the coefficients sh[3 *
  * spin_sh_count(degree)]. Coefficients that the source lacks are compared with zero. */
-void spin_readback_row(struct spin_readback *e, const struct spin_splat_filter *rows, size_t i,
+void spin_readback_row(struct spin_readback *e, const struct spin_splat_rows *rows, size_t i,
                        const struct spin_gaussian *there, const float *sh, int degree);
 /* Ends the frame: call it after all rows of the frame. */
 void spin_readback_end(struct spin_readback *e);

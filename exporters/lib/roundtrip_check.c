@@ -41,9 +41,9 @@ static bool is_finite(const struct spin_splats *s, size_t j)
 static spin_status compare_frame(struct check *check, const char *path,
                                  const struct spin_keyed *row)
 {
-    const struct spin_splat_filter *rows = &check->x->rows;
+    const struct spin_splat_rows *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
-    const struct spin_splat_filter plain = {.splats = back}; /* applies no rotation */
+    const struct spin_splat_rows plain = {.splats = back}; /* applies no rotation */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)
@@ -59,7 +59,7 @@ static spin_status compare_frame(struct check *check, const char *path,
         if (!is_finite(back, j))
             return spin_fail(SPIN_E_IO, "check: '%s' contains NaN or infinity in splat %zu", path,
                              j);
-        spin_splat_filter_take(&plain, j, &there);
+        spin_splat_rows_take(&plain, j, &there);
         spin_readback_row(&check->values, rows, i, &there, back->sh + n_sh * j, back->sh_degree);
     }
     spin_readback_end(&check->values);
@@ -216,7 +216,7 @@ static spin_status check_frame(struct check *check, int f, const char *path, int
 
     spin_readback_frame(&check->values, x->job, f);
     SPIN_TRY(x->job->again(x->job->context, f, &splats));
-    SPIN_TRY(spin_splat_filter_choose(&x->rows, splats));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, splats));
     if (!check->self || within == 0)
         status = open_file(check, path);
     if (!check->self && x->rows.n_kept == 0)

@@ -4,7 +4,7 @@
 #include "math/approx.h"
 #include "math/morton.h"
 
-spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_filter *rows)
+spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_rows *rows)
 {
     SPIN_TRY(spin_grow(rows->n_kept + 1, sizeof *order->item, (void **)&order->item));
     SPIN_TRY(spin_grow(rows->n_kept + 1, sizeof *order->spare, (void **)&order->spare));

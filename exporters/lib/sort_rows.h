@@ -1,7 +1,7 @@
 /* The kept rows of a frame as a list, and a stable sort of this list by 64-bit keys. */
 #pragma once
 
-#include "exporters/lib/splat_filter.h"
+#include "exporters/lib/splat_rows.h"
 
 struct spin_keyed {
     uint64_t key;
@@ -15,7 +15,7 @@ struct spin_sort_rows {
 
 /* Lists the kept rows in the source's order with zero keys. Zero *order before; free it with
  * spin_sort_rows_free(). */
-spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_filter *rows);
+spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_rows *rows);
 
 /* Sorts by ascending key; rows with equal keys keep their order. */
 void spin_sort_rows_sort(struct spin_sort_rows *order);

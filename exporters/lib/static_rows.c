@@ -28,7 +28,7 @@ static int by_hash(const void *a, const void *b)
 }
 
 /* Lists the kept rows of the current frame in s->now, sorted by hash. */
-static spin_status list_rows(struct spin_static_rows *s, const struct spin_splat_filter *rows)
+static spin_status list_rows(struct spin_static_rows *s, const struct spin_splat_rows *rows)
 {
     size_t room = rows->splats->n + 1, n = 0;
     struct column c[5];
@@ -36,7 +36,7 @@ static spin_status list_rows(struct spin_static_rows *s, const struct spin_splat
     SPIN_TRY(spin_grow(room, sizeof *s->now, (void **)&s->now));
     SPIN_TRY(spin_grow(room, 1, (void **)&s->keep));
     SPIN_TRY(spin_grow(room, sizeof *s->order, (void **)&s->order));
-    columns_of(rows->splats, spin_splat_filter_n_sh(rows), c);
+    columns_of(rows->splats, spin_splat_rows_n_sh(rows), c);
     for (size_t i = 0; i < rows->splats->n; i++) {
         if (!rows->keep[i])
             continue;
@@ -51,7 +51,7 @@ static spin_status list_rows(struct spin_static_rows *s, const struct spin_splat
 
 /* Sets s->mate: for each row of s->kept, the row of the current frame with the same values, or
  * NONE. Several rows with equal values are matched one to one. */
-static void pair_rows(struct spin_static_rows *s, const struct spin_splat_filter *rows)
+static void pair_rows(struct spin_static_rows *s, const struct spin_splat_rows *rows)
 {
     size_t at = 0;
 
@@ -66,8 +66,7 @@ static void pair_rows(struct spin_static_rows *s, const struct spin_splat_filter
     }
 }
 
-static spin_status copy_first_frame(struct spin_static_rows *s,
-                                    const struct spin_splat_filter *rows)
+static spin_status copy_first_frame(struct spin_static_rows *s, const struct spin_splat_rows *rows)
 {
     s->n = rows->n_kept;
     s->n_first = rows->splats->n;
@@ -79,7 +78,7 @@ static spin_status copy_first_frame(struct spin_static_rows *s,
 }
 
 /* Drops the rows of s->kept that the current frame does not contain. */
-static void narrow_rows(struct spin_static_rows *s, const struct spin_splat_filter *rows)
+static void narrow_rows(struct spin_static_rows *s, const struct spin_splat_rows *rows)
 {
     size_t n = 0;
 
@@ -91,14 +90,14 @@ static void narrow_rows(struct spin_static_rows *s, const struct spin_splat_filt
     s->n = n;
 }
 
-spin_status spin_static_rows_find(struct spin_static_rows *s, struct spin_splat_filter *rows,
+spin_status spin_static_rows_find(struct spin_static_rows *s, struct spin_splat_rows *rows,
                                   const struct spin_export_job *job)
 {
     for (int f = 0; f < job->n_frames && (f == 0 || s->n > 0); f++) {
         const struct spin_splats *splats;
 
         SPIN_TRY(job->again(job->context, f, &splats));
-        SPIN_TRY(spin_splat_filter_choose(rows, splats));
+        SPIN_TRY(spin_splat_rows_choose(rows, splats));
         SPIN_TRY(list_rows(s, rows));
         if (f == 0)
             SPIN_TRY(copy_first_frame(s, rows));
@@ -109,7 +108,7 @@ spin_status spin_static_rows_find(struct spin_static_rows *s, struct spin_splat_
 }
 
 /* Sets s->mate and s->keep for the current frame. */
-static spin_status match_frame(struct spin_static_rows *s, const struct spin_splat_filter *rows,
+static spin_status match_frame(struct spin_static_rows *s, const struct spin_splat_rows *rows,
                                int number)
 {
     SPIN_TRY(list_rows(s, rows));
@@ -129,23 +128,23 @@ static spin_status match_frame(struct spin_static_rows *s, const struct spin_spl
     return SPIN_OK;
 }
 
-spin_status spin_static_rows_leave_out(struct spin_static_rows *s, struct spin_splat_filter *rows,
+spin_status spin_static_rows_leave_out(struct spin_static_rows *s, struct spin_splat_rows *rows,
                                        int number)
 {
     SPIN_TRY(match_frame(s, rows, number));
-    spin_splat_filter_keep(rows, s->keep);
+    spin_splat_rows_keep(rows, s->keep);
     return SPIN_OK;
 }
 
-void spin_static_rows_only(const struct spin_static_rows *s, struct spin_splat_filter *rows)
+void spin_static_rows_only(const struct spin_static_rows *s, struct spin_splat_rows *rows)
 {
     memset(s->keep, 0, s->n_first);
     for (size_t k = 0; k < s->n; k++)
         s->keep[s->kept[k].row] = 1;
-    spin_splat_filter_keep(rows, s->keep);
+    spin_splat_rows_keep(rows, s->keep);
 }
 
-spin_status spin_static_rows_order(struct spin_static_rows *s, const struct spin_splat_filter *rows,
+spin_status spin_static_rows_order(struct spin_static_rows *s, const struct spin_splat_rows *rows,
                                    int number, const struct spin_keyed **order)
 {
     size_t n = 0;

@@ -46,7 +46,7 @@ static spin_status check_row(const struct check *check, size_t j)
         fabs((double)back->times[j] - (double)clip->times[k]) <= 1e-6 * of->windows->length &&
         fabs((double)back->sigmas[j] / (double)clip->sigmas[k] - 1) <= 1e-5;
 
-    spin_splat_filter_place(of->rows, k, place);
+    spin_splat_rows_place(of->rows, k, place);
     for (size_t c = 0; c < 3; c++)
         good = good && fabs((double)back->centres[3 * j + c] - (double)place[c]) <=
                            (1 + fabs((double)place[c])) * (of->half[c] + 1e-6);
@@ -79,7 +79,7 @@ static spin_status check_frame(struct check *check, int f)
     const struct spin_splats_4d *s = job->splats_4d, *back = check->back;
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), row = 0;
     double t = job->times[f];
-    struct spin_splat_filter rows = *check->of->rows;
+    struct spin_splat_rows rows = *check->of->rows;
     struct spin_gaussian there;
 
     spin_readback_frame(&check->values, job, f);

@@ -9,7 +9,7 @@ struct spin_time_windows_check {
     const struct spin_time_windows
         *windows; /* the clip, with times and sigmas rounded as in the file */
     /* The filter that chose the rows of windows->view to be written. */
-    const struct spin_splat_filter *rows;
+    const struct spin_splat_rows *rows;
     const struct spin_keyed *order; /* [n] row j of the file is row order[j].row of windows->clip */
     size_t n;
     const char *importer;

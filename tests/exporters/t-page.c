@@ -212,11 +212,11 @@ static spin_status see(void *context, const struct spin_page_block *b)
     return SPIN_OK;
 }
 
-static bool add(struct spin_page_group *g, struct spin_splat_filter *rows, struct spin_splats *s)
+static bool add(struct spin_page_group *g, struct spin_splat_rows *rows, struct spin_splats *s)
 {
     bool full = true;
 
-    return spin_splat_filter_choose(rows, s) == SPIN_OK &&
+    return spin_splat_rows_choose(rows, s) == SPIN_OK &&
            spin_page_group_add(g, rows, s, &full) == SPIN_OK && !full;
 }
 
@@ -225,11 +225,11 @@ static void test_group(void)
     struct spin_plugin_values values = {0};
     struct spin_export_job job = {.n_threads = 2, .values = &values};
     struct spin_page_group *g = calloc(1, sizeof *g);
-    struct spin_splat_filter rows = {0};
+    struct spin_splat_rows rows = {0};
     struct spin_splats a = {0}, b = {0};
     struct seen seen = {0};
 
-    ok(spin_splat_filter_begin(&rows, &job, NULL) == SPIN_OK, "a filter");
+    ok(spin_splat_rows_begin(&rows, &job, NULL) == SPIN_OK, "a filter");
     *g = (struct spin_page_group){.space = space_of(0.001), .pool = rows.pool, .most_frames = 4};
     make_frame(&a, 500, 0, 1);
     make_frame(&b, 450, 0, 2);
@@ -270,7 +270,7 @@ static void test_group(void)
            seen.n == 0 && strstr(spin_last_error(), "--bound-place"),
        "too far for its steps: says which option helps");
     spin_page_group_free(g);
-    spin_splat_filter_end(&rows);
+    spin_splat_rows_end(&rows);
     spin_splats_free(&a);
     spin_splats_free(&b);
     free(g);

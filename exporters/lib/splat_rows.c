@@ -1,5 +1,5 @@
 /* An infinite logit means an opacity of exactly 0 or 1; it is written as a large finite logit. */
-#include "exporters/lib/splat_filter.h"
+#include "exporters/lib/splat_rows.h"
 
 #include "base/base.h"
 #include "io/file.h"
@@ -7,36 +7,36 @@
 #include "math/drawable.h"
 #include "scene/bundle.h"
 
-struct spin_splat_filter_block {
+struct spin_splat_rows_block {
     size_t n_before; /* number of kept rows in all blocks before this one */
     uint32_t n_kept;
 };
 
 /* ---- Blocks ---------------------------------------------------------------------------------- */
 
-size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows)
+size_t spin_splat_rows_blocks(const struct spin_splat_rows *rows)
 {
     return (rows->splats->n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
 }
 
-size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block)
+size_t spin_splat_rows_before(const struct spin_splat_rows *rows, size_t block)
 {
     return rows->block[block].n_before;
 }
 
-void spin_splat_filter_each(const struct spin_splat_filter *rows, spin_task_fn fn, void *context)
+void spin_splat_rows_each(const struct spin_splat_rows *rows, spin_task_fn fn, void *context)
 {
-    spin_pool_run(rows->pool, (int)spin_splat_filter_blocks(rows), fn, context);
+    spin_pool_run(rows->pool, (int)spin_splat_rows_blocks(rows), fn, context);
 }
 
-static size_t end_of(const struct spin_splat_filter *rows, size_t block)
+static size_t end_of(const struct spin_splat_rows *rows, size_t block)
 {
     size_t end = (block + 1) * SPIN_ROWS_BLOCK;
 
     return end < rows->splats->n ? end : rows->splats->n;
 }
 
-void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns)
+void spin_splat_rows_rest(const struct spin_splat_rows *rows, size_t block, unsigned columns)
 {
     size_t first = block * SPIN_ROWS_BLOCK;
 
@@ -44,16 +44,16 @@ void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, 
 }
 
 /* Counts the kept rows of the whole frame, and for each block the kept rows before the block. */
-static void add_up(struct spin_splat_filter *rows)
+static void add_up(struct spin_splat_rows *rows)
 {
     rows->n_kept = 0;
-    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
+    for (size_t b = 0; b < spin_splat_rows_blocks(rows); b++) {
         rows->block[b].n_before = rows->n_kept;
         rows->n_kept += rows->block[b].n_kept;
     }
 }
 
-spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s)
+spin_status spin_splat_rows_choose(struct spin_splat_rows *rows, const struct spin_splats *s)
 {
     if (s->n > UINT32_MAX)
         return spin_unsupported("%zu splats in one frame, at most %u are supported", s->n,
@@ -61,17 +61,17 @@ spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struc
     rows->splats = s;
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&rows->keep));
     SPIN_TRY(
-        spin_grow(spin_splat_filter_blocks(rows) + 1, sizeof *rows->block, (void **)&rows->block));
+        spin_grow(spin_splat_rows_blocks(rows) + 1, sizeof *rows->block, (void **)&rows->block));
     memset(rows->keep, 1, s->n);
-    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++)
+    for (size_t b = 0; b < spin_splat_rows_blocks(rows); b++)
         rows->block[b].n_kept = (uint32_t)(end_of(rows, b) - b * SPIN_ROWS_BLOCK);
     add_up(rows);
     return SPIN_OK;
 }
 
-void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char *keep)
+void spin_splat_rows_keep(struct spin_splat_rows *rows, const unsigned char *keep)
 {
-    for (size_t b = 0; b < spin_splat_filter_blocks(rows); b++) {
+    for (size_t b = 0; b < spin_splat_rows_blocks(rows); b++) {
         rows->block[b].n_kept = 0;
         for (size_t i = b * SPIN_ROWS_BLOCK; i < end_of(rows, b); i++)
             rows->block[b].n_kept += rows->keep[i] = keep[i];
@@ -81,8 +81,7 @@ void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char 
 
 /* ---- One row --------------------------------------------------------------------------------- */
 
-void spin_splat_filter_direction(const struct spin_splat_filter *rows, const float v[3],
-                                 float out[3])
+void spin_splat_rows_direction(const struct spin_splat_rows *rows, const float v[3], float out[3])
 {
     spin_vec3 turned;
 
@@ -95,12 +94,12 @@ void spin_splat_filter_direction(const struct spin_splat_filter *rows, const flo
     out[2] = turned.z;
 }
 
-void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3])
+void spin_splat_rows_place(const struct spin_splat_rows *rows, size_t i, float out[3])
 {
-    spin_splat_filter_direction(rows, rows->splats->means + 3 * i, out);
+    spin_splat_rows_direction(rows, rows->splats->means + 3 * i, out);
 }
 
-void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4])
+void spin_splat_rows_turned(const struct spin_splat_rows *rows, size_t i, float out[4])
 {
     float q[4];
 
@@ -112,23 +111,23 @@ void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, fl
         out[k] = q[0] < 0 ? -q[k] : q[k];
 }
 
-const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room)
+const float *spin_splat_rows_sh(const struct spin_splat_rows *rows, size_t i, float *room)
 {
     const struct spin_splats *s = rows->splats;
     const float *sh = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
 
     if (rows->turn.kind == SPIN_TURN_NONE)
         return sh;
-    spin_scene_rotation_sh(&rows->turn, spin_splat_filter_n_sh(rows), sh, room);
+    spin_scene_rotation_sh(&rows->turn, spin_splat_rows_n_sh(rows), sh, room);
     return room;
 }
 
-float spin_splat_filter_opacity(const struct spin_splat_filter *rows, size_t i)
+float spin_splat_rows_opacity(const struct spin_splat_rows *rows, size_t i)
 {
     return spin_sigmoid(spin_finite_logit(rows->splats->logit_opacities[i]));
 }
 
-void spin_splat_filter_colour(const struct spin_splat_filter *rows, size_t i, float out[3])
+void spin_splat_rows_colour(const struct spin_splat_rows *rows, size_t i, float out[3])
 {
     const struct spin_splats *s = rows->splats;
     const float *dc = s->sh + i * 3 * (size_t)spin_sh_count(s->sh_degree);
@@ -137,19 +136,18 @@ void spin_splat_filter_colour(const struct spin_splat_filter *rows, size_t i, fl
         out[c] = 0.5f + (float)SPIN_SH_C0 * dc[c];
 }
 
-void spin_splat_filter_take(const struct spin_splat_filter *rows, size_t i,
-                            struct spin_gaussian *out)
+void spin_splat_rows_take(const struct spin_splat_rows *rows, size_t i, struct spin_gaussian *out)
 {
-    spin_splat_filter_place(rows, i, out->place);
+    spin_splat_rows_place(rows, i, out->place);
     memcpy(out->log_scale, rows->splats->log_scales + 3 * i, sizeof out->log_scale);
-    spin_splat_filter_turned(rows, i, out->rotation);
-    out->opacity = spin_splat_filter_opacity(rows, i);
-    spin_splat_filter_colour(rows, i, out->colour);
+    spin_splat_rows_turned(rows, i, out->rotation);
+    out->opacity = spin_splat_rows_opacity(rows, i);
+    spin_splat_rows_colour(rows, i, out->colour);
 }
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
-spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out)
+spin_status spin_splat_rows_parse_sh(const char *text, int kept, int *out)
 {
     *out = kept < 0 ? 0 : kept;
     if (strcmp(text, "keep") == 0)
@@ -200,7 +198,7 @@ static spin_status parse_rotate(const char *text, double q[4])
     return SPIN_OK;
 }
 
-static spin_status parse_turn(struct spin_splat_filter *rows, const struct spin_plugin_values *v,
+static spin_status parse_turn(struct spin_splat_rows *rows, const struct spin_plugin_values *v,
                               const double *axes)
 {
     const char *up = spin_plugin_value(v, "up", NULL),
@@ -219,27 +217,27 @@ static spin_status parse_turn(struct spin_splat_filter *rows, const struct spin_
     return SPIN_OK;
 }
 
-spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
-                                    const struct spin_export_job *job, const double *axes)
+spin_status spin_splat_rows_begin(struct spin_splat_rows *rows, const struct spin_export_job *job,
+                                  const double *axes)
 {
     const struct spin_plugin_values *v = job->values;
 
     rows->report = job->report;
-    SPIN_TRY(spin_splat_filter_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree,
-                                        &rows->sh_degree));
+    SPIN_TRY(spin_splat_rows_parse_sh(spin_plugin_value(v, "sh", "keep"), job->sh_degree,
+                                      &rows->sh_degree));
     SPIN_TRY(parse_turn(rows, v, axes));
     return spin_pool_create(job->n_threads, &rows->pool);
 }
 
-void spin_splat_filter_warn_empty(size_t n_empty, size_t n_frames)
+void spin_splat_rows_warn_empty(size_t n_empty, size_t n_frames)
 {
     if (n_empty > 0)
         spin_warn("%zu of %zu frames are written without any splat", n_empty, n_frames);
 }
 
-spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
-                                        const struct spin_export_job *job, const size_t *from,
-                                        const double *times, int n_frames)
+spin_status spin_splat_rows_report_4d(const struct spin_splat_rows *rows,
+                                      const struct spin_export_job *job, const size_t *from,
+                                      const double *times, int n_frames)
 {
     const double *spans = job->splats_4d->spans;
     struct spin_splats_4d kept = {0}; /* spin_splats_4d_counts() only reads n and spans */
@@ -261,15 +259,15 @@ spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
     }
     if (job->report)
         job->report->splats_mean = sum / n_frames;
-    spin_splat_filter_warn_empty(n_empty, (size_t)n_frames);
+    spin_splat_rows_warn_empty(n_empty, (size_t)n_frames);
     return SPIN_OK;
 }
 
-void spin_splat_filter_end(struct spin_splat_filter *rows)
+void spin_splat_rows_end(struct spin_splat_rows *rows)
 {
     if (rows->pool)
         spin_pool_free(rows->pool);
     free(rows->keep);
     free(rows->block);
-    *rows = (struct spin_splat_filter){0};
+    *rows = (struct spin_splat_rows){0};
 }

@@ -1,7 +1,7 @@
 /* The rows of a frame, or 4D splats, as an exporter writes them: rotated to the axes of the file,
  * with quaternions of unit length and finite logits. Exporters only receive rows that can be drawn
  * (run/row_filter.h), and may distribute them among several files or nodes with
- * spin_splat_filter_keep(). The options below are common to all formats. */
+ * spin_splat_rows_keep(). The options below are common to all formats. */
 #pragma once
 
 #include "base/pool.h"
@@ -62,9 +62,9 @@
 
 #define SPIN_ROWS_BLOCK 4096 /* number of rows of a block; each block is a task */
 
-struct spin_splat_filter_block;
+struct spin_splat_rows_block;
 
-struct spin_splat_filter {
+struct spin_splat_rows {
     /* The following members are set from the options. */
     struct spin_pool *pool;
     struct spin_scene_rotation turn; /* rotation from the source's axes to those of the file */
@@ -75,45 +75,45 @@ struct spin_splat_filter {
     /* The following members describe the current frame. */
     const struct spin_splats *splats;
     size_t n_kept;
-    unsigned char *keep;                   /* [splats] 1: write the row */
-    struct spin_splat_filter_block *block; /* [blocks] */
+    unsigned char *keep;                 /* [splats] 1: write the row */
+    struct spin_splat_rows_block *block; /* [blocks] */
 
     struct spin_export_report *report; /* the report of the job; NULL: none */
 };
 
 /* Reads the common options. `axes` (quaternion w x y z) rotates the source's axes to those of the
- * format, unless --up is given; NULL: the axes are the same. Call spin_splat_filter_end() also
+ * format, unless --up is given; NULL: the axes are the same. Call spin_splat_rows_end() also
  * after a failure. */
-spin_status spin_splat_filter_begin(struct spin_splat_filter *rows,
-                                    const struct spin_export_job *job, const double *axes);
+spin_status spin_splat_rows_begin(struct spin_splat_rows *rows, const struct spin_export_job *job,
+                                  const double *axes);
 /* Parses the value of --sh and sets *out to the SH degree to write. kept: the degree of the splats,
  * which the value "keep" stands for; -1: the splats have no SH. */
-spin_status spin_splat_filter_parse_sh(const char *text, int kept, int *out);
+spin_status spin_splat_rows_parse_sh(const char *text, int kept, int *out);
 /* For 4D splats: computes, for the job's report, how many of the kept rows are visible in a frame
  * on average. from: for each row, the row of job->splats_4d that it was made from; NULL: the
  * indices are the same. times: the times of the n_frames frames. */
-spin_status spin_splat_filter_report_4d(const struct spin_splat_filter *rows,
-                                        const struct spin_export_job *job, const size_t *from,
-                                        const double *times, int n_frames);
+spin_status spin_splat_rows_report_4d(const struct spin_splat_rows *rows,
+                                      const struct spin_export_job *job, const size_t *from,
+                                      const double *times, int n_frames);
 /* Warns if some frames are written without splats. */
-void spin_splat_filter_warn_empty(size_t n_empty, size_t n_frames);
-void spin_splat_filter_end(struct spin_splat_filter *rows);
+void spin_splat_rows_warn_empty(size_t n_empty, size_t n_frames);
+void spin_splat_rows_end(struct spin_splat_rows *rows);
 
 /* Makes s the current frame and keeps all of its rows. s must stay valid while it is the current
  * frame. */
-spin_status spin_splat_filter_choose(struct spin_splat_filter *rows, const struct spin_splats *s);
+spin_status spin_splat_rows_choose(struct spin_splat_rows *rows, const struct spin_splats *s);
 /* Keeps a part of the current frame: keep[i] is 1 or 0 for each of its rows. */
-void spin_splat_filter_keep(struct spin_splat_filter *rows, const unsigned char *keep);
+void spin_splat_rows_keep(struct spin_splat_rows *rows, const unsigned char *keep);
 /* Returns the number of kept rows before a block of the frame. */
-size_t spin_splat_filter_before(const struct spin_splat_filter *rows, size_t block);
-size_t spin_splat_filter_blocks(const struct spin_splat_filter *rows);
+size_t spin_splat_rows_before(const struct spin_splat_rows *rows, size_t block);
+size_t spin_splat_rows_blocks(const struct spin_splat_rows *rows);
 /* Runs fn(context, block) for each block of the frame on all threads. */
-void spin_splat_filter_each(const struct spin_splat_filter *rows, spin_task_fn fn, void *context);
+void spin_splat_rows_each(const struct spin_splat_rows *rows, spin_task_fn fn, void *context);
 /* Releases the mapped memory of these columns of a block. Call it if they will not be needed
  * soon. */
-void spin_splat_filter_rest(const struct spin_splat_filter *rows, size_t block, unsigned columns);
+void spin_splat_rows_rest(const struct spin_splat_rows *rows, size_t block, unsigned columns);
 
-static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows)
+static inline int spin_splat_rows_workers(const struct spin_splat_rows *rows)
 {
     return spin_pool_n_threads(rows->pool);
 }
@@ -121,24 +121,22 @@ static inline int spin_splat_filter_workers(const struct spin_splat_filter *rows
 /* ---- One row, as it is written --------------------------------------------------------------- */
 
 /* The functions return values in the axes of the file; quaternions have unit length and w >= 0. */
-void spin_splat_filter_place(const struct spin_splat_filter *rows, size_t i, float out[3]);
+void spin_splat_rows_place(const struct spin_splat_rows *rows, size_t i, float out[3]);
 /* Sets out to v, a difference of two positions, in the axes of the file. */
-void spin_splat_filter_direction(const struct spin_splat_filter *rows, const float v[3],
-                                 float out[3]);
-void spin_splat_filter_turned(const struct spin_splat_filter *rows, size_t i, float out[4]);
-float spin_splat_filter_opacity(const struct spin_splat_filter *rows, size_t i); /* 0..1 */
-void spin_splat_filter_colour(const struct spin_splat_filter *rows, size_t i, float out[3]);
+void spin_splat_rows_direction(const struct spin_splat_rows *rows, const float v[3], float out[3]);
+void spin_splat_rows_turned(const struct spin_splat_rows *rows, size_t i, float out[4]);
+float spin_splat_rows_opacity(const struct spin_splat_rows *rows, size_t i); /* 0..1 */
+void spin_splat_rows_colour(const struct spin_splat_rows *rows, size_t i, float out[3]);
 /* Sets all members of *out: position, scale, rotation, opacity and colour. */
-void spin_splat_filter_take(const struct spin_splat_filter *rows, size_t i,
-                            struct spin_gaussian *out);
+void spin_splat_rows_take(const struct spin_splat_rows *rows, size_t i, struct spin_gaussian *out);
 /* Returns the number of SH coefficients that the source has and that are to be written. */
-static inline int spin_splat_filter_n_sh(const struct spin_splat_filter *rows)
+static inline int spin_splat_rows_n_sh(const struct spin_splat_rows *rows)
 {
     int from = rows->splats->sh_degree, to = rows->sh_degree;
 
     return spin_sh_count(from < to ? from : to);
 }
 
-/* Returns the first spin_splat_filter_n_sh() SH coefficients of row i, [k][3]. If they must be
+/* Returns the first spin_splat_rows_n_sh() SH coefficients of row i, [k][3]. If they must be
  * rotated, they are stored in `room` [16][3]. */
-const float *spin_splat_filter_sh(const struct spin_splat_filter *rows, size_t i, float *room);
+const float *spin_splat_rows_sh(const struct spin_splat_rows *rows, size_t i, float *room);
