@@ -203,7 +203,7 @@ static bool says_no_memory(const char *why)
 
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 
-spin_status spin_shim_need(struct spin_shim *shim, const void **table)
+spin_status spin_shim_load(struct spin_shim *shim, const void **table)
 {
     bool found;
 
@@ -236,7 +236,7 @@ static void load_library(struct spin_library *library)
     }
 }
 
-spin_status spin_library_need(struct spin_library *library)
+spin_status spin_library_load(struct spin_library *library)
 {
     pthread_mutex_lock(&mutex);
     if (!library->tried) {

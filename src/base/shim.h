@@ -24,7 +24,7 @@ struct spin_shim {
  * next call then tries again. Searches lib/ and lib/spin4d/ beside the program's bin/ (of the
  * build, or of an installation prefix), then spin4d/ in the LIBDIR of the build. Refuses files and
  * folders that other users can write to. Thread-safe. */
-spin_status spin_shim_need(struct spin_shim *shim, const void **table);
+spin_status spin_shim_load(struct spin_shim *shim, const void **table);
 
 /* A library of the system. Its header declares the types of the functions. */
 struct spin_library {
@@ -41,5 +41,5 @@ struct spin_library {
 };
 
 /* Load the library, unless that was already done or tried, and set the function pointers. Returns
- * the same errors as spin_shim_need(). Thread-safe. */
-spin_status spin_library_need(struct spin_library *library);
+ * the same errors as spin_shim_load(). Thread-safe. */
+spin_status spin_library_load(struct spin_library *library);

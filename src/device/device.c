@@ -81,7 +81,7 @@ static spin_status open_cuda(int n_threads, struct spin_device *out)
     };
 
     where.abi = SPIN_CUDA_SHIM_ABI;
-    SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
+    SPIN_TRY(spin_shim_load(&where, (const void **)&shim));
     shim->use(spin_fail);
     out->op = shim->op;
     return out->op->open(out, n_threads);

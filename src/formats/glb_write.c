@@ -181,7 +181,7 @@ spin_status spin_glb_can_write(void)
                                      .lacking = "glTF cannot be written: the tinygltf shim",
                                      .debian = "libtinygltf-dev"};
 
-    return spin_shim_need(&where, (const void **)&shim);
+    return spin_shim_load(&where, (const void **)&shim);
 }
 
 spin_status spin_glb_end(struct spin_glb_clip *clip)

@@ -27,7 +27,7 @@ static spin_status need_plain(void)
                                          "images cannot be read or written: the shared object",
                                      .debian = "libjpeg-dev and libpng-dev"};
 
-    return spin_shim_need(&where, (const void **)&plain);
+    return spin_shim_load(&where, (const void **)&plain);
 }
 
 /* Load the plain shim first: its libpng must bind to its own functions, not to those that
@@ -43,7 +43,7 @@ static spin_status need_oiio(void)
         .debian = "libopenimageio-dev"};
 
     (void)need_plain();
-    return spin_shim_need(&where, (const void **)&oiio);
+    return spin_shim_load(&where, (const void **)&oiio);
 }
 
 spin_status spin_image_start(void)

@@ -137,7 +137,7 @@ spin_status spin_ranks_begin(void)
 
     if (spin_ranks_place() < 0 || n_ranks > 1)
         return SPIN_OK;
-    SPIN_TRY(spin_shim_need(&where, (const void **)&shim));
+    SPIN_TRY(spin_shim_load(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
         return spin_unsupported("cannot join the other processes: %s", why);
     /* If processes that should cooperate went on as single ones, each would do all the work and

@@ -101,7 +101,7 @@ spin_status spin_video_start(void)
         .lacking = "videos cannot be read or written: the shared object",
         .debian = "libavformat-dev, libavcodec-dev and libswscale-dev"};
 
-    return spin_shim_need(&where, (const void **)&shim);
+    return spin_shim_load(&where, (const void **)&shim);
 }
 
 spin_status spin_video_shim(const struct spin_video_shim **out)

@@ -32,7 +32,7 @@ spin_status spin_webp_need(void)
     static struct spin_library library = {"libwebp.so.7", "SPIN_WEBP", "WebP",
                                           functions,      false,       ""};
 
-    return spin_library_need(&library);
+    return spin_library_load(&library);
 }
 
 /* ---- Writing --------------------------------------------------------------------------------- */

@@ -26,7 +26,7 @@ spin_status spin_zstd_need(void)
     static struct spin_library library = {"libzstd.so.1", "SPIN_ZSTD", "zstd",
                                           functions,      false,       ""};
 
-    return spin_library_need(&library);
+    return spin_library_load(&library);
 }
 
 spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_out)

@@ -32,7 +32,7 @@ static const struct {
     {"ZSTD_getErrorCode", ZSTD_getErrorCode},
 };
 
-spin_status spin_shim_need(struct spin_shim *shim, const void **table)
+spin_status spin_shim_load(struct spin_shim *shim, const void **table)
 {
     if (strcmp(shim->symbol, SPIN_GLB_SHIM_SYMBOL) == 0)
         *table = &spin_glb_shim_table;
@@ -41,7 +41,7 @@ spin_status spin_shim_need(struct spin_shim *shim, const void **table)
     return spin_unsupported("%s is not part of spin4d in the browser", shim->lacking);
 }
 
-spin_status spin_library_need(struct spin_library *library)
+spin_status spin_library_load(struct spin_library *library)
 {
     for (const struct spin_library_function *f = library->function; f->name; f++) {
         size_t i = 0, n = sizeof linked / sizeof *linked;
