@@ -661,7 +661,7 @@ void spin_catch_cut_files(const char *command);
 
 /* The rank of this process, from its environment; -1: not started by mpirun. May be called before
  * spin_ranks_begin(). */
-int spin_ranks_place(void);
+int spin_ranks_env_rank(void);
 /* Joins the other ranks. Call this before the shared call, in the same thread. */
 spin_status spin_ranks_begin(void);
 /* Call this after the shared call, with its status. Returns that status, or the failure of another

@@ -874,7 +874,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
 
     /* One write() per line, so that mpirun does not mix lines of several ranks. */
     setvbuf(stderr, NULL, _IOLBF, 0);
-    speaks = spin_ranks_place() <= 0;
+    speaks = spin_ranks_env_rank() <= 0;
     if (command->plugin_kind) {
         /* Load plug-ins before parsing, since they define options. */
         p.chosen = spin_args_find(argc, argv, command->plugin_selector);

@@ -225,7 +225,7 @@ static void warn_unused(int argc, char **argv, const char *const *name, bool hav
         if (spin_args_find(argc, argv, *name))
             snprintf(given + strlen(given), sizeof given - strlen(given), "%s--%s", n++ ? ", " : "",
                      *name);
-    if (n > 0 && spin_ranks_place() <= 0)
+    if (n > 0 && spin_ranks_env_rank() <= 0)
         spin_warn("%s %s no effect %s", given, n > 1 ? "have" : "has", lacking);
 }
 

@@ -116,7 +116,7 @@ static int read_environment(const char *const name[3])
     return -1;
 }
 
-int spin_ranks_place(void)
+int spin_ranks_env_rank(void)
 {
     static const char *const place[3] = {"OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"};
     static const char *const size[3] = {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_NTASKS"};
@@ -135,7 +135,7 @@ spin_status spin_ranks_begin(void)
                                      .debian = "libopenmpi-dev"};
     char why[256] = "";
 
-    if (spin_ranks_place() < 0 || n_ranks > 1)
+    if (spin_ranks_env_rank() < 0 || n_ranks > 1)
         return SPIN_OK;
     SPIN_TRY(spin_shim_load(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
@@ -256,7 +256,7 @@ spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owne
     return spin_ranks_exchange(m, k);
 }
 
-spin_status spin_ranks_share(void *at, size_t bytes, int from)
+spin_status spin_ranks_broadcast(void *at, size_t bytes, int from)
 {
     return spin_ranks_merge(at, bytes > 0, bytes, &from);
 }
@@ -313,7 +313,7 @@ static void notify_failure(spin_status status)
 
 spin_status spin_ranks_end(spin_status status, bool *speaks)
 {
-    *speaks = speaker = n_ranks > 1 ? own_rank == 0 : spin_ranks_place() <= 0;
+    *speaks = speaker = n_ranks > 1 ? own_rank == 0 : spin_ranks_env_rank() <= 0;
     if (n_ranks == 1)
         return status;
     if (status == SPIN_OK)

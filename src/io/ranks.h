@@ -26,7 +26,7 @@ spin_status spin_ranks_merge(void *rows, size_t n, size_t bytes, const int *owne
  * ranks. */
 spin_status spin_ranks_gather(void *rows, size_t bytes);
 /* Broadcast these bytes from rank `from` to all other ranks. */
-spin_status spin_ranks_share(void *at, size_t bytes, int from);
+spin_status spin_ranks_broadcast(void *at, size_t bytes, int from);
 /* Exchange the status of all ranks: returns SPIN_OK if all ranks succeeded. Otherwise all ranks
  * return the error and message of the lowest rank that failed. */
 spin_status spin_ranks_agree(spin_status status);

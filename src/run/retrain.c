@@ -610,7 +610,7 @@ static spin_status prepare_outputs(struct run *r, bool *done)
     if (status == SPIN_OK && !found[0] && spin_rank() == 0)
         status = check_outputs(r);
     SPIN_TRY(spin_ranks_agree(status));
-    SPIN_TRY(spin_ranks_share(found, sizeof found, 0));
+    SPIN_TRY(spin_ranks_broadcast(found, sizeof found, 0));
     *done = found[0];
     r->resume = found[1];
     return SPIN_OK;

@@ -66,7 +66,7 @@ static spin_status link_cards(struct spin_rank_sum *s, char about[32], char why[
     if (*why)
         return SPIN_OK;
     SPIN_TRY(spin_ranks_agree(spin_rank() == 0 ? d->op->link_name(d, &name) : SPIN_OK));
-    SPIN_TRY(spin_ranks_share(&name, sizeof name, 0));
+    SPIN_TRY(spin_ranks_broadcast(&name, sizeof name, 0));
     SPIN_TRY(d->op->link(d, &name, spin_rank(), spin_n_ranks()));
     s->linked = true;
     return SPIN_OK;
