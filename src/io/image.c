@@ -252,7 +252,7 @@ static spin_status check_video_frame(const char *file, int64_t frame, int *width
     return SPIN_OK;
 }
 
-spin_status spin_image_look(const char *path, int *width, int *height, struct spin_digest *digest)
+spin_status spin_image_check(const char *path, int *width, int *height, struct spin_digest *digest)
 {
     int channels;
     struct request q = {.path = path, .width = width, .height = height, .channels = &channels};

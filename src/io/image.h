@@ -18,7 +18,7 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
  * complete: a JPEG must have all segments up to its end marker, a PNG all chunks up to IEND, and
  * any other file must not be empty. For a frame of a video, check that the video has this frame;
  * `digest` is then that of the whole video. */
-spin_status spin_image_look(const char *path, int *width, int *height, struct spin_digest *digest);
+spin_status spin_image_check(const char *path, int *width, int *height, struct spin_digest *digest);
 
 /* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc. Grey is replicated, 16-bit
  * values are rounded, and alpha is composited over `background` (0..1; NULL: black) as the

@@ -89,7 +89,7 @@ static spin_status check_view(const struct spin_photos *photos, const struct spi
 
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(spin_image_look(view->path, &width, &height, &digest));
+    SPIN_TRY(spin_image_check(view->path, &width, &height, &digest));
     SPIN_TRY(spin_view_check_size(view, width, height));
     if (!hash)
         return SPIN_OK;
@@ -98,7 +98,7 @@ static spin_status check_view(const struct spin_photos *photos, const struct spi
     add_camera(hash, view);
     if (photos->dynamic.from != SPIN_DYNAMIC_MASKS)
         return SPIN_OK;
-    SPIN_TRY(spin_image_look(view->mask, &width, &height, &digest));
+    SPIN_TRY(spin_image_check(view->mask, &width, &height, &digest));
     add_digest(hash, &digest);
     return SPIN_OK;
 }

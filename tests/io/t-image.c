@@ -253,28 +253,28 @@ static void test_look(void)
     char path[4096];
 
     snprintf(path, sizeof path, "%s", write_bytes("look.png", rgb16, sizeof rgb16));
-    ok(spin_image_look(path, &w, &h, &a) == SPIN_OK && w == 2 && h == 1 && a.size == sizeof rgb16 &&
-           a.crc == spin_crc32(0, rgb16, sizeof rgb16),
+    ok(spin_image_check(path, &w, &h, &a) == SPIN_OK && w == 2 && h == 1 &&
+           a.size == sizeof rgb16 && a.crc == spin_crc32(0, rgb16, sizeof rgb16),
        "a look has the size and the digest");
     memcpy(changed, rgb16, sizeof changed);
     changed[45] ^= 1; /* in the pixels: a look does not decode them */
-    ok(spin_image_look(write_bytes("look.png", changed, sizeof changed), &w, &h, &b) == SPIN_OK &&
+    ok(spin_image_check(write_bytes("look.png", changed, sizeof changed), &w, &h, &b) == SPIN_OK &&
            a.size == b.size && a.crc != b.crc,
        "another bit, another digest");
-    ok(spin_image_look(write_bytes("other.png", rgb16, sizeof rgb16), &w, &h, &c) == SPIN_OK &&
+    ok(spin_image_check(write_bytes("other.png", rgb16, sizeof rgb16), &w, &h, &c) == SPIN_OK &&
            a.size == c.size && a.crc == c.crc,
        "another name, the same digest");
     for (size_t n = 0; n < sizeof rgb16 - 4; n++) /* without the CRC of IEND it can be read */
-        if (spin_image_look(write_bytes("cut.png", rgb16, n), &w, &h, &a) == SPIN_OK) {
+        if (spin_image_check(write_bytes("cut.png", rgb16, n), &w, &h, &a) == SPIN_OK) {
             ok(0, "a look refuses a PNG cut to %zu bytes", n);
             return;
         }
     ok(strstr(spin_last_error(), "cut.png") != NULL,
        "a look refuses a PNG cut anywhere, and names it");
-    ok(spin_image_look(write_bytes("huge.png", huge, sizeof huge), &w, &h, &a) ==
+    ok(spin_image_check(write_bytes("huge.png", huge, sizeof huge), &w, &h, &a) ==
            SPIN_E_UNSUPPORTED,
        "and one that is too large");
-    ok(spin_image_look("no/such/image.png", &w, &h, &a) == SPIN_E_NOT_FOUND, "and a missing one");
+    ok(spin_image_check("no/such/image.png", &w, &h, &a) == SPIN_E_NOT_FOUND, "and a missing one");
 }
 
 static void test_look_at_jpeg(void)
@@ -288,10 +288,10 @@ static void test_look_at_jpeg(void)
         ok(0, "there is the fixture court-mini");
         return;
     }
-    ok(spin_image_look(path, &w, &h, &digest) == SPIN_OK && digest.size == map.size,
+    ok(spin_image_check(path, &w, &h, &digest) == SPIN_OK && digest.size == map.size,
        "looks at a JPEG");
     for (size_t n = 1; n < map.size; n += n < map.size - 40 ? 97 : 1)
-        n_good += spin_image_look(check_truncated(path, n), &w, &h, &digest) == SPIN_OK;
+        n_good += spin_image_check(check_truncated(path, n), &w, &h, &digest) == SPIN_OK;
     ok(n_good == 0, "and refuses it cut anywhere");
     spin_map_close(&map);
 }
@@ -309,7 +309,7 @@ static void test_lost_table(void)
         bytes = memcpy(malloc(map.size), map.data, map.size);
         frame = memmem(bytes, map.size, "\xff\xc0", 2);
         frame[12] = 3;
-        ok(spin_image_look(write_bytes("lost.jpg", bytes, map.size), &w, &h, &digest) ==
+        ok(spin_image_check(write_bytes("lost.jpg", bytes, map.size), &w, &h, &digest) ==
                    SPIN_E_MALFORMED &&
                strstr(spin_last_error(), "lost.jpg"),
            "a look refuses a JPEG without one of its tables");

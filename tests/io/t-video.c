@@ -133,11 +133,11 @@ static void test_images(const char *path)
     ok(spin_image_read(name, NULL, &w, &h, &rgb) == SPIN_E_NOT_FOUND && !rgb &&
            strstr(spin_last_error(), "only 0 to 20"),
        "there is none after the last");
-    ok(spin_image_look(name, &w, &h, &digest) == SPIN_E_NOT_FOUND &&
+    ok(spin_image_check(name, &w, &h, &digest) == SPIN_E_NOT_FOUND &&
            strstr(spin_last_error(), "only 0 to 20"),
        "which a look tells as well");
     snprintf(name, sizeof name, "%s#0", path);
-    ok(spin_image_look(name, &w, &h, &digest) == SPIN_OK && w == W && h == H &&
+    ok(spin_image_check(name, &w, &h, &digest) == SPIN_OK && w == W && h == H &&
            spin_map_open(path, &map) == SPIN_OK && digest.size == map.size &&
            digest.crc == spin_crc32(0, map.data, map.size),
        "a frame's digest is that of its video");
