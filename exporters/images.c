@@ -1,6 +1,6 @@
 /* Renders every frame to PNG or EXR files, from the data set's cameras or a moving camera, for
  * inspection, compositing, or measurement with other programs. An image may consist of several
- * panels side by side. Files are named by spin_picture_name(). */
+ * panels side by side. Files are named by spin_image_name(). */
 #include <stdlib.h>
 #include <string.h>
 
@@ -181,12 +181,12 @@ static spin_status export_own(struct export *x, int frame, const struct spin_spl
     for (int64_t p = spin_camera_path_first(d, frame); p < spin_camera_path_first(d, frame + 1);
          p++) {
         struct spin_camera camera;
-        char name[SPIN_PICTURE_NAME];
+        char name[SPIN_IMAGE_NAME];
 
         if (spin_cancelled())
             return spin_fail_cancelled();
         SPIN_TRY(spin_camera_path_camera(d, p, splats, &camera));
-        spin_picture_name_moving(spin_camera_path_name(d), (int)p, name);
+        spin_image_name_moving(spin_camera_path_name(d), (int)p, name);
         SPIN_TRY(export_picture(x, name, (int)p, frame, splats, &camera, NULL));
     }
     return SPIN_OK;
@@ -199,7 +199,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
     const struct spin_views *views = x->job->views;
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : frame;
     bool seen = false;
-    char name[SPIN_PICTURE_NAME];
+    char name[SPIN_IMAGE_NAME];
 
     if (spin_camera_path_is_own(&x->drawing))
         return export_own(x, frame, splats);
@@ -212,7 +212,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
         seen = true;
         if (spin_cancelled())
             return spin_fail_cancelled();
-        spin_picture_name(views, i, info->number, NULL, name);
+        spin_image_name(views, i, info->number, NULL, name);
         spin_camera_path_resize(&x->drawing, &camera);
         SPIN_TRY(export_picture(x, name, info->number, frame, splats, &camera, view->path));
     }

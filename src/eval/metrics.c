@@ -42,12 +42,12 @@ static spin_status save_view(struct spin_metrics *m, const struct spin_pair *pai
 {
     const struct spin_view *view = &m->clip->views.view[pair->view];
     const float *picture[3];
-    char name[SPIN_PICTURE_NAME];
+    char name[SPIN_IMAGE_NAME];
     SPIN_FREED char *path = NULL;
     SPIN_FREED float *source = NULL;
     int n = 0;
 
-    spin_picture_name(&m->clip->views, pair->view, number, NULL, name);
+    spin_image_name(&m->clip->views, pair->view, number, NULL, name);
     SPIN_TRY(draw_source(m, pair, &source));
     SPIN_TRY(spin_path_join(m->images, name, &path));
     picture[n++] = truth;

@@ -384,8 +384,8 @@ out:
 
 /* ---- Names of images ------------------------------------------------------------------------ */
 
-void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
-                       char name[SPIN_PICTURE_NAME])
+void spin_image_name(const struct spin_views *views, size_t view, int number, const char *label,
+                     char name[SPIN_IMAGE_NAME])
 {
     const struct spin_view *v = &views->view[view];
     char twin[16] = "";
@@ -398,11 +398,11 @@ void spin_picture_name(const struct spin_views *views, size_t view, int number, 
         first--;
     if (first < view)
         snprintf(twin, sizeof twin, "_%d", (int)(view - first + 1));
-    snprintf(name, SPIN_PICTURE_NAME, "cam_%02d%s_frame_%05d%s%s.png", v->camera_id, twin, number,
+    snprintf(name, SPIN_IMAGE_NAME, "cam_%02d%s_frame_%05d%s%s.png", v->camera_id, twin, number,
              label ? "_" : "", label ? label : "");
 }
 
-void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME])
+void spin_image_name_moving(const char *path, int number, char name[SPIN_IMAGE_NAME])
 {
-    snprintf(name, SPIN_PICTURE_NAME, "%s_frame_%05d.png", path, number);
+    snprintf(name, SPIN_IMAGE_NAME, "%s_frame_%05d.png", path, number);
 }

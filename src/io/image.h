@@ -56,9 +56,9 @@ spin_status spin_film_write(const char *path, const struct spin_film *film, bool
  * camera 7 and frame number 12. All commands use these names. label: a text that is appended before
  * the extension, with an underscore; or NULL. If a frame has two cameras with number 7, the second
  * is called "cam_07_2". */
-enum { SPIN_PICTURE_NAME = 128 };
-void spin_picture_name(const struct spin_views *views, size_t view, int number, const char *label,
-                       char name[SPIN_PICTURE_NAME]);
+enum { SPIN_IMAGE_NAME = 128 };
+void spin_image_name(const struct spin_views *views, size_t view, int number, const char *label,
+                     char name[SPIN_IMAGE_NAME]);
 /* Format the file name of image `number` of those rendered along the camera path named `path`:
  * "orbit_frame_00012.png". */
-void spin_picture_name_moving(const char *path, int number, char name[SPIN_PICTURE_NAME]);
+void spin_image_name_moving(const char *path, int number, char name[SPIN_IMAGE_NAME]);

@@ -215,7 +215,7 @@ static spin_status sum_left_out(struct eval *e)
 /* Lists the images that all ranks wrote, and removes those of a former run. */
 static spin_status list_images(struct eval *e)
 {
-    char name[SPIN_PICTURE_NAME];
+    char name[SPIN_IMAGE_NAME];
 
     if (!e->images.path)
         return SPIN_OK;
@@ -223,7 +223,7 @@ static spin_status list_images(struct eval *e)
         const struct spin_pair *pair = &e->pairs[i];
         int number = e->report->view[i].frame;
 
-        spin_picture_name(&e->clip.views, pair->view, number, NULL, name);
+        spin_image_name(&e->clip.views, pair->view, number, NULL, name);
         spin_output_folder_add(&e->images, name, number);
     }
     SPIN_TRY(spin_output_folder_list(&e->images, "images", false));

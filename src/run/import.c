@@ -346,7 +346,7 @@ static spin_status check_view(struct import *im, int frame, size_t view)
     char file[128];
     SPIN_FREED char *path = NULL;
 
-    spin_picture_name(&im->views, view, number, NULL, file);
+    spin_image_name(&im->views, view, number, NULL, file);
     SPIN_TRY(spin_path_join(im->o->check_cameras, file, &path));
     if (!im->o->force && spin_path_is_taken(path))
         return spin_fail(SPIN_E_IO, "'%s' exists; use --force to overwrite", path);

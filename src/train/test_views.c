@@ -58,7 +58,7 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     const struct spin_view *view = &plan->clip.views.view[pair->view];
     size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
     const float *picture[3];
-    char name[SPIN_PICTURE_NAME];
+    char name[SPIN_IMAGE_NAME];
     SPIN_FREED char *path = NULL;
     SPIN_FREED float *values = NULL;
     int n = 0;
@@ -73,8 +73,8 @@ static spin_status preview_view(struct spin_plan *plan, struct spin_photos *phot
     }
     SPIN_TRY(spin_player_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
     picture[n++] = values + 2 * pixels;
-    spin_picture_name(&plan->clip.views, pair->view, spin_plan_info(plan, pair->frame)->number,
-                      label, name);
+    spin_image_name(&plan->clip.views, pair->view, spin_plan_info(plan, pair->frame)->number, label,
+                    name);
     SPIN_TRY(spin_path_join(plan->o->preview, name, &path));
     return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
 }
