@@ -26,7 +26,7 @@ static double pixels_of(const struct spin_camera *c, const float mean[3], double
 {
     double p[3];
 
-    if (!spin_camera_sees(c, mean, p) || p[2] < spin_camera_near(c))
+    if (!spin_camera_project_visible(c, mean, p) || p[2] < spin_camera_near(c))
         return -1;
     return fmax(c->fx, c->fy) * off / p[2];
 }

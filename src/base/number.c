@@ -43,7 +43,8 @@ bool spin_camera_project(const struct spin_camera *camera, const float point[3],
     return true;
 }
 
-bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3])
+bool spin_camera_project_visible(const struct spin_camera *camera, const float point[3],
+                                 double out[3])
 {
     return spin_camera_project(camera, point, out) && out[0] >= 0 && out[1] >= 0 &&
            out[0] < camera->width && out[1] < camera->height;

@@ -24,6 +24,7 @@ float spin_light_of(float v);
  * behind the camera. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
 /* spin_camera_project() that also returns false if the point is outside the image. */
-bool spin_camera_sees(const struct spin_camera *camera, const float point[3], double out[3]);
+bool spin_camera_project_visible(const struct spin_camera *camera, const float point[3],
+                                 double out[3]);
 /* Returns the depth of the camera's near plane, in world units. */
 double spin_camera_near(const struct spin_camera *camera);

@@ -167,7 +167,7 @@ static float unseen_weight(const struct spin_decimation *d, const struct spin_pa
     for (size_t k = 0; k < n; k++) {
         const struct spin_camera *camera = &d->clip->views.view[pair[k].view].camera;
 
-        if (spin_camera_sees(camera, d->part.means + 3 * i, at))
+        if (spin_camera_project_visible(camera, d->part.means + 3 * i, at))
             return 0;
         most = spin_maxf(most, shown_by(camera, &d->part, i));
     }

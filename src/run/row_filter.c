@@ -229,7 +229,7 @@ static void drop_unseen(struct spin_row_filter *f, int frame, const struct rows 
 
         for (size_t v = 0; v < views->n && seen < least && !rows->reason[i]; v++)
             seen += views->view[v].dataset_frame == row && !views->view[v].test &&
-                    spin_camera_sees(&views->view[v].camera, rows->place + 3 * i, p) &&
+                    spin_camera_project_visible(&views->view[v].camera, rows->place + 3 * i, p) &&
                     p[2] > spin_camera_near(&views->view[v].camera);
         if (!rows->reason[i] && is_finite(rows->place + 3 * i) && seen < least)
             rows->reason[i] = SPIN_ROW_MIN_VIEWS;

@@ -431,7 +431,7 @@ static size_t list_depths(const struct spin_camera *camera, const float *points,
     double p[3];
 
     for (size_t i = 0; i < n; i += stride)
-        if (spin_camera_sees(camera, points + 3 * i, p))
+        if (spin_camera_project_visible(camera, points + 3 * i, p))
             depth[n_inside++] = (float)p[2];
     qsort(depth, n_inside, sizeof *depth, spin_by_float);
     return n_inside;

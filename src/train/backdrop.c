@@ -262,7 +262,7 @@ static int choose_columns(const struct layout *l, const struct spin_camera *came
     double visible = 0, columns, p[3];
 
     for (size_t i = 0; i < l->n; i++)
-        visible += spin_camera_sees(camera, l->point + 3 * i, p);
+        visible += spin_camera_project_visible(camera, l->point + 3 * i, p);
     columns = sqrt(visible / l->n_frames / CELL_POINTS * camera->width / camera->height);
     return (int)fmin(MOST_COLUMNS, fmax(LEAST_COLUMNS, round(columns)));
 }

@@ -60,7 +60,7 @@ static bool project(const struct colours *c, const struct spin_camera *camera, s
     const float *mean = c->splats.means + 3 * splat;
     double p[3];
 
-    if (!spin_camera_sees(camera, mean, p))
+    if (!spin_camera_project_visible(camera, mean, p))
         return false;
     pixel[0] = (int)p[0];
     pixel[1] = (int)p[1];

@@ -23,7 +23,7 @@ static bool is_seen(const struct spin_camera *const *camera, size_t n, const flo
     double p[3];
 
     for (size_t i = 0; i < n; i++)
-        if (spin_camera_sees(camera[i], place, p))
+        if (spin_camera_project_visible(camera[i], place, p))
             return true;
     return false;
 }

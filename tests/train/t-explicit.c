@@ -143,7 +143,7 @@ static void take_unseen(const struct spin_splats *s, const struct spin_camera *v
         double at[3];
 
         for (int k = 0; k < n; k++)
-            seen |= spin_camera_sees(&view[k], s->means + 3 * i, at);
+            seen |= spin_camera_project_visible(&view[k], s->means + 3 * i, at);
         if (!seen)
             cloud->point[i].p = source.point[i].p;
         unseen += !seen;
