@@ -257,7 +257,7 @@ static spin_status match_cameras(struct set *set)
     set->n_video = spin_views_unique(set->video, set->n_video);
     if (n != set->n_cameras && set->n_video == set->n_cameras) {
         for (size_t i = 0; i < n; i++) {
-            if (spin_views_place(set->video, set->n_video, set->camera[i]) < 0)
+            if (spin_views_index_of(set->video, set->n_video, set->camera[i]) < 0)
                 return spin_malformed("camera %d has images but no video", set->camera[i]);
         }
         spin_warn("'%s': %s no images", set->base.path,
@@ -333,8 +333,8 @@ static spin_status check_rows(struct set *set)
 
     SPIN_TRY(spin_model_alloc(&set->base, n, sizeof *seen, (void **)&seen));
     for (size_t i = 0; i < set->n; i++) {
-        int c = spin_views_place(set->camera, set->n_cameras, set->image[i].camera);
-        int row = spin_views_place(set->number, set->n_rows, set->image[i].number);
+        int c = spin_views_index_of(set->camera, set->n_cameras, set->image[i].camera);
+        int row = spin_views_index_of(set->number, set->n_rows, set->image[i].number);
         bool *at = &seen[(size_t)c * set->n_rows + (size_t)row];
 
         if (*at)
@@ -361,10 +361,10 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
         return spin_misuse("option 'test' is %d, but there are %zu cameras", test, set->n_cameras);
     for (size_t i = 0; i < set->n; i++) {
         const struct frame_image *image = &set->image[i];
-        int c = spin_views_place(set->camera, set->n_cameras, image->camera);
+        int c = spin_views_index_of(set->camera, set->n_cameras, image->camera);
         struct spin_view view = {.camera = set->intrinsics[c],
                                  .dataset_frame =
-                                     spin_views_place(set->number, set->n_rows, image->number),
+                                     spin_views_index_of(set->number, set->n_rows, image->number),
                                  .number = image->number,
                                  .camera_id = image->camera,
                                  .test = c == test,

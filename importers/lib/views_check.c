@@ -256,7 +256,7 @@ size_t spin_views_unique(int *list, size_t n)
     return kept;
 }
 
-int spin_views_place(const int *list, size_t n, int value)
+int spin_views_index_of(const int *list, size_t n, int value)
 {
     const int *found = n ? bsearch(&value, list, n, sizeof *list, spin_by_int) : NULL;
 

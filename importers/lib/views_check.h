@@ -66,4 +66,4 @@ bool spin_views_is_number(const char *text, double *out);
 size_t spin_views_unique(int *list, size_t n);
 
 /* Returns the index of a value in a list sorted by spin_views_unique(), or -1 if it is missing. */
-int spin_views_place(const int *list, size_t n, int value);
+int spin_views_index_of(const int *list, size_t n, int value);
