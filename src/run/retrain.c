@@ -221,7 +221,8 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
     spin_simd_paths_begin(&r->simd_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
     /* In all other cases the points are examined later, when the frames are loaded. */
-    return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_look(&r->plan) : SPIN_OK;
+    return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_check_points(&r->plan)
+                                                          : SPIN_OK;
 }
 
 /* Returns the brightness at the corners of the images, relative to the centre. */
@@ -321,7 +322,7 @@ static void log_exposure(const struct run *r)
 static spin_status open_inputs(struct run *r)
 {
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
-    SPIN_TRY(spin_photos_look(&r->photos, &r->plan));
+    SPIN_TRY(spin_photos_check_images(&r->photos, &r->plan));
     SPIN_TRY(choose_exposure(r));
     SPIN_TRY(spin_backdrop_choose(&r->plan, &r->photos));
     if (r->plan.o->refine > 0)

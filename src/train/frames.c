@@ -58,7 +58,7 @@ static double share_outside(const struct spin_point_sample *sample,
     return sample->n ? (double)outside / (double)sample->n : 0;
 }
 
-spin_status spin_frames_look(struct spin_plan *plan)
+spin_status spin_frames_check_points(struct spin_plan *plan)
 {
     struct spin_scene_transform transform = plan->field.transform;
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};

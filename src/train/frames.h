@@ -14,7 +14,7 @@ struct spin_frames {
 
 /* Checks that the means of the source are finite, and stores the share of the means outside the
  * encoder's unit ball in the report. */
-spin_status spin_frames_look(struct spin_plan *plan);
+spin_status spin_frames_check_points(struct spin_plan *plan);
 /* Loads all frames: the refined ones if frames were refined, otherwise those of the source. Sets
  * the permutations and the trainer's scene transform. If first_values is true, also sets the
  * initial values of the trainer's frames and tracks; after a resume it is false, since the

@@ -113,7 +113,7 @@ static size_t median_views(const struct spin_photos *photos, const struct spin_p
     return spin_moving_views(&plan->clip.views, camera, view);
 }
 
-spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan *plan)
+spin_status spin_photos_check_images(struct spin_photos *photos, const struct spin_plan *plan)
 {
     size_t median[SPIN_MOVING_ROWS];
 

@@ -20,7 +20,7 @@ spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan 
 void spin_photos_close(struct spin_photos *photos);
 /* Checks every image that the run will need, without decoding it, so that a missing or truncated
  * image is reported before the training starts. Computes the digests of the training images. */
-spin_status spin_photos_look(struct spin_photos *photos, const struct spin_plan *plan);
+spin_status spin_photos_check_images(struct spin_photos *photos, const struct spin_plan *plan);
 /* Returns a digest of the images, masks and cameras that a frame is trained on or, with frame -1,
  * of those of all frames. Results of an earlier run are reused only if it had the same digest. */
 uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_plan *plan,
