@@ -327,7 +327,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     /* The size is only an upper bound if there are several frames, which share equal attributes, or
      * if options drop splats. */
     if (job->counts)
-        spin_frames_say_size(job->output, job->n_frames, gltf_bytes(x, n),
+        spin_frames_log_size(job->output, job->n_frames, gltf_bytes(x, n),
                              job->n_frames > 1 || job->counts_are_bounds);
     return SPIN_OK;
 }

@@ -226,7 +226,7 @@ static spin_status finish_export(struct export *x)
         spin_warn("%s not rendered: the data set has no view of them that --views selects",
                   spin_text_share((size_t)x->n_unseen, (size_t)x->job->n_frames, "frame", "was",
                                   "were", (char[96]){0}));
-    spin_camera_path_say_blank(&x->drawing);
+    spin_camera_path_warn_blank(&x->drawing);
     SPIN_TRY(spin_output_folder_list(&x->folder, "images", x->job->sync));
     spin_output_folder_remove_former(&x->folder);
     spin_output_folder_end(&x->folder);

@@ -898,7 +898,7 @@ static spin_status write_all(struct export *x)
     SPIN_TRY(write_file(x));
     spin_time_windows_warn(&x->windows);
     warn_of_kind(x);
-    spin_quant_error_say(&x->quant, x->kind->name);
+    spin_quant_error_log(&x->quant, x->kind->name);
     if (x->fade_lost > 2 / 255.0)
         spin_log(0, "%s rounds times: the opacity of fading splats is off by up to %.2g",
                  x->kind->name, x->fade_lost);

@@ -153,7 +153,7 @@ static spin_status finish_export(struct export *x)
 
     x->video = NULL;
     if (status == SPIN_OK)
-        spin_camera_path_say_blank(&x->drawing);
+        spin_camera_path_warn_blank(&x->drawing);
     return status;
 }
 

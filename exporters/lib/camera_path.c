@@ -210,7 +210,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     return SPIN_OK;
 }
 
-void spin_camera_path_say_blank(const struct spin_camera_path *d)
+void spin_camera_path_warn_blank(const struct spin_camera_path *d)
 {
     if (d->n_blank > 0)
         spin_warn("%s only the background: no splat is in front of the camera",

@@ -94,7 +94,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
 void spin_camera_path_free(struct spin_camera_path *d);
 
 /* Warns if some renders showed only the background. */
-void spin_camera_path_say_blank(const struct spin_camera_path *d);
+void spin_camera_path_warn_blank(const struct spin_camera_path *d);
 
 /* Returns the index of the first image of frame f. The images of frame f end before the first image
  * of frame f + 1. */

@@ -10,7 +10,7 @@
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
 
-void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most)
+void spin_frames_log_size(const char *output, int n_frames, uint64_t bytes, bool at_most)
 {
     char size[32], left[32];
     SPIN_FREED char *folder = NULL;
@@ -32,7 +32,7 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
     for (int f = 0; f < job->n_frames && job->counts; f++)
         bytes += x->format->bytes(x, job->counts[f]);
     if (job->counts)
-        spin_frames_say_size(job->output, job->n_frames, bytes,
+        spin_frames_log_size(job->output, job->n_frames, bytes,
                              x->format->packed || job->counts_are_bounds);
 }
 
@@ -286,7 +286,7 @@ spin_status spin_frames_end(void *self)
         n_empty += x->entry[i].n == 0;
     spin_splat_rows_warn_empty(n_empty, x->n_entries);
     if (x->format->lossy && !x->exact)
-        spin_quant_error_say(&x->quant, x->format->name);
+        spin_quant_error_log(&x->quant, x->format->name);
     warn_clipped(x);
     if (x->job->check)
         SPIN_TRY_OUT(spin_frames_check(x));

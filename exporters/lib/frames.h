@@ -147,4 +147,4 @@ void spin_frames_comments(const struct spin_frames *frames, const struct spin_fr
 
 /* Logs the size of the output before it is written. Warns if the disk has less free space, except
  * if the size is only an upper bound (at_most). */
-void spin_frames_say_size(const char *output, int n_frames, uint64_t bytes, bool at_most);
+void spin_frames_log_size(const char *output, int n_frames, uint64_t bytes, bool at_most);

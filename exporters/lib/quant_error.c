@@ -75,7 +75,7 @@ double spin_quant_error_rms(const struct spin_quant_error *q, enum spin_quant_er
     return q->part[part].n ? sqrt(q->part[part].squares / (double)q->part[part].n) : 0;
 }
 
-void spin_quant_error_say(const struct spin_quant_error *q, const char *format)
+void spin_quant_error_log(const struct spin_quant_error *q, const char *format)
 {
     double r[SPIN_QUANT_PARTS], m[SPIN_QUANT_PARTS];
 

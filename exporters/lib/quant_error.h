@@ -58,4 +58,4 @@ void spin_quant_error_merge(struct spin_quant_error *to, const struct spin_quant
 double spin_quant_error_rms(const struct spin_quant_error *q, enum spin_quant_error_part part);
 
 /* Logs one line with RMS and largest error of each part; nothing if there are no rows. */
-void spin_quant_error_say(const struct spin_quant_error *q, const char *format);
+void spin_quant_error_log(const struct spin_quant_error *q, const char *format);

@@ -89,7 +89,8 @@ void spin_readback_end(struct spin_readback *e)
         e->bounds = fmax(e->bounds, fabs(e->is_box[c] - e->there_box[c]));
 }
 
-void spin_readback_say(const struct spin_readback *e, int n_frames, struct spin_export_check *out)
+void spin_readback_fill_check(const struct spin_readback *e, int n_frames,
+                              struct spin_export_check *out)
 {
     *out = (struct spin_export_check){.frames = n_frames,
                                       .splats = e->n,

@@ -38,4 +38,5 @@ void spin_readback_row(struct spin_readback *e, const struct spin_splat_rows *ro
 void spin_readback_end(struct spin_readback *e);
 /* Fills *out for a check that rendered no image; a caller that renders sets `rendered` and `psnr`.
  */
-void spin_readback_say(const struct spin_readback *e, int n_frames, struct spin_export_check *out);
+void spin_readback_fill_check(const struct spin_readback *e, int n_frames,
+                              struct spin_export_check *out);

@@ -251,7 +251,7 @@ spin_status spin_frames_check(struct spin_frames *x)
         status = check_frame(&check, (int)f, x->file ? x->file : path, x->file ? (int)f : 0);
     }
     if (status == SPIN_OK && out) {
-        spin_readback_say(&check.values, (int)x->n_entries, out);
+        spin_readback_fill_check(&check.values, (int)x->n_entries, out);
         out->rendered = check.psnr > 0 ? check.rendered : -1;
         out->psnr = check.psnr > 0 ? check.psnr : (double)NAN;
     }

@@ -129,7 +129,7 @@ spin_status spin_time_windows_check(const struct spin_time_windows_check *of)
     spin_readback_begin(&check.values);
     status = check_all(&check);
     if (status == SPIN_OK && job->report)
-        spin_readback_say(&check.values, job->n_frames, &job->report->check);
+        spin_readback_fill_check(&check.values, job->n_frames, &job->report->check);
     if (check.self)
         check.importer->close(check.self);
     spin_splats_free(&check.frame);

@@ -470,9 +470,9 @@ static void test_too_large(void)
     spin_map_close(&map);
     spin_log_set_level(-1);
     spin_log_set_sink(keep_warning);
-    spin_frames_say_size(one.output, 1, UINT64_MAX, true);
+    spin_frames_log_size(one.output, 1, UINT64_MAX, true);
     ok(n_warned == 0, "what may be less than the disk has room for is no warning");
-    spin_frames_say_size(one.output, 1, UINT64_MAX, false);
+    spin_frames_log_size(one.output, 1, UINT64_MAX, false);
     ok(n_warned == 1 && strstr(warned[0], " has only "), "what will be more is one");
     n_warned = 0;
     ok(spin_exporter_gltf.begin(&job, &self) == SPIN_OK &&

@@ -36,21 +36,21 @@ TAP_MAIN
     spin_readback_frame(&e, &job, 0);
     for (size_t i = 0; i < sizeof unseen / sizeof *unseen; i++) {
         spin_readback_add(&e, unseen[i].mean, sizes, 0.001);
-        spin_readback_say(&e, 1, &check);
+        spin_readback_fill_check(&e, 1, &check);
         ok(isnan(check.place_pixels), "%s no pixel is off", unseen[i].what);
     }
     near(check.place_sizes, 0.002, 1e-9, "of the largest size");
     spin_readback_add(&e, (const float[]){0.05f, 0.02f, 2}, sizes, 0.01);
-    spin_readback_say(&e, 1, &check);
+    spin_readback_fill_check(&e, 1, &check);
     near(check.place_sizes, 0.02, 1e-8, "the most of them");
     near(check.place_pixels, 0.6, 1e-9, "pixels of the camera with the longest focal length");
     spin_readback_frame(&e, &job, 2);
     spin_readback_add(&e, (const float[]){0, 0, 2}, sizes, 1);
-    spin_readback_say(&e, 1, &check);
+    spin_readback_fill_check(&e, 1, &check);
     near(check.place_pixels, 0.6, 1e-9, "a frame without cameras adds none");
     spin_readback_begin(&e);
     spin_readback_frame(&e, &(const struct spin_export_job){.views = NULL}, 0);
     spin_readback_add(&e, (const float[]){0, 0, 2}, sizes, 1);
-    spin_readback_say(&e, 1, &check);
+    spin_readback_fill_check(&e, 1, &check);
     ok(isnan(check.place_pixels), "no data set, no pixels");
 }
