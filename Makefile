@@ -254,7 +254,7 @@ $(B)/src/eval/report/compare_html.c: src/eval/report/compare.html Makefile
 	@mkdir -p $(@D)
 	$(SAY) PAGE $@
 	$(Q){ echo 'extern const char spin_compare_html[]; const char spin_compare_html[] ='; $(C_STRING) $<; echo '    ;'; } >$@
-$(B)/src/run/watch_html.c: src/run/watch.html Makefile
+$(B)/src/run/watch_html.c: src/run/watch_run.html Makefile
 	@mkdir -p $(@D)
 	$(SAY) PAGE $@
 	$(Q){ echo 'extern const char spin_watch_html[]; const char spin_watch_html[] ='; $(C_STRING) $<; echo '    ;'; } >$@

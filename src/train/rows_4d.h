@@ -5,7 +5,7 @@
  * motion (device.h). */
 #pragma once
 
-#include "train/frames.h"
+#include "train/training_frames.h"
 
 struct spin_rows_4d {
     size_t n, capacity;

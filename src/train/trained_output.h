@@ -3,7 +3,7 @@
 #pragma once
 
 #include "train/checkpoint.h"
-#include "train/frames.h"
+#include "train/training_frames.h"
 
 struct spin_output {
     struct spin_plan *plan;

@@ -1,5 +1,5 @@
 /* Loads the splats of all frames in one pass over the clip. */
-#include "train/frames.h"
+#include "train/training_frames.h"
 
 #include "base/base.h"
 #include "math/turn.h"

@@ -2,7 +2,7 @@
  * this page. */
 #pragma once
 
-#include "train/output.h"
+#include "train/trained_output.h"
 
 struct spin_watch {
     /* paths of files and folders inside the folder of --watch */

@@ -1,5 +1,5 @@
 /* Writes the arrays and the meta.json of the output bundle. */
-#include "train/output.h"
+#include "train/trained_output.h"
 
 #include "base/base.h"
 #include "math/turn.h"

@@ -1,6 +1,6 @@
 /* Writes the page of --watch. Every few seconds the page loads now.js as a script, which works
  * without a web server. */
-#include "run/watch.h"
+#include "run/watch_run.h"
 
 #include "base/base.h"
 #include "eval/report/svg_chart.h"
