@@ -6,7 +6,7 @@
 #include "math/drawable.h"
 #include "math/sh.h"
 #include "run/decimate.h"
-#include "train/knn.h"
+#include "geometry/knn.h"
 
 /* A splat is no floater if the RMS distance to its nearest neighbours is at most this many times
  * its largest scale. */

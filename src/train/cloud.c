@@ -6,7 +6,7 @@
 #include "math/activate.h"
 #include "math/sh.h"
 #include "scene/bundle.h"
-#include "train/knn.h"
+#include "geometry/knn.h"
 
 static const float start_logit = -2.1972246f; /* opacity 0.1 */
 

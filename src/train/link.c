@@ -5,7 +5,7 @@
 #include "train/link.h"
 
 #include "base/base.h"
-#include "train/kd_tree.h"
+#include "geometry/kd_tree.h"
 
 enum { CHUNK = 256, MOST_ROUNDS = 100 };
 

@@ -4,7 +4,7 @@
 
 #include "base/base.h"
 #include "math/sh.h"
-#include "train/knn.h"
+#include "geometry/knn.h"
 #include "train/link.h"
 
 /* Tuned on the clip "basketball" (docs/results.md). The search radius of a splat is

@@ -5,7 +5,7 @@
 #include "base/base.h"
 #include "train/appearance.h"
 #include "train/track_matching.h"
-#include "train/morton.h"
+#include "geometry/morton.h"
 
 /* Limits for the standard deviation of a track's position over time, in units of the camera extent.
  * Up to UNSEEN the motion is invisible in images; up to NOISE it may be noise. */

@@ -7,8 +7,8 @@
 
 #include "base/mem.h"
 #include "math/quat.h"
-#include "train/kd_tree.h"
-#include "train/knn.h"
+#include "geometry/kd_tree.h"
+#include "geometry/knn.h"
 
 /* A turn is determined from the NEIGHBOURS nearest neighbours of a splat, within reach_of_spacing
  * times the median spacing of splats. With fewer than FEWEST neighbours it is not determined. Tuned

@@ -2,7 +2,7 @@
  * K: core */
 
 #include "model/field.h"
-#include "train/morton.h"
+#include "geometry/morton.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

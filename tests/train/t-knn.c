@@ -3,7 +3,7 @@
  * K: golden threads refine */
 #include "base/pool.h"
 #include "train/densify.h"
-#include "train/knn.h"
+#include "geometry/knn.h"
 #include "math/rng.h"
 #include "tests/check.h"
 #include "tests/tap.h"

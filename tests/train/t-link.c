@@ -4,7 +4,7 @@
 
 #include "math/rng.h"
 #include "tests/tap.h"
-#include "train/kd_tree.h"
+#include "geometry/kd_tree.h"
 
 enum { N = 700, M = 650, WIDTH = 2 };
 static float at[3 * N], look[WIDTH * N], reach[N], to_at[3 * M], to_look[WIDTH * M];

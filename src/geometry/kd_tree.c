@@ -1,5 +1,5 @@
 /* Builds a k-d tree, and finds all points within a radius. */
-#include "train/kd_tree.h"
+#include "geometry/kd_tree.h"
 
 #include <float.h>
 

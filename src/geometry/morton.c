@@ -1,5 +1,5 @@
 /* Computes the Morton codes of points and sorts the points by them. */
-#include "train/morton.h"
+#include "geometry/morton.h"
 
 #include "base/base.h"
 #include "math/morton.h"

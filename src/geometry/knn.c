@@ -1,11 +1,11 @@
 /* Finds the nearest neighbours of each point by a search in a k-d tree, for all points in parallel.
  */
-#include "train/knn.h"
+#include "geometry/knn.h"
 
 #include <float.h>
 
 #include "base/base.h"
-#include "train/kd_tree.h"
+#include "geometry/kd_tree.h"
 
 enum { NEIGHBOURS = 3, CHUNK = 1024 };
 
