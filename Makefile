@@ -87,7 +87,7 @@ FLAGS.v3   := -march=x86-64 -mtune=generic -mcx16 -msahf -mpopcnt -msse4.2 -mavx
               -mmovbe -mxsave
 FLAGS.v4   := $(FLAGS.v3) -mavx512f -mavx512bw -mavx512cd -mavx512dq -mavx512vl -mprefer-vector-width=512
 
-ROOMS    := src/base src/io src/formats src/scene src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
+ROOMS    := src/base src/io src/formats src/scene src/geometry src/model src/render src/train src/eval src/eval/report src/run importers importers/lib \
             exporters exporters/lib
 LIB_C    := $(filter-out src/io/video%ffmpeg.c src/io/ranks_mpi.c src/io/image_plain.c $(if $(WASM),src/base/shim.c),$(sort $(wildcard $(addsuffix /*.c,$(ROOMS))))) src/device/device.c
 CPU_C    := $(sort $(wildcard src/device/cpu/*.c))
@@ -254,7 +254,7 @@ $(B)/src/eval/report/compare_html.c: src/eval/report/compare.html Makefile
 	@mkdir -p $(@D)
 	$(SAY) PAGE $@
 	$(Q){ echo 'extern const char spin_compare_html[]; const char spin_compare_html[] ='; $(C_STRING) $<; echo '    ;'; } >$@
-$(B)/src/run/watch_html.c: src/run/watch_run.html Makefile
+$(B)/src/run/watch_html.c: src/run/watch.html Makefile
 	@mkdir -p $(@D)
 	$(SAY) PAGE $@
 	$(Q){ echo 'extern const char spin_watch_html[]; const char spin_watch_html[] ='; $(C_STRING) $<; echo '    ;'; } >$@

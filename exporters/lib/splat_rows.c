@@ -5,7 +5,9 @@
 #include "io/file.h"
 #include "math/approx.h"
 #include "math/drawable.h"
-#include "scene/bundle.h"
+
+/* Bytes of a frame; smaller ones need not be unmapped early. */
+#define SMALL ((size_t)64 << 20)
 
 struct spin_splat_rows_block {
     size_t n_before; /* number of kept rows in all blocks before this one */
@@ -38,9 +40,23 @@ static size_t end_of(const struct spin_splat_rows *rows, size_t block)
 
 void spin_splat_rows_rest(const struct spin_splat_rows *rows, size_t block, unsigned columns)
 {
-    size_t first = block * SPIN_ROWS_BLOCK;
+    const struct spin_splats *s = rows->splats;
+    size_t first = block * SPIN_ROWS_BLOCK, n = end_of(rows, block) - first;
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
 
-    spin_bundle_release_rows(rows->splats, first, end_of(rows, block) - first, columns);
+    /* madvise() briefly stalls all threads: do not use it for small frames. */
+    if (!s->mapped || (11 + n_sh) * sizeof(float) * s->n < SMALL)
+        return;
+    if (columns & SPIN_COL_MEANS)
+        spin_map_release(s->means + 3 * first, 3 * n * sizeof(float));
+    if (columns & SPIN_COL_QUATS)
+        spin_map_release(s->quats + 4 * first, 4 * n * sizeof(float));
+    if (columns & SPIN_COL_LOG_SCALES)
+        spin_map_release(s->log_scales + 3 * first, 3 * n * sizeof(float));
+    if (columns & SPIN_COL_LOGIT_OPACITIES)
+        spin_map_release(s->logit_opacities + first, n * sizeof(float));
+    if (columns & SPIN_COL_SH)
+        spin_map_release(s->sh + n_sh * first, n_sh * n * sizeof(float));
 }
 
 /* Counts the kept rows of the whole frame, and for each block the kept rows before the block. */

@@ -208,7 +208,7 @@ void spin_output_lock_drop(struct spin_output_lock *lock)
     *lock = (struct spin_output_lock){.fd = -1};
 }
 
-/* ---- Files of the previous export -------------------------------------------------------------- */
+/* ---- Files of the previous export ------------------------------------------------------------ */
 
 /* Compare names without regard to upper and lower case, which some file systems do not
  * distinguish. */

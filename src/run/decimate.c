@@ -527,9 +527,10 @@ static bool preserves_rows(const struct spin_decimation *d)
     return d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
 }
 
-spin_status spin_decimation_drop(struct spin_decimation *d, int f, const struct spin_splats *all,
-                                 bool source, unsigned char *reason)
+static spin_status drop_rows(void *context, int f, const struct spin_splats *all, bool source,
+                             unsigned char *reason)
 {
+    const struct spin_decimation *d = context;
     const struct spin_decimate_set *set = set_of(d, f);
 
     if (all->n != set->n || (source && !preserves_rows(d)))
@@ -540,11 +541,20 @@ spin_status spin_decimation_drop(struct spin_decimation *d, int f, const struct 
     return SPIN_OK;
 }
 
-void spin_decimation_drop_4d(const struct spin_decimation *d, unsigned char *reason)
+static void drop_rows_4d(const void *context, unsigned char *reason)
 {
+    const struct spin_decimation *d = context;
+
     for (size_t i = 0; i < d->splats_4d->n; i++)
         if ((!reason[i] && !d->set[0].keep[i]) || !exists_in_clip(d, i))
             reason[i] = SPIN_ROW_DECIMATE;
+}
+
+void spin_decimation_attach(struct spin_decimation *d)
+{
+    d->filter->drop = drop_rows;
+    d->filter->drop_4d = drop_rows_4d;
+    d->filter->drop_context = d;
 }
 
 size_t spin_decimation_count(const struct spin_decimation *d, int f)

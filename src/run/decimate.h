@@ -81,15 +81,13 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          void *context, int *n_tries, uint64_t *reached);
 spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decimated *out);
 
-/* Sets the reason of each row of frame f that is not kept from SPIN_ROW_KEPT to SPIN_ROW_DECIMATE;
- * other reasons stay. If `source` is true, *all are the imported splats of a retrained clip. If the
- * training preserved their rows, the same rows are kept as in the retrained frame; otherwise the
- * largest splats are kept, and as many of them as in the retrained frame. */
-spin_status spin_decimation_drop(struct spin_decimation *d, int f, const struct spin_splats *all,
-                                 bool source, unsigned char *reason);
-/* Sets the reason of each 4D splat that is not kept from SPIN_ROW_KEPT to SPIN_ROW_DECIMATE. A 4D
- * splat that exists only before the first or after the last frame gets this reason in any case. */
-void spin_decimation_drop_4d(const struct spin_decimation *d, unsigned char *reason);
+/* Makes d->filter drop the rows that are not kept, for the reason SPIN_ROW_DECIMATE.
+ *
+ * Of the imported splats of a retrained clip, the rows of the retrained frame are kept if the
+ * training preserved the rows; otherwise the largest splats are kept, and as many of them as in the
+ * retrained frame. A 4D splat that exists only before the first or after the last frame is dropped
+ * for this reason in any case. */
+void spin_decimation_attach(struct spin_decimation *d);
 /* Returns the number of kept splats of frame f. Valid only if no filter drops a row in some frames
  * only. */
 size_t spin_decimation_count(const struct spin_decimation *d, int f);

@@ -218,7 +218,7 @@ static spin_status begin_export(struct export *x)
 {
     static const float black[3] = {0};
     const struct spin_export_options *o = x->o;
-    bool decimates = x->filter.decimation;
+    bool decimates = x->filter.drop != NULL;
     struct spin_plugin_values values = {.pairs = o->plugin_pairs};
     struct spin_export_job job = {
         .output = x->output,
@@ -339,7 +339,7 @@ static spin_status decimate(struct export *x, const struct spin_decimate_goal *g
     d->background = x->o->background;
     d->filter = &x->filter;
     SPIN_TRY(spin_decimation_open(d));
-    x->filter.decimation = d;
+    spin_decimation_attach(d);
     if (goal->unit == SPIN_DECIMATE_BYTES)
         SPIN_TRY(spin_decimation_choose_bytes(d, goal->amount, x->o->output, write_try, x, &n_tries,
                                               &reached));

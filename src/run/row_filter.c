@@ -5,7 +5,6 @@
 #include "base/base.h"
 #include "math/drawable.h"
 #include "math/sh.h"
-#include "run/decimate.h"
 #include "geometry/knn.h"
 
 /* A splat is no floater if the RMS distance to its nearest neighbours is at most this many times
@@ -392,8 +391,8 @@ static spin_status choose_rows(struct spin_row_filter *f, int frame, const struc
                                bool source, size_t *n_kept, unsigned char **mark)
 {
     SPIN_TRY(judge(f, frame, s, source));
-    if (f->decimation)
-        SPIN_TRY(spin_decimation_drop(f->decimation, frame, s, source, f->reason));
+    if (f->drop)
+        SPIN_TRY(f->drop(f->drop_context, frame, s, source, f->reason));
     return mark_kept(f->reason, s->n, n_kept, mark);
 }
 
@@ -537,8 +536,8 @@ spin_status spin_row_filter_4d(struct spin_row_filter *f, const struct spin_spla
     SPIN_TRY(spin_row_filter_judge_4d(f, s));
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&f->reason));
     memcpy(f->reason, f->reason_4d, s->n);
-    if (f->decimation)
-        spin_decimation_drop_4d(f->decimation, f->reason);
+    if (f->drop_4d)
+        f->drop_4d(f->drop_context, f->reason);
     count_rows(f, f->reason, s->n, -1);
     SPIN_TRY(mark_kept(f->reason, s->n, &n_kept, &mark));
     if (n_kept == s->n)

@@ -12,13 +12,15 @@
 #include "scene/bundle_tracks.h"
 #include "scene/clip.h"
 
-struct spin_decimation;
-
 struct spin_row_filter {
     const struct spin_export_options *o;
     const struct spin_clip *clip;
-    /* chooses the rows of --decimate; NULL without that option */
-    struct spin_decimation *decimation;
+    /* Drop rows last, by setting the reason of those that have none; NULL: none. --decimate sets
+     * these. source: the rows are those of the imported frame. */
+    spin_status (*drop)(void *context, int frame, const struct spin_splats *s, bool source,
+                        unsigned char *reason);
+    void (*drop_4d)(const void *context, unsigned char *reason);
+    void *drop_context;
     /* True if the options may drop a row in some frames and keep it in others. */
     bool varies;
     /* Statistics of the 4D splats, or of all frames that were counted since spin_row_filter_open()

@@ -27,12 +27,13 @@ ours() {
     src/cmd/*) echo '^(spin(_run)?\.h|base/text\.h|io/(json|template)\.h|cmd/.*|train/options\.def)$' ;;
     importers/*) echo '^(spin\.h|(formats|io|math|base|importers)/.*)$' ;;
     exporters/*) echo '^(spin\.h|(formats|io|math|base|exporters)/.*)$' ;;
-    src/run/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|io|math|base|run)/.*)$' ;;
-    src/train/*) echo '^(spin(_train)?\.h|device/[a-z_]+\.h|(eval|render|model|scene|io|math|base|train)/.*)$' ;;
+    src/run/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|geometry|io|math|base|run)/.*)$' ;;
+    src/train/*) echo '^(spin(_train)?\.h|device/[a-z_]+\.h|(eval|render|model|scene|geometry|io|math|base|train)/.*)$' ;;
     src/eval/*) echo '^(spin\.h|device/[a-z_]+\.h|(render|model|scene|io|math|base|eval)/.*)$' ;;
     src/render/*) echo '^(spin\.h|device/[a-z_]+\.h|(model|scene|io|math|base|render)/.*)$' ;;
     src/model/*) echo '^(spin\.h|device/[a-z_]+\.h|(io|math|base|model)/.*)$' ;;
     src/formats/*) echo '^(spin\.h|(io|math|base|formats)/.*)$' ;;
+    src/geometry/*) echo '^(spin\.h|(math|base|geometry)/.*)$' ;;
     src/scene/*) echo '^(spin\.h|(io|math|base|scene)/.*)$' ;;
     src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
     src/device/cpu/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cpu/.*|(math|base)/.*)$' ;;

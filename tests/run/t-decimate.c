@@ -82,7 +82,7 @@ static void check_weights(void)
                 spin_splats_reserve(&s, N, columns, 0) == SPIN_OK,
             "a player"))
         return;
-    player.weighs = true;
+    player.keeps_contributions = true;
     for (size_t i = 0; i < 3; i++)
         fill(&s, i, 0, 0, 3 + 0.1f * (float)i, -1, 8, 1.7724539f);
     fill(&s, 3, 0, 0, 5, -3, 2, 1.7724539f);
@@ -415,7 +415,7 @@ static void check_source(void)
                 spin_decimation_open(&d) == SPIN_OK &&
                 spin_decimation_choose(&d, SPIN_DECIMATE_SPLATS, 2) == SPIN_OK &&
                 spin_bundle_frame(&clip.bundle, 0, columns, &s) == SPIN_OK &&
-                (filter.decimation = &d) &&
+                (spin_decimation_attach(&d), true) &&
                 spin_row_filter_source(&filter, 0, &s, &part) == SPIN_OK,
             "the source of refined frames, decimated with them: %s", spin_last_error()))
         return;

@@ -35,7 +35,7 @@ ROOT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 WORK = "build/same_objects"
 # The Makefile turns these pages into C strings.
 PAGES = {"exporters/html/": "exporters/html_page", "src/eval/report/page.html": "src/eval/report/page",
-         "src/eval/report/compare.html": "src/eval/report/compare_html", "src/run/watch_run.html": "src/run/watch_html"}
+         "src/eval/report/compare.html": "src/eval/report/compare_html", "src/run/watch.html": "src/run/watch_html"}
 # Sources that are compiled and linked in one go.
 LINKED = {"src/io/image_oiio.cpp": "lib/spin-image.so", "src/formats/glb_tiny.cpp": "lib/spin-gltf.so",
           "src/io/image_plain.c": "lib/spin-image-plain.so", "src/io/ranks_mpi.c": "lib/spin-mpi.so",
