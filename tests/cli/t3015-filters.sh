@@ -119,6 +119,13 @@ out_has "\"unit\": \"in all\"" "counts rows of the clip, not of a frame"
 mkdir "$work/apart" && cp "$work/grid.ply" "$work/apart/0.ply"
 sed 's/vertex 66/vertex 65/; $ d' "$work/grid.ply" >"$work/apart/1.ply"
 run "$bin/spin-import" "$work/apart" -o "$work/apart.spin"
+# sequence.json: row i is the same splat in all frames if the same rows remain in each.
+run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/part" --crop 0,0,0,1
+grep -q '"identity": false' "$work/part/sequence.json"
+ok $? "splats that move out of a sphere leave other rows in each frame"
+run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/faint" --min-opacity 0.9
+grep -q '"identity": true' "$work/faint/sequence.json"
+ok $? "rows that are faint in all frames leave the others the same"
 run "$bin/spin-export" "$work/apart.spin" --to ply -o "$work/apart-few" --crop 0,0,0,1 --decimate 20 --json
 out_has "\"unit\": \"a frame\"" "or of a frame, where frames share none"
 holds "leaves half of it, and nothing else" 'a, b = ply(sys.argv[1]), ply(sys.argv[2])
