@@ -34,9 +34,8 @@ struct convert {
      * one. */
     char *beside;
     bool imports;
-    bool has_data,
-        /* whether the bundle `import` has a data set; whether it was retrained before */
-        is_trained;
+    bool has_data; /* the user named a data set, or the one that the bundle `import` names exists */
+    bool is_trained; /* `import` was already retrained, with any method */
     /* Whether `import` was trained with tracks, so that 4D splats can be made of its frames. */
     bool is_tracks;
     spin_json *report;

@@ -10,10 +10,10 @@ enum {
     LOOKS = 400,   /* number of such views in all frames together, approximately, if frames share
                       their rows */
     PICTURES = 16, /* number of views in which the loss is measured */
-    AROUND = 8,   /* number of views on the orbit that replaces the cameras of a clip without any */
-    SIDE = 400,   /* width and height of a view on that orbit, in pixels */
-    TRIES = 9,    /* largest number of outputs that are written to reach a given size */
-    HALVINGS = 8, /* number of bisections to reach a given loss */
+    AROUND = 8,    /* number of views on the orbit that is used if the clip has no cameras */
+    SIDE = 400,    /* width and height of a view on that orbit, in pixels */
+    TRIES = 9,     /* largest number of outputs that are written to reach a given size */
+    HALVINGS = 8,  /* number of bisections to reach a given loss */
 };
 /* How a splat of one frame is recognised in other frames: not at all, by its row, by its 4D splat
  * or by its track. */
@@ -564,9 +564,9 @@ size_t spin_decimation_count(const struct spin_decimation *d, int f)
 
 /* ---- The loss -------------------------------------------------------------------------------- */
 
-/* Returns camera k of those that replace the cameras of a clip without any: they stand on a circle
- * around the median position of the splats and look at its centre. The y axis of the scene is taken
- * to point down. */
+/* Sets *out to camera k of the AROUND cameras that are used if the clip has no cameras. They stand
+ * on a horizontal circle around the median position of the splats and look at this position. The
+ * y axis of the scene is taken to point down. */
 static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera *out)
 {
     double angle = 6.283185307179586 * k / AROUND, c = cos(angle), sn = sin(angle);

@@ -34,7 +34,7 @@ static const double far_share = 0.005;
 static const double behind = 2; /* distance of a splat from the surface, in cells */
 static const double scale = 1;  /* standard deviation along the surface, in spacings of splats */
 static const double most_scale = 2; /* largest spacing of splats on slanted surfaces, in cells */
-/* Standard deviation across the surface, in spacings of splats. */
+/* Standard deviation perpendicular to the surface, in spacings of splats. */
 static const double thickness = 0.1;
 /* Radius of a splat that must not be visible, in standard deviations. */
 static const double reach = 2;

@@ -10,9 +10,9 @@
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const size_t *live_counts,
                                     const char *what, struct spin_quality *out);
-/* Measures the quality of the training's input. With --method 4d this is the trained clip, with
- * other methods the source. If the bundle lacks attributes of the source, nothing is measured and
- * out->valid is false. */
+/* Measures the quality of the splats that the training starts from: with --method 4d the clip that
+ * an earlier training wrote to the bundle, with other methods the source. If the source is needed
+ * and the bundle lacks some of its attributes, nothing is measured and out->valid is false. */
 spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_photos *photos,
                                           struct spin_device *device, struct spin_quality *out);
 /* Writes one PNG for each test camera, of the middle frame of the clip. It shows side by side: the
