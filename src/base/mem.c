@@ -261,10 +261,11 @@ static bool system_number(const char *path, const char *key, uint64_t unit, uint
 
 enum { GROUP_PATH = 4096 };
 
-/* Returns the minimum, for the control group in `folder` and its parents, of the bytes that a group
- * still allows: its limit minus its usage, where inactive page cache counts as free. The parents
- * end at the mount point, whose path is the first n_top bytes of `folder`. Groups whose files
- * cannot be read, as in a container, are skipped. */
+/* Returns how many bytes the process may still allocate according to its control groups: the one in
+ * `folder` and its parents. Each group allows its limit minus its usage, where inactive page cache
+ * counts as free; the lowest of these numbers is returned, or UINT64_MAX if there is none. The
+ * parents end at the mount point, whose path is the first n_top bytes of `folder`. Groups whose
+ * files cannot be read, as in a container, are skipped. */
 static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
 {
     uint64_t least = UINT64_MAX;

@@ -13,8 +13,8 @@
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
 #define SLACK 4096 /* an image may have 2 n + SLACK pixels for n Gaussians */
-/* A Gaussian takes about 12 bytes. Refuse files as decompression bombs if the number of Gaussians
- * exceeds the size in bytes by more than this. */
+/* A Gaussian takes about 12 bytes in the image files. A file that announces more than one Gaussian
+ * for each byte of its images, plus MOST_SPLATS, is refused as a decompression bomb. */
 #define MOST_SPLATS (1u << 20)
 
 /* For each image: name of the zip member, object of meta.json that lists the image, index in that

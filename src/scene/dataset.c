@@ -487,9 +487,10 @@ spin_status spin_views_set_near(struct spin_views *views, const float *points, s
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* The expected width is that of an image with the aspect ratio of the file and the height of the
- * camera. The camera may differ from it by 1 % of its width, or by the effect of rounding, if that
- * is more: half a pixel, plus the change in width if the height changes by half a pixel. */
+/* Checks that the image file has the camera's aspect ratio. The expected width is the camera's
+ * height times the aspect ratio of the file. The camera's width may differ from the expected width
+ * by the larger of two tolerances: 1 % of the camera's width, and the effect of rounding, which is
+ * half a pixel plus the change of the expected width if the height changes by half a pixel. */
 spin_status spin_view_check_size(const struct spin_view *view, int width, int height)
 {
     double expected = (double)view->camera.height * width / height;

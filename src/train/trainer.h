@@ -12,8 +12,10 @@
  * iterations, and then falls along a cosine to `end` in the last iteration. */
 struct spin_train_rates {
     double table, head[SPIN_HEADS], position, exposure, end;
-    double residual[SPIN_HEADS]; /* 0: residual values and further SH coefficients stay fixed */
-    double sh;                   /* of SH coefficients beyond the first, which splats own */
+    /* If residual[SPIN_HEAD_SCALE] is 0, neither the residual values nor the SH coefficients beyond
+     * the first are trained, even if `sh` is above 0. */
+    double residual[SPIN_HEADS];
+    double sh; /* of SH coefficients beyond the first, which splats own */
     /* Above 0: all rates follow 3DGS instead. The position rate decays log-linearly from `position`
      * to position_end, and all other rates are constant. */
     double position_end;
