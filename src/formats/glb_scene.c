@@ -462,7 +462,7 @@ static spin_status run_keys(struct build *b)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* True if no animation hides the node or one of its parents. on [n_keys]: for each animated node,
+/* True if no animation hides the node or any of its ancestors. on [n_keys]: for each animated node,
  * whether it is shown at the time in question. */
 static bool is_on(const struct build *b, size_t node, const unsigned char *on)
 {

@@ -14,10 +14,11 @@
 /* Bytes of a row before compression: 3 for pos, 4 for rot, 3 for rgb, 1 for alpha, 3 for scale. */
 #define ROW_BYTES 14
 #define MAX_FRAMES 1000000
-/* As decompression bombs, refuse data that unpack to more than SLACK bytes plus a multiple of their
- * size: ROW_RATIO for the rows of all splats relative to the static section, RATIO for each stream.
- * Rows of the static section compress badly, since no two splats share a position; differences
- * between frames compress well if splats hardly move. */
+/* Limits against decompression bombs. A file is refused if the rows of all its splats would take
+ * more than SLACK bytes plus ROW_RATIO times the size of the static section, or if a stream would
+ * unpack to more than SLACK bytes plus RATIO times its compressed size. Rows of the static section
+ * compress badly, since no two splats share a position; differences between frames compress well if
+ * splats hardly move. */
 #define ROW_RATIO 32
 #define RATIO 1000
 #define SLACK (1u << 20)

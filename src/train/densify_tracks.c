@@ -284,8 +284,9 @@ static spin_status update_permutation(const struct rows *rows, size_t n_before,
     return SPIN_OK;
 }
 
-/* Sets *turn [n_pos][4] to the turns of the new splats, which are those of their parents; to NULL
- * if the frame has no turns. The caller frees it. */
+/* Returns in *turn [n_pos][4] the turns (see turns.h) of the frame's splats after densification: a
+ * kept splat keeps its turn, an added one gets that of its parent, and one without a track gets the
+ * identity. If the frame has no turns, *turn is left unchanged. The caller frees it. */
 static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
                                  const struct rows *rows, float **turn)
 {
