@@ -418,7 +418,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
     unit_of(a, q);
     spin_splat_rows_take(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
-        /* A placeholder: number_path() codes positions. */
+        /* Positions are coded by number_path() instead; the centre is coded as 0. */
         value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];
         value[SPIN_PAGE_COLOUR + c] = is.colour[c];
         value[SPIN_PAGE_SCALE + c] = is.log_scale[c];
