@@ -35,7 +35,7 @@ static bool parse_translate(const struct spin_args_row *row, const char *text)
 
 static bool parse_min_opacity(const struct spin_args_row *row, const char *text)
 {
-    return parse_numbers(row, text, 1) && options.min_opacity < 1;
+    return parse_numbers(row, text, 1);
 }
 
 /* Parses --max-scale, where 0 means that scales are not limited. */
@@ -92,7 +92,8 @@ static const struct spin_args_row rows[] = {
         "(1; no limit for images and video)",
         .parse = parse_max_scale, .max = 1e30),
     SPIN_ARG("min-opacity", 0, "V", CUSTOM, options.min_opacity,
-             "drop splats whose opacity is below V, 0 to 1", .parse = parse_min_opacity, .max = 1),
+             "drop splats whose opacity is below V, 0 to 1", .parse = parse_min_opacity,
+             .max = 0.999999),
     SPIN_ARG("scale", 0, "S", DOUBLE, options.scale,
              "scale the scene by S, after the filters above (1)", .min = 1e-6, .max = 1e6),
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,

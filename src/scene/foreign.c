@@ -49,8 +49,8 @@ static const struct kind *kind_of(const char *path)
 }
 
 /* Sets `name` to the name of a member of a ZIP archive that an importer might read, or to "" if
- * there is none. */
-static void find_member(const char *path, char *name, size_t n_name)
+ * there is none. Returns false if the archive cannot be opened. */
+static bool find_member(const char *path, char *name, size_t n_name)
 {
     static const char *const endings[] = {".ply",  ".spz",   ".splat", ".ksplat", ".sog",  ".glb",
                                           ".tsog", ".sogst", ".npz",   ".pth",    ".ckpt", ".spin"};
@@ -58,22 +58,24 @@ static void find_member(const char *path, char *name, size_t n_name)
 
     *name = '\0';
     if (spin_zip_open(path, &zip) != SPIN_OK)
-        return;
+        return false;
     for (size_t i = 0; i < zip.n && i < MOST_MEMBERS && !*name; i++)
         for (size_t k = 0; k < sizeof endings / sizeof *endings; k++)
             if (spin_text_ends_any_case(zip.member[i].name, endings[k]))
                 snprintf(name, n_name, "%s", zip.member[i].name);
     spin_zip_close(&zip);
+    return true;
 }
 
 static void describe_file(const char *path, const struct kind *kind, bool want_views, char *text,
                           size_t n_text)
 {
+    bool is_zip = kind->is == ARCHIVE && memcmp(kind->magic, "PK", 2) == 0;
     char member[128] = "";
 
-    if (kind->is == ARCHIVE && memcmp(kind->magic, "PK", 2) == 0)
-        find_member(path, member, sizeof member);
-    if (*member)
+    if (is_zip && !find_member(path, member, sizeof member))
+        snprintf(text, n_text, "it begins like %s, but is truncated or damaged", kind->name);
+    else if (*member)
         snprintf(text, n_text, "it is %s that contains '%s': unpack it and give its contents",
                  kind->name, member);
     else if (kind->is == ARCHIVE)

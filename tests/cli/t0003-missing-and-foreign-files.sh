@@ -61,6 +61,11 @@ foreign() { # INPUT EXPECTED
 }
 foreign "$work/a.zip" "is a ZIP archive that contains 'out/p.ply': unpack it"
 foreign "$work/a.tar.gz" "is packed by gzip: unpack it"
+"$bin/spin-import" -q fixtures/ply/inria_sh1 -o "$work/whole.spin"
+head -c 3000 "$work/whole.spin" >"$work/short.spin"
+run "$bin/spin-export" "$work/short.spin" -o "$work/short.html"
+fails 1 spin-export "a bundle that is cut short"
+err_has "like a ZIP archive, but is truncated or damaged" "is not to be unpacked"
 foreign "$work/packed" "contains an archive, 'a.zip': unpack it"
 foreign "$work/film.mp4" "is a video, not splats: train"
 foreign "$work/films" "is a folder of videos, not of splats: .* with --data"
