@@ -226,6 +226,16 @@ static bool is_regular(const char *path)
     return lstat(path, &st) == 0 && S_ISREG(st.st_mode);
 }
 
+/* Files of exports that are not files of one frame, and that sequence.json therefore omits. */
+static const struct {
+    const char *format, *name;
+} unnumbered[] = {{"usd", "clip.usda"},
+                  {"usd", "manifest.usda"},
+                  {"usd", "still.usda"},
+                  {"figures", "psnr.svg"},
+                  {"figures", "ssim.svg"}};
+#define N_UNNUMBERED (sizeof unnumbered / sizeof *unnumbered)
+
 static spin_status add_former(struct spin_output_folder *x, const char *name)
 {
     SPIN_FREED char *path = NULL;
@@ -250,16 +260,23 @@ static const char *former_name(const spin_json *entry)
     return strstr(name, digits) ? name : NULL;
 }
 
+/* Adds the files that an export of this format writes beside its frames. */
+static spin_status add_unnumbered_former(struct spin_output_folder *x, const char *format)
+{
+    for (size_t i = 0; i < N_UNNUMBERED; i++)
+        if (strcmp(format, unnumbered[i].format) == 0)
+            SPIN_TRY(add_former(x, unnumbered[i].name));
+    return SPIN_OK;
+}
+
 static spin_status add_all_former(struct spin_output_folder *x, const spin_json *root)
 {
-    static const char *const of_usd[] = {"clip.usda", "manifest.usda", "still.usda"};
-    const size_t n_usd = sizeof of_usd / sizeof *of_usd;
     const spin_json *frames = spin_json_get(root, "frames");
     const char *format = spin_json_string(spin_json_get(root, "format"));
+    size_t n_most = spin_json_length(frames) + N_UNNUMBERED;
 
-    SPIN_TRY(spin_alloc(spin_json_length(frames) + n_usd, sizeof *x->former, (void **)&x->former));
-    for (size_t i = 0; i < n_usd && format && strcmp(format, "usd") == 0; i++)
-        SPIN_TRY(add_former(x, of_usd[i]));
+    SPIN_TRY(spin_alloc(n_most, sizeof *x->former, (void **)&x->former));
+    SPIN_TRY(add_unnumbered_former(x, format ? format : ""));
     for (size_t i = 0; i < spin_json_length(frames); i++) {
         const char *name = former_name(spin_json_at(frames, i));
 

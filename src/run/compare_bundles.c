@@ -111,6 +111,6 @@ spin_status spin_compare(const struct spin_eval_options *o, const char *const *i
     if (spin_rank() == 0 && o->report)
         SPIN_TRY(spin_compare_page(&c, o->report, o->force));
     if (spin_rank() == 0 && figures)
-        SPIN_TRY(spin_compare_figures(&c, figures));
+        SPIN_TRY(spin_compare_figures(&c, figures, o->force));
     return spin_json_finish(json_pack("{s:O}", "runs", c.runs), report);
 }

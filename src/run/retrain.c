@@ -9,6 +9,7 @@
 #include "io/output.h"
 #include "io/json.h"
 #include "io/ranks.h"
+#include "run/former_previews.h"
 #include "run/run.h"
 #include "run/training.h"
 #include "run/watch_run.h"
@@ -125,6 +126,19 @@ static spin_status check_disk(const struct run *r)
     return SPIN_OK;
 }
 
+/* With --force, removes the previews of an earlier training. */
+static void remove_former_previews(const struct run *r)
+{
+    const struct spin_retrain_options *o = r->plan.o;
+
+    if (o->resume || !o->force)
+        return;
+    if (o->preview)
+        spin_former_previews_remove(o->preview);
+    if (o->watch && strcmp(o->preview, r->watch.pictures) != 0)
+        spin_former_previews_remove(r->watch.pictures);
+}
+
 /* Checks before the first iteration that all outputs can be written. */
 static spin_status check_outputs(struct run *r)
 {
@@ -140,11 +154,14 @@ static spin_status check_outputs(struct run *r)
     if (o->refine > 0 && (o->cache || spin_path_is_taken(r->plan.parts)))
         SPIN_TRY(spin_output_check_folder(r->plan.parts));
     SPIN_TRY(check_disk(r));
-    if (o->watch)
+    if (o->watch) {
         SPIN_TRY(spin_output_check_empty_folder(o->watch, o->force || o->resume));
+        SPIN_TRY(spin_out_check(w->state, true)); /* fails if it is the input of this run */
+    }
     if (o->preview)
         SPIN_TRY(spin_output_check_empty_folder(o->preview, o->force || o->resume));
     SPIN_TRY(spin_step_log_open(&r->step_log, o->log, o->resume, o->force));
+    remove_former_previews(r);
     return o->watch ? spin_watch_begin(&r->watch) : SPIN_OK;
 }
 

@@ -75,6 +75,8 @@ elif command -v python3 >/dev/null 2>&1; then
     python3 -c 'import sys, xml.dom.minidom as x; [x.parse(f) for f in sys.argv[1:]]' "$work"/figures/*.svg 2>"$work/err"
     ok $? "the SVGs are XML"
 fi
+is "$(ls "$work/figures" | grep -c 'svg$\|png$') $(grep -c '"file"' "$work/figures/sequence.json")" "$((2 * rows + 2)) $((2 * rows))" \
+    "sequence.json lists the images"
 grep -q '>a_b</text>' "$work/figures/psnr.svg" && grep -q '>better</text>' "$work/figures/ssim.svg"
 ok $? "with names at the curves"
 set -- "$work"/figures/camera*.png
@@ -82,6 +84,13 @@ set -- "$work"/figures/camera*.png
 is "$(od -An -tu1 -j16 -N8 "$1" | awk '{ print $3 * 256 + $4, $7 * 256 + $8 }')" "$((3 * 160 + 8)) $((2 * 90 + 4))" "a sheet of this size"
 run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --figures "$work/figures"
 fails 1 spin-eval "a folder with figures in it"
+touch "$work/figures/camera_00_frame_99999.png"
+# shellcheck disable=SC2086
+run "$bin/spin-eval" "$work/a_b.spin" --range 1:2 --dynamic off --figures "$work/figures" --force
+is "$code" 0 "--force replaces them"
+err_has "removed [0-9]* files of the previous export from '.*/figures'" "and says how many files it removed"
+is "$(ls "$work/figures" | sed 's/.*_frame_/frame_/' | sort -u | tr '\n' ' ')" \
+    "frame_00001.png frame_00001.svg frame_99999.png psnr.svg sequence.json ssim.svg " "and keeps a file of someone else"
 
 # shellcheck disable=SC2086
 run "$bin/spin-eval" "$work/better.spin" $views --report "$work/one.html"

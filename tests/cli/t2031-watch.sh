@@ -32,6 +32,29 @@ same_frames "$work/b.spin" "$work/page/state.spin" "state.spin is the last state
 run "$bin/spin-retrain" "$work/a.spin" -o "$work/c.spin" $short --watch "$work/page"
 fails 1 spin-retrain "a folder with a page in it"
 
+# ---- The folder of an earlier training -----------------------------------------------------------------
+
+touch "$work/page/pictures/cam_mine.png"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/a.spin" -o "$work/e.spin" $short --iterations 10 --watch "$work/page" --eval-every 10 --force
+is "$code" 0 "--force replaces the page"
+err_has "removed 8 previews of an earlier training from '.*/page/pictures'" "and says how many pictures it removed"
+is "$(ls "$work/page/pictures" | tr '\n' ' ')" \
+    "cam_00_frame_00001_iteration_0000010.png cam_15_frame_00001_iteration_0000010.png cam_mine.png " "and keeps other files"
+mkdir "$work/few" && cp "$work/page/pictures"/*.png "$work/few"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/a.spin" -o "$work/e.spin" $short --iterations 20 --preview "$work/few" --eval-every 20 --force
+err_has "removed 2 previews of an earlier training from '.*/few'" "--preview --force does the same"
+is "$(ls "$work/few" | tr '\n' ' ')" \
+    "cam_00_frame_00001_iteration_0000020.png cam_15_frame_00001_iteration_0000020.png cam_mine.png " "the previews of this run"
+cp "$work/page/state.spin" "$work/input.spin"
+# shellcheck disable=SC2086
+run "$bin/spin-retrain" "$work/page/state.spin" -o "$work/f.spin" $short --watch "$work/page" --force
+fails 1 spin-retrain "to train the clip of a page into the same page"
+cmp -s "$work/input.spin" "$work/page/state.spin"
+ok $? "which stays as it is"
+is "$(ls "$work/page/pictures" | wc -l)" 3 "as do its pictures"
+
 # ---- A page that cannot be written ----------------------------------------------------------------------
 
 # shellcheck disable=SC2086

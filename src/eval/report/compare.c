@@ -5,6 +5,7 @@
 #include "base/base.h"
 #include "eval/report/svg_chart.h"
 #include "io/image.h"
+#include "io/output.h"
 #include "io/template.h"
 
 /* GAP: pixels between images; GAIN: factor of difference images; LABEL: height of names, pixels. */
@@ -327,11 +328,12 @@ spin_status spin_compare_page(const struct spin_compare *c, const char *path, bo
 }
 
 /* Opens a file in the folder for writing. */
-static spin_status open_figure(const char *folder, const char *name, struct spin_out *out)
+static spin_status open_figure(struct spin_output_folder *folder, const char *name,
+                               struct spin_out *out)
 {
     SPIN_FREED char *path = NULL;
 
-    SPIN_TRY(spin_path_join(folder, name, &path));
+    SPIN_TRY(spin_path_join(folder->path, name, &path));
     return spin_out_open(path, true, out);
 }
 
@@ -358,7 +360,7 @@ static void write_svg(const struct spin_compare *c, const struct spin_compare_ro
 }
 
 static spin_status write_row(const struct spin_compare *c, const struct spin_compare_row *row,
-                             const char *folder)
+                             struct spin_output_folder *folder)
 {
     struct spin_out out;
     struct sheet s;
@@ -368,30 +370,47 @@ static spin_status write_row(const struct spin_compare *c, const struct spin_com
 
     SPIN_TRY_OUT(sheet_text(c, row, &text, &s));
     snprintf(name, sizeof name, "camera_%02d_frame_%05d.png", row->camera, row->frame);
-    SPIN_TRY_OUT(spin_path_join(folder, name, &path));
+    SPIN_TRY_OUT(spin_path_join(folder->path, name, &path));
     SPIN_TRY_OUT(spin_image_write(path, s.width, s.height, s.rgb, false));
+    spin_output_folder_add(folder, name, row->frame);
     snprintf(name, sizeof name, "camera_%02d_frame_%05d.svg", row->camera, row->frame);
     SPIN_TRY_OUT(open_figure(folder, name, &out));
     write_svg(c, row, &s, text, out.file);
     status = spin_out_commit(&out);
+    spin_output_folder_add(folder, name, row->frame);
 out:
     free(s.rgb);
     return status;
 }
 
-spin_status spin_compare_figures(const struct spin_compare *c, const char *folder)
+static spin_status write_charts(const struct spin_compare *c, struct spin_output_folder *folder)
 {
     static const char *const charts[][4] = {
         {"psnr.svg", "psnr", "PSNR over the frames", "PSNR, dB"},
         {"ssim.svg", "ssim", "SSIM over the frames", "SSIM"}};
     struct spin_out out;
+    spin_status status;
 
     for (int i = 0; i < 2; i++) {
         SPIN_TRY(open_figure(folder, charts[i][0], &out));
-        SPIN_TRY(draw_curves(c, charts[i][1], charts[i][2], charts[i][3], true, out.file));
-        SPIN_TRY(spin_out_commit(&out));
+        status = draw_curves(c, charts[i][1], charts[i][2], charts[i][3], true, out.file);
+        if (status != SPIN_OK)
+            spin_out_abandon(&out);
+        SPIN_TRY(status != SPIN_OK ? status : spin_out_commit(&out));
+        spin_output_folder_mark(folder, charts[i][0]);
     }
+    return SPIN_OK;
+}
+
+spin_status spin_compare_figures(const struct spin_compare *c, const char *path, bool force)
+{
+    SPIN_LEAVES(spin_output_folder_abandon) struct spin_output_folder folder = {0};
+
+    SPIN_TRY(spin_output_folder_begin(path, force, ".svg", &folder));
+    SPIN_TRY(write_charts(c, &folder));
     for (size_t i = 0; i < c->n_rows; i++)
-        SPIN_TRY(write_row(c, &c->row[i], folder));
+        SPIN_TRY(write_row(c, &c->row[i], &folder));
+    SPIN_TRY(spin_output_folder_list(&folder, "figures", false));
+    spin_output_folder_remove_former(&folder);
     return SPIN_OK;
 }

@@ -29,6 +29,7 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
 /* Writes the page. */
 spin_status spin_compare_page(const struct spin_compare *c, const char *path, bool force);
 /* Writes figures into a folder: psnr.svg, ssim.svg, and for each row a PNG, and an SVG that labels
- * its images. */
-spin_status spin_compare_figures(const struct spin_compare *c, const char *folder);
+ * its images; and sequence.json, which lists these images. With force, removes the files that a
+ * former call has written there and this call does not overwrite. */
+spin_status spin_compare_figures(const struct spin_compare *c, const char *folder, bool force);
 void spin_compare_free(struct spin_compare *c);
