@@ -6,6 +6,7 @@
 #include <libavformat/avformat.h>
 #include <libavutil/imgutils.h>
 #include <libswscale/swscale.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,6 +19,7 @@ struct spin_video_stream {
     AVPacket *packet;
     AVFrame *frame;
     struct SwsContext *scale;
+    uint8_t *stored; /* [height][width][3] a frame as stored, if the file's rotation is not 0 */
     const struct spin_video_index *index;
     int stream_index; /* index of the video stream in the file */
     int draining;
@@ -135,6 +137,69 @@ static enum spin_video_result list_frames(AVFormatContext *file, int stream_inde
     return result;
 }
 
+/* Returns the display matrix of the file, in which phones record how they were held, or NULL. */
+static const int32_t *display_matrix(const AVStream *stream)
+{
+#if LIBAVFORMAT_VERSION_INT >= AV_VERSION_INT(60, 15, 100)
+    const AVPacketSideData *data = av_packet_side_data_get(stream->codecpar->coded_side_data,
+                                                           stream->codecpar->nb_coded_side_data,
+                                                           AV_PKT_DATA_DISPLAYMATRIX);
+
+    return data && data->size >= 9 * sizeof(int32_t) ? (const int32_t *)(const void *)data->data
+                                                     : NULL;
+#else
+    size_t size = 0;
+    const uint8_t *data = av_stream_get_side_data(stream, AV_PKT_DATA_DISPLAYMATRIX, &size);
+
+    return size >= 9 * sizeof(int32_t) ? (const int32_t *)(const void *)data : NULL;
+#endif
+}
+
+/* Returns the sign of a matrix element, or 0 if it is less than a hundredth of `largest`. */
+static int sign_of(int32_t value, double largest)
+{
+    return fabs((double)value) < 0.01 * largest ? 0 : value < 0 ? -1 : 1;
+}
+
+/* Sets the rotation and the size of the frames as players show them. x' = a x + c y and y' = b x +
+ * d y, where the matrix is a b u, c d v, x y w. */
+static enum spin_video_result read_rotation(const AVStream *stream, struct spin_video_index *out)
+{
+    static const int32_t none[9] = {1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30};
+    const int32_t *m = display_matrix(stream);
+    double largest = 0;
+    int a, b, c, d;
+
+    m = m ? m : none;
+    for (int i = 0; i < 5; i++)
+        largest = i == 2 ? largest : fmax(largest, fabs((double)m[i]));
+    a = sign_of(m[0], largest);
+    b = sign_of(m[1], largest);
+    c = sign_of(m[3], largest);
+    d = sign_of(m[4], largest);
+    if (largest == 0 || !!a == !!b || !!a != !!d || !!b != !!c)
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0,
+                               "its header turns the frames by an angle that is not a multiple of "
+                               "90 degrees: re-encode it");
+    out->swaps = b != 0;
+    out->mirrors_x = a + c < 0;
+    out->mirrors_y = b + d < 0;
+    out->width = out->swaps ? stream->codecpar->height : stream->codecpar->width;
+    out->height = out->swaps ? stream->codecpar->width : stream->codecpar->height;
+    return SPIN_VIDEO_OK;
+}
+
+static enum spin_video_result read_stream(const AVStream *stream, int64_t max_pixels,
+                                          struct spin_video_index *out)
+{
+    out->unit = av_q2d(stream->time_base);
+    if (stream->codecpar->width < 1 || stream->codecpar->height < 1)
+        return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no width or height");
+    if (stream->codecpar->width > max_pixels / stream->codecpar->height)
+        return spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have too many pixels");
+    return read_rotation(stream, out);
+}
+
 static enum spin_video_result video_index(const char *path, int64_t max_pixels,
                                           struct spin_video_index *out)
 {
@@ -146,13 +211,8 @@ static enum spin_video_result video_index(const char *path, int64_t max_pixels,
     result = open_file(path, &file, &stream_index);
     if (result != SPIN_VIDEO_OK)
         return result;
-    out->width = file->streams[stream_index]->codecpar->width;
-    out->height = file->streams[stream_index]->codecpar->height;
-    if (out->width < 1 || out->height < 1)
-        result = spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames have no width or height");
-    else if (out->width > max_pixels / out->height)
-        result = spin_video_fail(SPIN_VIDEO_TOO_LARGE, 0, "its frames have too many pixels");
-    else
+    result = read_stream(file->streams[stream_index], max_pixels, out);
+    if (result == SPIN_VIDEO_OK)
         result = list_frames(file, stream_index, out);
     avformat_close_input(&file);
     if (result != SPIN_VIDEO_OK) {
@@ -162,11 +222,22 @@ static enum spin_video_result video_index(const char *path, int64_t max_pixels,
     return result;
 }
 
+static int stored_width(const struct spin_video_index *index)
+{
+    return index->swaps ? index->height : index->width;
+}
+
+static int stored_height(const struct spin_video_index *index)
+{
+    return index->swaps ? index->width : index->height;
+}
+
 static void video_close(struct spin_video_stream *s)
 {
     if (!s)
         return;
     sws_freeContext(s->scale);
+    free(s->stored);
     av_frame_free(&s->frame);
     av_packet_free(&s->packet);
     avcodec_free_context(&s->codec);
@@ -289,7 +360,8 @@ static enum spin_video_result video_next(struct spin_video_stream *s, int64_t *f
         }
         if (error < 0)
             return spin_video_fail(SPIN_VIDEO_UNREADABLE, error, "it is damaged or cut short");
-        if (s->frame->width != s->index->width || s->frame->height != s->index->height)
+        if (s->frame->width != stored_width(s->index) ||
+            s->frame->height != stored_height(s->index))
             return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its frames differ in size");
         *frame = find_frame(s->index, s->frame->best_effort_timestamp);
         if (*frame >= 0)
@@ -317,7 +389,8 @@ static int colour_matrix(const AVFrame *frame)
     }
 }
 
-static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *out)
+/* Converts the decoded frame as it is stored. */
+static enum spin_video_result stored_rgb(struct spin_video_stream *s, uint8_t *out)
 {
     const AVFrame *frame = s->frame;
     int full = frame->color_range == AVCOL_RANGE_JPEG;
@@ -338,6 +411,39 @@ static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *ou
                   planes, lines) != frame->height)
         return spin_video_fail(SPIN_VIDEO_UNREADABLE, 0, "its pixels cannot be converted to RGB");
     return SPIN_VIDEO_OK;
+}
+
+/* Copies a frame to its orientation on the screen. */
+static void turn_frame(const struct spin_video_index *index, const uint8_t *from, uint8_t *out)
+{
+    int width = stored_width(index), height = stored_height(index);
+
+    for (int y = 0; y < height; y++)
+        for (int x = 0; x < width; x++) {
+            int u = index->swaps ? y : x, v = index->swaps ? x : y;
+
+            u = index->mirrors_x ? index->width - 1 - u : u;
+            v = index->mirrors_y ? index->height - 1 - v : v;
+            memcpy(out + 3 * ((size_t)v * (size_t)index->width + (size_t)u),
+                   from + 3 * ((size_t)y * (size_t)width + (size_t)x), 3);
+        }
+}
+
+static enum spin_video_result video_rgb(struct spin_video_stream *s, uint8_t *out)
+{
+    const struct spin_video_index *index = s->index;
+    enum spin_video_result result;
+
+    if (!index->swaps && !index->mirrors_x && !index->mirrors_y)
+        return stored_rgb(s, out);
+    if (!s->stored)
+        s->stored = malloc(3 * (size_t)index->width * (size_t)index->height);
+    if (!s->stored)
+        return spin_video_fail(SPIN_VIDEO_NO_MEMORY, 0, "not enough memory");
+    result = stored_rgb(s, s->stored);
+    if (result == SPIN_VIDEO_OK)
+        turn_frame(index, s->stored, out);
+    return result;
 }
 
 static const char *last_why(void) { return why; }

@@ -4,7 +4,7 @@
 
 #include <stdint.h>
 
-#define SPIN_VIDEO_SHIM_ABI 4
+#define SPIN_VIDEO_SHIM_ABI 5
 #define SPIN_VIDEO_SHIM_SYMBOL "spin_video_shim_table"
 
 enum spin_video_result {
@@ -24,7 +24,12 @@ struct spin_video_entry {
 };
 
 struct spin_video_index {
-    int width, height;
+    int width, height; /* of the frames as players show them */
+    /* Rotation of the file's display matrix: a frame is stored with y and x exchanged if `swaps`,
+     * from right to left if `mirrors_x`, and from the bottom to the top if `mirrors_y`; the last
+     * two refer to the frame as shown. */
+    int swaps, mirrors_x, mirrors_y;
+    double unit; /* seconds per unit of pts */
     int64_t n;
     struct spin_video_entry *entry; /* [n], sorted by pts; allocated with malloc */
 };

@@ -197,6 +197,7 @@ static spin_status attach_data(struct import *im)
         return SPIN_OK;
     }
     SPIN_TRY(status);
+    SPIN_TRY(spin_views_warn_single(&im->views));
     if (!o->output)
         return SPIN_OK;
     SPIN_TRY(spin_path_folder(o->output, &folder));

@@ -298,13 +298,62 @@ static spin_status pair_by_order(const struct spin_views *views,
     return SPIN_OK;
 }
 
-spin_status spin_views_pair(const struct spin_views *views, const struct spin_bundle_meta *meta,
+/* Sets *out to whether every frame of the data set has one image, each of another camera, as in a
+ * COLMAP model without frame folders. */
+static spin_status has_one_view_each(const struct spin_views *views, bool *out)
+{
+    SPIN_FREED int *camera = NULL;
+
+    *out = views->n > 1 && (size_t)views->n_dataset_frames == views->n;
+    if (!*out)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(views->n, sizeof *camera, (void **)&camera));
+    for (size_t i = 0; i < views->n; i++)
+        camera[i] = views->view[i].camera_id;
+    qsort(camera, views->n, sizeof *camera, spin_by_int);
+    for (size_t i = 1; i < views->n; i++)
+        *out = *out && camera[i] != camera[i - 1];
+    return SPIN_OK;
+}
+
+/* Makes all views images of frame 0. */
+static void make_still(struct spin_views *views)
+{
+    for (size_t i = 0; i < views->n; i++) {
+        views->view[i].dataset_frame = 0;
+        views->view[i].time = 0;
+    }
+    qsort(views->view, views->n, sizeof *views->view, by_row_and_camera);
+    views->n_dataset_frames = 1;
+    views->numbered = false;
+}
+
+spin_status spin_views_warn_single(const struct spin_views *views)
+{
+    bool single;
+
+    SPIN_TRY(has_one_view_each(views, &single));
+    if (single)
+        spin_warn("the data set has one image per frame, each of another camera position: this is "
+                  "right for the video of one moving camera; if its %zu images were taken at the "
+                  "same time, put them into a folder for each frame (see colmap in "
+                  "spin-importers(7))",
+                  views->n);
+    return SPIN_OK;
+}
+
+spin_status spin_views_pair(struct spin_views *views, const struct spin_bundle_meta *meta,
                             const char *pair, int *dataset_frame_of)
 {
     char frames[48];
+    bool single = false;
 
     if (strcmp(pair, "number") == 0)
         return pair_by_number(views, meta, dataset_frame_of);
+    if (meta->n_source_frames == 1)
+        SPIN_TRY(has_one_view_each(views, &single));
+    if (single) /* a still, whose images all belong to its only frame */
+        make_still(views);
     if (strcmp(pair, "order") == 0)
         return pair_by_order(views, meta, dataset_frame_of);
     if (*pair && strcmp(pair, "auto") != 0)

@@ -180,6 +180,78 @@ static void test_damage(const char *path)
        "a playlist in a video's name leads nowhere");
 }
 
+/* Changes the display matrix in the header of an MP4 to the given 2 x 2 part, row by row. */
+static void set_matrix(const char *path, const int m[4])
+{
+    static const size_t at[4] = {0, 4, 12, 16};
+    FILE *file = fopen(path, "r+b");
+    char bytes[1 << 16];
+    size_t n = 0;
+    const char *tkhd = NULL;
+
+    if (file && fseek(file, -(long)sizeof bytes, SEEK_END) != 0)
+        rewind(file);
+    n = file ? fread(bytes, 1, sizeof bytes, file) : 0;
+    for (size_t i = 0; i + 80 < n && !tkhd; i++)
+        tkhd = memcmp(bytes + i, "tkhd", 4) == 0 ? bytes + i : NULL;
+    for (int i = 0; tkhd && i < 4; i++) {
+        uint32_t value = (uint32_t)m[i] << 16;
+        const uint8_t big[4] = {(uint8_t)(value >> 24), (uint8_t)(value >> 16), 0, 0};
+
+        fseek(file, ftell(file) - (long)n + (tkhd - bytes) + 44 + (long)at[i], SEEK_SET);
+        fwrite(big, 1, 4, file);
+        fseek(file, 0, SEEK_END);
+    }
+    if (file)
+        fclose(file);
+    ok(tkhd != NULL, "the header of the video is changed");
+}
+
+/* Reads frame 0 and returns whether it has the size and its pixel x, y is white: in the video as it
+ * is stored, a white square of 8 pixels is in the upper left corner. */
+static bool has_square(const char *path, int width, int height, int x, int y)
+{
+    int w = 0, h = 0, w_info = 0, h_info = 0;
+    int64_t n;
+    uint8_t *rgb = NULL;
+    bool good = spin_video_read(path, 0, NULL, &w, &h, &rgb) == SPIN_OK && w == width &&
+                h == height && spin_video_info(path, &w_info, &h_info, &n, NULL) == SPIN_OK &&
+                w_info == width && h_info == height;
+
+    for (int dy = -2; dy <= 2 && good; dy++)
+        for (int dx = -2; dx <= 2 && good; dx++)
+            good = rgb[3 * ((y + dy) * w + x + dx)] > 200;
+    free(rgb);
+    return good;
+}
+
+static void test_rotation(const char *path)
+{
+    static const struct {
+        int m[4], w, h, x, y;
+        const char *what;
+    } cases[] = {
+        {{1, 0, 0, 1}, W, H, 4, 4, "upright"},
+        {{0, 1, -1, 0}, H, W, H - 5, 4, "turned by 90 degrees"},
+        {{-1, 0, 0, -1}, W, H, W - 5, H - 5, "turned by 180 degrees"},
+        {{0, -1, 1, 0}, H, W, 4, W - 5, "turned by 270 degrees"},
+        {{-1, 0, 0, 1}, W, H, W - 5, 4, "mirrored"},
+    };
+    int w, h;
+    int64_t n;
+
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        set_matrix(path, cases[i].m);
+        ok(has_square(path, cases[i].w, cases[i].h, cases[i].x, cases[i].y),
+           "a video is shown %s as its header says", cases[i].what);
+    }
+    set_matrix(path, (const int[4]){1, 1, -1, 1});
+    ok(spin_video_info(path, &w, &h, &n, NULL) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "multiple of 90"),
+       "other angles are refused");
+    set_matrix(path, (const int[4]){1, 0, 0, 1});
+}
+
 TAP_MAIN
 {
     const char *build = getenv("SPIN_BUILD");
@@ -209,5 +281,6 @@ TAP_MAIN
     test_order(path);
     test_passing(path);
     test_images(path);
+    test_rotation(path);
     test_damage(path);
 }

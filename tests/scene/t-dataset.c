@@ -74,8 +74,44 @@ static void test_pair(int n, int n_source, int clip, int step, int data, const c
     spin_views_free(&views);
 }
 
+/* A clip of one frame with a data set of 4 frames with one image each: of 4 cameras, or of one. */
+static void test_still(void)
+{
+    struct spin_views views = {0};
+    struct spin_bundle_meta meta;
+    int row = -1;
+
+    for (int moving = 0; moving < 2; moving++) {
+        spin_status status;
+
+        for (int i = 0; i < 4; i++)
+            if (spin_views_add(&views, &(struct spin_view){.dataset_frame = i,
+                                                           .number = i,
+                                                           .time = i,
+                                                           .camera_id = moving ? 0 : 3 - i,
+                                                           .test = i == 3,
+                                                           .path = (char[]){"x.png"}}) != SPIN_OK)
+                exit(1);
+        views.n_dataset_frames = 4;
+        views.numbered = true;
+        make_meta(&meta, 1, 1, 2, 1);
+        status = spin_views_pair(&views, &meta, moving ? "auto" : "order", &row);
+        if (moving)
+            ok(status == SPIN_OK && row == 2 && views.n_dataset_frames == 4,
+               "one camera that moves: the clip is paired with one of its frames");
+        else
+            ok(status == SPIN_OK && row == 0 && views.n_dataset_frames == 1 &&
+                   views.view[3].dataset_frame == 0 && views.view[0].camera_id == 0 &&
+                   views.view[0].test && !views.view[1].test,
+               "different cameras: all are views of the only frame");
+        spin_bundle_meta_free(&meta);
+        spin_views_free(&views);
+    }
+}
+
 static void test_pairs(void)
 {
+    test_still();
     test_pair(6, 6, 122, 1, 122, "auto", 5, NULL, "both numbered: by number");
     test_pair(3, 6, 123, 2, 122, "auto", 5, NULL, "some frames of the clip: by number");
     test_pair(6, 6, 0, 1, 122, "auto", -1, "--pair order", "numbers that do not meet are an error");
