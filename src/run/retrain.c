@@ -13,6 +13,7 @@
 #include "run/run.h"
 #include "run/training.h"
 #include "run/watch_run.h"
+#include "scene/columns.h"
 #include "train/backdrop.h"
 #include "train/camera_colours.h"
 #include "train/loop.h"
@@ -91,18 +92,16 @@ static spin_status check_output(const struct run *r, bool *done)
     return SPIN_OK;
 }
 
-/* Checks that the checkpoint and the output fit on the disk together. With tracks, the number of
- * splats to store is not known yet, but it is at least that of the largest frame. */
-static spin_status check_disk(const struct run *r)
+/* Returns the least number of bytes of checkpoint and output of a training of the clip. With
+ * tracks, the number of splats to store is not known yet, but it is at least that of the largest
+ * frame. */
+static uint64_t clip_bytes(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
     size_t all = 0, most = 0, floats;
-    char need[32], left[32];
-    SPIN_FREED char *folder = NULL;
-    uint64_t bytes, room;
 
     if (!trains_clip(r))
-        return SPIN_OK;
+        return 0;
     for (int f = 0; f < p->clip.n_frames; f++) {
         all += p->counts[f];
         most = p->counts[f] > most ? p->counts[f] : most;
@@ -115,15 +114,64 @@ static spin_status check_disk(const struct run *r)
         floats += p->field.n_table + p->field.n_heads;
     /* The checkpoint stores three floats for each parameter, its value and the two moments of Adam;
      * the output stores the value. */
-    bytes = 4 * floats * sizeof(float);
-    SPIN_TRY(spin_path_folder(p->o->output, &folder));
-    room = spin_path_free_bytes(folder);
-    if (room < bytes)
-        return spin_fail(
-            SPIN_E_IO,
-            "cannot write '%s': checkpoint and output need at least %s, but the disk has %s free",
-            p->o->output, spin_text_bytes(bytes, need), spin_text_bytes(room, left));
-    return SPIN_OK;
+    return 4 * (uint64_t)floats * sizeof(float);
+}
+
+/* Returns the least number of bytes that all refined frames occupy together. */
+static uint64_t refined_bytes(const struct spin_plan *p)
+{
+    int degree = spin_plan_frame_sh_degree(p);
+    uint64_t floats = 0, all = 0;
+
+    for (unsigned column = 1; column < SPIN_COLUMNS_END; column <<= 1)
+        if (column & (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES))
+            floats += spin_column_width(column, degree);
+    for (int f = 0; f < p->clip.n_frames; f++)
+        all += p->counts[f];
+    return all * floats * sizeof(float);
+}
+
+/* Returns the share of the frames that are not in the cache yet. */
+static double uncached_share(const struct spin_plan *p)
+{
+    double n = p->clip.n_frames;
+    size_t n_cached = 0;
+    char **names;
+
+    if (spin_path_is_taken(p->parts) && spin_folder_list(p->parts, &names, &n_cached) == SPIN_OK)
+        spin_folder_list_free(names);
+    return n > (double)n_cached ? (n - (double)n_cached) / n : 0;
+}
+
+static spin_status check_space(const char *folder, const char *path, const char *files,
+                               uint64_t bytes)
+{
+    uint64_t room = spin_path_free_bytes(folder);
+    char need[32], left[32];
+
+    if (room >= bytes)
+        return SPIN_OK;
+    return spin_fail(SPIN_E_IO, "cannot write '%s': %s need at least %s, but the disk has %s free",
+                     path, files, spin_text_bytes(bytes, need), spin_text_bytes(room, left));
+}
+
+/* Checks that the files that the run keeps until its end fit on the disk together. */
+static spin_status check_disk(const struct run *r)
+{
+    const struct spin_plan *p = &r->plan;
+    const struct spin_retrain_options *o = p->o;
+    uint64_t refined = o->refine > 0 ? refined_bytes(p) : 0,
+             cache = (uint64_t)((double)refined * uncached_share(p)),
+             output = clip_bytes(r) + (o->method == SPIN_METHOD_FRAMES ? refined : 0);
+    SPIN_FREED char *folder = NULL;
+
+    SPIN_TRY(spin_path_folder(o->output, &folder));
+    if (o->cache)
+        SPIN_TRY(check_space(p->parts, p->parts, "the refined frames", cache));
+    else if (refined > 0)
+        return check_space(folder, o->output, "refined frames, checkpoint and output",
+                           cache + output);
+    return check_space(folder, o->output, "checkpoint and output", output);
 }
 
 /* With --force, removes the previews of an earlier training. */

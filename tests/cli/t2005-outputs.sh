@@ -271,6 +271,17 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=7m tmpfs "$work/small" 2>/dev/nu
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/small/grown.spin" $grows --resume
     same "$work/small/grown.spin" "$work/large/grown.spin" "with more room --resume gives the same bytes"
+    mount -o remount,size=700k "$work/small"
+    rm -f "$work/small"/*
+    for how in "--method frames" "--method frames --cache $work/small/cache" "--iterations 5 --cache $work/small/cache"; do
+        to=$work/small/refined.spin
+        case $how in *cache*) to=$work/large/refined.spin ;; esac
+        # shellcheck disable=SC2086
+        run "$bin/spin-retrain" "$in" -o "$to" --device cpu --threads 1 --scale 0.25 --refine 5 $how
+        fails 1 spin-retrain "the refined frames do not fit on the disk: ${how%%$work*}"
+        err_has "cannot write '$work/small/.*refined frames.* need at least .* free\$" "which is noticed before the first iteration"
+        is "$(find "$work/small" "$work/large" -name '*.spin*' | grep -v grown)" "" "and writes nothing"
+    done
     umount "$work/small"
     trap 'rm -rf "$work"' EXIT
 else
