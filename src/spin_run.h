@@ -63,6 +63,7 @@ struct spin_eval_options {
     /* True: only the pixels inside the masks of the data set, or inside the alpha of its images,
      * are measured. */
     bool mask;
+    bool temporal; /* measure flicker: differences between successive frames of static cameras */
     /* report: HTML page to write, or NULL. log: log of spin-retrain --log that the page shows, or
      * NULL. */
     const char *report, *log;

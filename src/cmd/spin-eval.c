@@ -32,6 +32,8 @@ static const struct spin_args_row rows[] = {
              "find dynamic regions by the data set's masks, or by changes in its images (auto)"),
     SPIN_ARG("mask", 0, NULL, FLAG, options.mask,
              "measure the subject only, given by the data set's masks or the images' alpha"),
+    SPIN_ARG("temporal", 0, NULL, FLAG, options.temporal,
+             "measure flicker: the differences between successive frames of static cameras"),
     SPIN_ARG("lpips", 0, "DIR", STRING, options.lpips,
              "measure LPIPS with the network weights in DIR; see the manual"),
     SPIN_ARG("lpips-backbone", 0, "FILE", STRING, options.lpips_backbone,
@@ -100,6 +102,10 @@ static const struct spin_args_command command = {
     "{{^dynamic_from=off}}dynamic  {{dynamic %.2p}} % of the pixels, from "                        \
     "{{#dynamic_from=masks}}foreground masks{{/}}{{#dynamic_from=images}}the images{{/}}: "        \
     "PSNR {{psnr_dynamic %.3f}} there, {{psnr_static %.3f}} elsewhere\n{{/}}"                      \
+    "{{#flicker}}flicker  {{flicker %.3f}} of 255 in static regions ({{flicker_images %.3f}} in "  \
+    "the "                                                                                         \
+    "images){{#flicker_dynamic}}; error of the differences in dynamic regions {{flicker_dynamic "  \
+    "%.3f}}{{/}}\n{{/}}"                                                                           \
     "{{#background_shows}}holes    PSNR {{psnr_opposite %.3f}} over the opposite background: the " \
     "splats are transparent in places\n{{/}}"                                                      \
     "speed    {{fps %.2f}} frames per second with decoding, {{fps_draw %.2f}} without\n"           \
@@ -111,38 +117,42 @@ static const struct spin_args_command command = {
 #define EACH(text) "{{#runs}}" text "{{/}}"
 #define IF_DYNAMIC(text) "{{#runs.0.psnr_dynamic}}" text "{{/}}"
 #define IF_VGG(text) "{{#runs.0.lpips_vgg}}" text "{{/}}"
+#define IF_FLICKER(text) "{{#runs.0.flicker}}" text "{{/}}"
 #define IF_ALEX(text) "{{#runs.0.lpips_alex}}" text "{{/}}"
 
-static const char plain_text[] = "      PSNR     SSIM" IF_DYNAMIC("   dynamic")
-    IF_VGG("   LPIPS VGG") IF_ALEX("  LPIPS Alex") "        file  attributes  run\n" EACH(
-        "{{psnr %10.3f}}{{ssim %9.4f}}" IF_DYNAMIC("{{psnr_dynamic %10.3f}}")
-            IF_VGG("{{lpips_vgg %12.4f}}")
-                IF_ALEX("{{lpips_alex %12.4f}}") "{{file_megabytes %9.2f}} MB{{megabytes %9.2f}} "
-                                                 "MB  {{name}}\n");
+static const char plain_text[] =
+    "      PSNR     SSIM" IF_DYNAMIC("   dynamic") IF_FLICKER("   flicker") IF_VGG("   LPIPS VGG")
+        IF_ALEX("  LPIPS Alex") "        file  attributes  run\n" EACH(
+            "{{psnr %10.3f}}{{ssim %9.4f}}" IF_DYNAMIC("{{psnr_dynamic %10.3f}}")
+                IF_FLICKER("{{flicker %10.3f}}") IF_VGG("{{lpips_vgg %12.4f}}") IF_ALEX(
+                    "{{lpips_alex %12.4f}}") "{{file_megabytes %9.2f}} MB{{megabytes %9.2f}} "
+                                             "MB  {{name}}\n");
 
-static const char md_text[] =
-    "| run | PSNR | SSIM |" IF_DYNAMIC(" PSNR, dynamic |") IF_VGG(" LPIPS VGG |") IF_ALEX(
+static const char md_text[] = "| run | PSNR | SSIM |" IF_DYNAMIC(" PSNR, dynamic |")
+    IF_FLICKER(" flicker |") IF_VGG(" LPIPS VGG |") IF_ALEX(
         " LPIPS Alex |") " file, MB | attributes, MB |\n|---|---:|---:|" IF_DYNAMIC("---:|")
-        IF_VGG("---:|") IF_ALEX("---:|") "---:|---:|\n" EACH(
+        IF_FLICKER("---:|") IF_VGG("---:|") IF_ALEX("---:|") "---:|---:|\n" EACH(
             "| {{escaped}} | {{psnr %.2f}} | {{ssim %.4f}} |" IF_DYNAMIC(" {{psnr_dynamic %.2f}} |")
-                IF_VGG(" {{lpips_vgg %.4f}} |") IF_ALEX(
+                IF_FLICKER(" {{flicker %.3f}} |") IF_VGG(" {{lpips_vgg %.4f}} |") IF_ALEX(
                     " {{lpips_alex %.4f}} |") " {{file_megabytes %.2f}} | {{megabytes %.2f}} |\n");
 
-static const char csv_text[] = "run,psnr,ssim" IF_DYNAMIC(",psnr_dynamic") IF_VGG(",lpips_vgg")
-    IF_ALEX(",lpips_alex") ",megabytes,file_megabytes\n" EACH(
+static const char csv_text[] = "run,psnr,ssim" IF_DYNAMIC(",psnr_dynamic") IF_FLICKER(",flicker")
+    IF_VGG(",lpips_vgg") IF_ALEX(",lpips_alex") ",megabytes,file_megabytes\n" EACH(
         "{{escaped}},{{psnr %.6f}},{{ssim %.6f}}" IF_DYNAMIC(",{{psnr_dynamic %.6f}}")
-            IF_VGG(",{{lpips_vgg %.6f}}")
+            IF_FLICKER(",{{flicker %.6f}}") IF_VGG(",{{lpips_vgg %.6f}}")
                 IF_ALEX(",{{lpips_alex %.6f}}") ",{{megabytes %.6f}},{{file_megabytes %.6f}}\n");
 
-static const char latex_text[] = "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_VGG("r")
+static const char latex_text[] = "\\begin{tabular}{lrr" IF_DYNAMIC("r") IF_FLICKER("r") IF_VGG("r")
     IF_ALEX("r") "rr}\n"
-                 "run & PSNR & SSIM" IF_DYNAMIC(" & PSNR, dynamic") IF_VGG(" & LPIPS VGG")
+                 "run & PSNR & SSIM" IF_DYNAMIC(" & PSNR, dynamic") IF_FLICKER(" & flicker") IF_VGG(
+                     " & LPIPS VGG")
                      IF_ALEX(" & LPIPS Alex") " & file, MB & attributes, MB \\\\\n\\hline\n" EACH(
                          "{{escaped}} & {{psnr %.2f}} & {{ssim %.4f}}" IF_DYNAMIC(
-                             " & {{psnr_dynamic %.2f}}") IF_VGG(" & {{lpips_vgg %.4f}}")
-                             IF_ALEX(" & {{lpips_alex %.4f}}") " & {{file_megabytes %.2f}} & "
-                                                               "{{megabytes %.2f}} "
-                                                               "\\\\\n") "\\end{tabular}\n";
+                             " & {{psnr_dynamic %.2f}}") IF_FLICKER(" & {{flicker %.3f}}")
+                             IF_VGG(" & {{lpips_vgg %.4f}}")
+                                 IF_ALEX(" & {{lpips_alex %.4f}}") " & {{file_megabytes %.2f}} & "
+                                                                   "{{megabytes %.2f}} "
+                                                                   "\\\\\n") "\\end{tabular}\n";
 
 /* Writes a run's name, escaped for the format of the table. */
 static void write_escaped(const char *name, FILE *to)

@@ -40,6 +40,8 @@ struct spin_eval_report {
     double seconds_decode; /* mean time to decode a frame to splats */
     double seconds_draw;   /* mean time to render a view of a decoded frame */
     struct spin_bundle_bytes storage, unpacked; /* size of the bundle: packed, unpacked */
+    struct spin_flicker_sums *flicker; /* [n_flicker] static cameras; NULL: not measured */
+    size_t n_flicker;
 };
 
 void spin_eval_report_free(struct spin_eval_report *report);

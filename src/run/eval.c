@@ -2,6 +2,7 @@
 #include "base/base.h"
 #include "spin_run.h"
 #include "eval/borders.h"
+#include "eval/flicker.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
 #include "io/image.h"
@@ -27,6 +28,7 @@ struct eval {
     struct spin_pair *pairs;
     size_t n_pairs;
     struct spin_output_folder images; /* folder of --images; open on rank 0 only */
+    struct spin_flicker_strip strip;  /* for the report; empty without --temporal */
 };
 
 /* ---- Opening --------------------------------------------------------------------------------- */
@@ -172,7 +174,8 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
                             .pixels = &e->pixels,
                             .pairs = e->pairs,
                             .player = &e->player,
-                            .after = e->report};
+                            .after = e->report,
+                            .strip = &e->strip};
     struct spin_metrics m = *after;
     spin_status status = SPIN_OK;
 
@@ -188,6 +191,8 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
         m.view = before.view;
         m.what = "evaluating the source";
         status = spin_metrics_run(&m, &before.mean);
+        if (status == SPIN_OK && e->o->temporal)
+            status = spin_flicker_run(&m, &before.flicker, &before.n_flicker, NULL);
         r.source = &e->source;
         r.before = &before;
     }
@@ -247,6 +252,8 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(check_report(o));
     if (o->mask && o->dynamic != SPIN_DYNAMIC_AUTO && o->dynamic != SPIN_DYNAMIC_OFF)
         return spin_misuse("--mask and --dynamic exclude each other");
+    if (o->mask && o->temporal)
+        return spin_misuse("--mask and --temporal exclude each other");
     SPIN_TRY(open_lpips(e));
     SPIN_TRY(open_clip(e));
     SPIN_TRY(open_players(e));
@@ -272,6 +279,9 @@ static spin_status run_eval(struct eval *e)
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
         return spin_not_found("--mask: the subject is in no view of this split");
+    if (o->temporal)
+        SPIN_TRY(spin_flicker_run(&m, &report->flicker, &report->n_flicker,
+                                  o->report && !e->compare ? &e->strip : NULL));
     SPIN_TRY(spin_ranks_agree(list_images(e)));
     SPIN_TRY(sum_left_out(e));
     report->n_views = e->n_pairs;
@@ -307,6 +317,7 @@ spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_com
     for (int i = 0; i < SPIN_N_LPIPS; i++)
         spin_lpips_close(e.lpips[i]);
     spin_lenses_free(&e.lenses);
+    spin_flicker_strip_free(&e.strip);
     spin_image_cache_close(&e.pixels);
     spin_clip_close(&e.clip);
     spin_output_folder_abandon(&e.images); /* removes the folder if it is empty */
@@ -336,5 +347,6 @@ spin_status spin_eval(const struct spin_eval_options *o, char **report)
 void spin_eval_report_free(struct spin_eval_report *report)
 {
     free(report->view);
+    free(report->flicker);
     memset(report, 0, sizeof *report);
 }

@@ -14,10 +14,10 @@ timeless() { grep -v '"fps\|"seconds' "$1"; }
 
 # ---- Evaluation
 
-run "$bin/spin-eval" "$in" --source --json --images "$work/images-1"
+run "$bin/spin-eval" "$in" --source --temporal --json --images "$work/images-1"
 timeless "$work/out" >"$work/eval-1"
 for n in 2 3; do
-    ranks $n "$bin/spin-eval" "$in" --source --json --images "$work/images-$n"
+    ranks $n "$bin/spin-eval" "$in" --source --temporal --json --images "$work/images-$n"
     is "$code" 0 "$n ranks evaluate"
     is_json "with one report"
     timeless "$work/out" >"$work/eval-$n"

@@ -10,6 +10,7 @@
 #include "base/log.h"
 #include "spin_run.h"
 #include "run/run.h"
+#include "eval/flicker.h"
 #include "model/field.h"
 #include "io/image.h"
 #include "scene/bundle.h"
@@ -385,6 +386,71 @@ static void check_quality(void)
     ok(spin_evaluate(&o, &r) == SPIN_OK && r.n_views == ROWS && r.view[0].camera == 5,
        "the held-out camera is the one that was asked for");
     spin_eval_report_free(&r);
+}
+
+/* ---- Flicker --------------------------------------------------------------------------------- */
+
+/* Mean of the change of the dynamic columns of camera k in the images, minus `render`. */
+static double dynamic_change(int k, double render)
+{
+    double sum = 0;
+    int n = 0;
+
+    for (int row = 1; row < ROWS; row++)
+        for (int i = 0; i < MOVING * H; i++) {
+            bool before = n_dynamic(row - 1, k) > 1 || i == 0,
+                 now = n_dynamic(row, k) > 1 || i == 0;
+
+            sum += fabs(render - (30 + SHIFT * (now - before)));
+            n++;
+        }
+    return sum / n;
+}
+
+/* A splat that covers all images has three greys, one in each frame: 0.28209 apart, with the
+ * largest opacity of 0.99. The images are 30 apart from frame to frame. */
+static void check_flicker(void)
+{
+    struct spin_import_options import = {.data = data};
+    struct spin_eval_options o = {.device = "cpu", .n_threads = 1, .temporal = true};
+    double step = 255 * 0.99 * 0.28209479;
+    struct spin_flicker mean;
+    struct spin_eval_report r;
+
+    mkdir(in("greys", 0, 0), 0777);
+    for (int row = 0; row < ROWS; row++) {
+        char values[80];
+
+        snprintf(values, sizeof values, "0 0 2 %d %d %d 9 3 3 3 1 0 0 0", row - 1, row - 1,
+                 row - 1);
+        write_cloud("greys/f%d.ply", FIRST + row, values);
+    }
+    import.input = in("greys", 0, 0);
+    o.input = import.output = in("greys.spin", 0, 0);
+    if (!ok(spin_import(&import, NULL) == SPIN_OK && spin_evaluate(&o, &r) == SPIN_OK &&
+                r.n_flicker == 1 && r.flicker[0].camera == 5,
+            "flicker of the held-out camera"))
+        return;
+    mean = spin_flicker_mean(r.flicker, r.n_flicker);
+    near(mean.render, step, 0.01, "flicker of the renders");
+    near(mean.images, 30, 1e-3, "flicker of the images");
+    near(mean.dynamic_error, dynamic_change(2, step), 0.01, "wrong changes where something moves");
+    ok(r.flicker[0].n_dynamic == 2 * 3 * MOVING * H &&
+           r.flicker[0].n_static == 2 * 3 * (W - MOVING) * H,
+       "a pixel is static if it is so in both frames");
+    spin_eval_report_free(&r);
+    o.split = SPIN_SPLIT_ALL;
+    o.dynamic = SPIN_DYNAMIC_OFF;
+    ok(spin_evaluate(&o, &r) == SPIN_OK && r.n_flicker == 3, "flicker of three cameras");
+    mean = spin_flicker_mean(r.flicker, 1);
+    near(mean.images, 30, 1e-3, "flicker of the first camera");
+    mean = spin_flicker_mean(r.flicker + 1, 1);
+    near(mean.images, 30 * alpha_of(1), 0.3, "flicker of images with alpha, over black");
+    ok(isnan(mean.dynamic_error), "no dynamic regions, no error there");
+    spin_eval_report_free(&r);
+    o.range = (struct spin_range){true, FIRST, FIRST + 1, 1};
+    ok(spin_evaluate(&o, &r) == SPIN_E_UNSUPPORTED, "one frame has no flicker: %s",
+       spin_last_error());
 }
 
 /* ---- Camera colours -------------------------------------------------------------------------- */
@@ -928,6 +994,7 @@ TAP_MAIN
     make_clip();
     check_overlays();
     check_quality();
+    check_flicker();
     check_tints();
     check_black();
     check_first_loss();

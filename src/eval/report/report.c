@@ -48,6 +48,26 @@ static spin_json *quality_json(const struct spin_eval_report *r, const struct sp
     return j;
 }
 
+/* Adds the mean flicker of n cameras to an object. Adds nothing if flicker was not measured. */
+static void add_flicker(const struct spin_flicker_sums *sums, size_t n, spin_json *j)
+{
+    struct spin_flicker mean = spin_flicker_mean(sums, n);
+
+    if (n == 0)
+        return;
+    spin_json_set_number(j, "flicker", mean.render);
+    spin_json_set_number(j, "flicker_images", mean.images);
+    spin_json_set_number(j, "flicker_dynamic", mean.dynamic_error);
+}
+
+/* Adds the flicker of a camera, if the camera is static and flicker was measured. */
+static void add_camera_flicker(const struct spin_eval_report *r, int camera, spin_json *j)
+{
+    for (size_t i = 0; i < r->n_flicker; i++)
+        if (r->flicker[i].camera == camera)
+            add_flicker(&r->flicker[i], 1, j);
+}
+
 static spin_json *bytes_json(const struct spin_eval_report *r, const struct spin_bundle_bytes *s)
 {
     spin_json *j = spin_bundle_bytes_json(s);
@@ -79,6 +99,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
             mean = spin_eval_mean(r, NULL, &v->camera);
             spin_json_push(cameras, one = quality_json(r, &mean));
             spin_json_set_integer(one, "id", v->camera);
+            add_camera_flicker(r, v->camera, one);
         }
         if (i == 0 || r->view[i - 1].frame != v->frame) { /* the views of a frame are consecutive */
             mean = spin_eval_mean(r, &v->frame, NULL);
@@ -89,6 +110,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
         spin_json_set_integer(one, "frame", v->frame);
         spin_json_set_integer(one, "camera", v->camera);
     }
+    add_flicker(r->flicker, r->n_flicker, j);
     spin_json_set_bool(j, "background_shows",
                        fabs(r->mean.psnr - r->mean.psnr_opposite) >= BACKGROUND_SHOWS);
     spin_json_set_string(j, "attributes",
@@ -300,10 +322,28 @@ static spin_status add_row(struct pictures *p, const struct spin_crop *crop, con
     return SPIN_OK;
 }
 
+/* Adds one row of one camera over time, of the images and of the renders. */
+static spin_status add_strip(struct pictures *p, spin_json *page)
+{
+    const struct spin_flicker_strip *s = p->r->strip;
+    struct spin_camera size = {.width = s->width, .height = s->n_frames};
+    struct spin_crop whole = {.side_x = s->width, .side_y = s->n_frames};
+    spin_json *strip = spin_json_object(), *images = spin_json_array();
+
+    spin_json_set(page, "strip", strip);
+    spin_json_set(strip, "images", images);
+    spin_json_set_integer(strip, "camera", s->camera);
+    spin_json_set_integer(strip, "row", s->row);
+    spin_json_set_integer(strip, "frames", s->n_frames);
+    SPIN_TRY(put_picture(p, &size, s->images, &whole, images));
+    return put_picture(p, &size, s->render, &whole, images);
+}
+
 static spin_status add_pictures(const struct spin_report *r, spin_json *page)
 {
     struct pictures p = {.r = r};
     size_t plane = spin_views_pixels(&r->clip->views), worst[WORST], n = 0;
+    size_t strip = (size_t)r->strip->width * (size_t)r->strip->n_frames;
     spin_json *rows = spin_json_array();
     struct spin_crop crop[CROPS];
     spin_status status;
@@ -312,7 +352,9 @@ static spin_status add_pictures(const struct spin_report *r, spin_json *page)
     spin_json_set_integer(page, "gain", GAIN);
     for (int k = 0; k < PICTURES; k++)
         SPIN_TRY_OUT(spin_alloc(plane, 3 * sizeof(float), (void **)&p.picture[k]));
-    SPIN_TRY_OUT(spin_alloc(plane, 3, (void **)&p.rgb));
+    SPIN_TRY_OUT(spin_alloc(plane > strip ? plane : strip, 3, (void **)&p.rgb));
+    if (strip > 0)
+        SPIN_TRY_OUT(add_strip(&p, page));
     SPIN_TRY_OUT(
         spin_motion_crops_fast(r->clip, r->pixels, r->pairs, r->after->n_views, CROPS, crop, &n));
     for (size_t i = 0; i < n; i++)

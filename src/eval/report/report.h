@@ -2,7 +2,7 @@
  * needs no other files. */
 #pragma once
 
-#include "eval/metrics.h"
+#include "eval/flicker.h"
 #include "io/json.h"
 
 struct spin_report {
@@ -16,9 +16,10 @@ struct spin_report {
     struct spin_image_cache *pixels;
     const struct spin_pair *pairs; /* [after->n_views] measured pairs */
     struct spin_player *player;
-    const struct spin_eval_report *after;  /* results of player */
-    struct spin_player *source;            /* splats of the source; NULL: no comparison */
-    const struct spin_eval_report *before; /* results of source */
+    const struct spin_eval_report *after;   /* results of player */
+    struct spin_player *source;             /* splats of the source; NULL: no comparison */
+    const struct spin_eval_report *before;  /* results of source */
+    const struct spin_flicker_strip *strip; /* shown if it has an image */
 };
 
 /* Creates the document that --json prints; see spin-eval(1). */
