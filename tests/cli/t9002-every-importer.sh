@@ -8,7 +8,7 @@
 
 # Where a run lies: in the large fixtures, or in those of the repository.
 place_of() { # PATH
-    if [ -d "$fixtures/$1" ]; then
+    if [ -e "$fixtures/$1" ]; then
         echo "$fixtures/$1"
     else
         echo "fixtures/$1"
@@ -51,7 +51,7 @@ while read -r name; do
     path=$(run_of "$name")
     ok "$([ -n "$path" ]; echo $?)" "$name: this test has a run of it"
     in=$(place_of "$path")
-    if [ -z "$path" ] || [ ! -d "$in" ]; then
+    if [ -z "$path" ] || [ ! -e "$in" ]; then
         skip "$name" "no fixture '$path'"
         continue
     fi
@@ -79,7 +79,7 @@ done <"$work/names"
 retrained() { # IMPORTER RADIUS LAST_TIME [IMPORT_OPTIONS]
     in=$(place_of "$(run_of "$1")")
     data=$work/$1-data
-    if [ ! -d "$in" ]; then
+    if [ ! -e "$in" ]; then
         skip "$1: retrained" "no fixture '$in'"
         return
     fi

@@ -96,6 +96,9 @@ ARRAYS(keyed, A("xyz", MEANS), A("?cov6", COV6), A("?opacity", OPACITIES), A("?s
 ARRAYS(free, A("xyz", MEANS), A("opacity", OPACITIES, .bound = "opacity, temporal"),
        A("cov6", COV6), A("rot", QUATS), A("scale", SCALES, .bound = "others"),
        A("f_dc", SH, .bound = "others", .width = 3), A("?f_rest", SH_CHANNELS, .bound = "others"));
+ARRAYS(line, A("xyz", MEANS), A("opacity", OPACITIES), A("cov6", COV6),
+       A("rot", QUATS, .bound = "others"), A("scale", SCALES, .bound = "others"),
+       A("f_dc", SH, .bound = "others", .width = 3), A("?f_rest", SH_CHANNELS, .bound = "others"));
 ARRAYS(cloud, A("means", MEANS), A("quats_wxyz", QUATS), A("scales", SCALES),
        A("opacities", OPACITIES), A("sh_dc", SH));
 
@@ -152,6 +155,7 @@ static const struct golden goldens[] = {
     G("freetimegs", "freetimegs", "", free, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
     G("freetimegs", "ftgs_ply", "scene.ftgs.ply", free, ANY_STILL,
       .seen = {{"opacity", 1 / 255.0}}),
+    G("stglite", "stglite", "scene.ply", line, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
       .also = {""}),
     TC3DGS("expected_ste_0.1.npz"),

@@ -38,6 +38,26 @@ static inline void model_fails(const char *from, const char *path, const char *c
     run_close(&run);
 }
 
+/* A copy of the file in which `other` replaces the first `line`. */
+static inline const char *with_line(const char *path, const char *line, const char *other)
+{
+    const char *copy = path_in(new_folder(), spin_path_name(path));
+    struct spin_map map;
+    FILE *out = fopen(copy, "wb");
+    const char *at;
+
+    if (!out || spin_map_open(path, &map) != SPIN_OK ||
+        !(at = memmem(map.data, map.size, line, strlen(line))))
+        exit(1);
+    fwrite(map.data, 1, (size_t)(at - (const char *)map.data), out);
+    fputs(other, out);
+    at += strlen(line);
+    fwrite(at, 1, map.size - (size_t)(at - (const char *)map.data), out);
+    fclose(out);
+    spin_map_close(&map);
+    return copy;
+}
+
 static inline double largest(const double *values, size_t n)
 {
     double most = 0;

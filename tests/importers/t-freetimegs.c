@@ -125,26 +125,6 @@ static void test_checkpoint(const char *from)
 
 /* ---- PLYs that lie --------------------------------------------------------------------------- */
 
-/* The file with one line of its header another. */
-static const char *with_line(const char *path, const char *line, const char *other)
-{
-    const char *copy = path_in(new_folder(), "scene.ftgs.ply");
-    struct spin_map map;
-    FILE *out = fopen(copy, "wb");
-    const char *at;
-
-    if (!out || spin_map_open(path, &map) != SPIN_OK ||
-        !(at = memmem(map.data, map.size, line, strlen(line))))
-        exit(1);
-    fwrite(map.data, 1, (size_t)(at - (const char *)map.data), out);
-    fputs(other, out);
-    at += strlen(line);
-    fwrite(at, 1, map.size - (size_t)(at - (const char *)map.data), out);
-    fclose(out);
-    spin_map_close(&map);
-    return copy;
-}
-
 static void test_ply(const char *path)
 {
     static const struct {
