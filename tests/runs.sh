@@ -25,6 +25,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     ply) echo ply/inria_sh3 ;;
     realtime4dgs) echo realtime4dgs/rot4d_noshfs ;;
     freetimegs) echo freetimegs/still_sh0_no_optimizers ;;
+    freetimegspp) echo freetimegspp/gated_sh3 ;;
     rotor4dgs) echo rotor4dgs/old_names ;;
     spacetimegs) echo spacetimegs/full_techni/model ;;
     ksplat) echo splats/ksplat ;;

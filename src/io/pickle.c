@@ -47,7 +47,8 @@ struct machine {
     struct spin_storage *storage; /* one entry for each persistent id, unsorted, with duplicates */
     size_t n_storages, storage_capacity;
     size_t n_ops;
-    int level; /* 1 within a legacy stream inside a pickle, else 0 */
+    int level;     /* 1 within a legacy stream inside a pickle, else 0 */
+    bool in_model; /* the class of a model that is read as an object has occurred */
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
 };
 
@@ -468,7 +469,13 @@ enum global {
     G_DTYPE,
     G_ENCODE,
     G_LOAD_FROM_BYTES,
-    G_OBJECT
+    G_OBJECT,
+    /* Only in a model that was saved as an object, after its class: classes of its parts, of which
+     * the states are read as data, and constants. */
+    G_MODEL,
+    G_PART,
+    G_CONSTANT,
+    G_SET
 };
 
 static const struct {
@@ -505,6 +512,20 @@ static const struct {
     {"torch.storage", "_load_from_bytes", G_LOAD_FROM_BYTES, 0, 0},
     {"dahuffman.huffmancodec", "_EndOfFileSymbol", G_OBJECT, 0, 0},
     {"argparse", "Namespace", G_OBJECT, 0, 0},
+    {"ftgspp.models.gaussians", "Gaussians", G_MODEL, 0, 0},
+    {"ftgspp.models.velocity", "VelocityField", G_PART, 0, 0},
+    {"ftgspp.models.velocity", "Bounds", G_PART, 0, 0},
+    {"ftgspp.models.velocity", "HyperMLP", G_PART, 0, 0},
+    {"ftgspp.models.velocity", "MLP", G_PART, 0, 0},
+    {"tinycudann.modules", "Encoding", G_PART, 0, 0},
+    {"tinycudann_bindings", "Precision", G_PART, 0, 0},
+    {"torch.nn.modules.container", "ModuleList", G_PART, 0, 0},
+    {"torch.nn.modules.linear", "Linear", G_PART, 0, 0},
+    {"torch.nn.functional", "relu", G_CONSTANT, 0, 0},
+    {"torch", "float16", G_CONSTANT, 0, 0},
+    {"torch", "float32", G_CONSTANT, 0, 0},
+    {"__builtin__", "set", G_SET, 0, 0},
+    {"builtins", "set", G_SET, 0, 0},
 };
 enum { N_GLOBALS = sizeof globals / sizeof *globals };
 
@@ -542,14 +563,25 @@ static spin_status refuse_global(const struct machine *m, const char *module, co
                             why);
 }
 
+/* The module of tiny-cuda-nn has a name for each kind of GPU, tinycudann_bindings._<kind>_C. */
+static bool is_module(const char *name, const char *known)
+{
+    size_t n = strlen(known);
+
+    return strcmp(name, known) == 0 || (strcmp(known, "tinycudann_bindings") == 0 &&
+                                        strncmp(name, known, n) == 0 && name[n] == '.');
+}
+
 static spin_status push_global(struct machine *m, const char *module, const char *name)
 {
     struct node *node;
     char full[128];
 
     for (int i = 0; i < N_GLOBALS; i++) {
-        if (strcmp(module, globals[i].module) != 0 || strcmp(name, globals[i].name) != 0)
+        if (!is_module(module, globals[i].module) || strcmp(name, globals[i].name) != 0 ||
+            (globals[i].id > G_MODEL && !m->in_model))
             continue;
+        m->in_model = m->in_model || globals[i].id == G_MODEL;
         SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, GLOBAL, &node));
         node->id = (unsigned char)i;
         snprintf(full, sizeof full, "%s.%s", module, name);
@@ -967,9 +999,16 @@ static spin_status call_global(struct machine *m, struct spin_value *of,
     case G_LOAD_FROM_BYTES:
         return load_from_bytes(m, args);
     case G_OBJECT:
+    case G_MODEL:
+    case G_PART:
         if (args->n == 0)
             return make_instance(m, of);
         break;
+    case G_SET:
+        if (args->n == 1 && spin_value_is_sequence(args->item[0]))
+            return push_value(m, args->item[0]);
+        break;
+    case G_CONSTANT:
     case G_STORAGE:
     case G_NDARRAY:
         break;
@@ -997,7 +1036,8 @@ static spin_status op_newobj(struct machine *m)
     SPIN_TRY(need_values(m, 2));
     args = pop_value(m);
     of = pop_value(m);
-    if (!is_global(of, G_OBJECT) || args->kind != SPIN_VALUE_TUPLE || args->n != 0)
+    if (!(is_global(of, G_OBJECT) || is_global(of, G_MODEL) || is_global(of, G_PART)) ||
+        args->kind != SPIN_VALUE_TUPLE || args->n != 0)
         return fail_malformed(m, "an object of an unsupported class");
     return make_instance(m, of);
 }
@@ -1020,6 +1060,8 @@ static spin_status op_build(struct machine *m)
     case UNFILLED:
         return build_array(m, to, state);
     case INSTANCE:
+        if (state->kind == SPIN_VALUE_INT && globals[node_of(to)->id].id == G_PART)
+            return SPIN_OK; /* an enumerator of tiny-cuda-nn, which is ignored */
         if (state->kind != SPIN_VALUE_DICT)
             return fail_malformed(m, "an object with an unexpected state");
         SPIN_TRY(allocate_value(m, sizeof *to->item, &item));

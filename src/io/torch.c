@@ -32,6 +32,7 @@ struct spin_torch_file {
     struct spin_zip zip;
     bool is_zip;
     bool warned;     /* a CRC mismatch was already reported */
+    bool has_crcs;   /* the pickle's CRC matches, so the writer computed CRCs */
     const char *top; /* name of the top folder in the zip, including its slash */
     size_t n_top;
     /* [n_storages] the positions of the storages, in the order of pickle.storage. */
@@ -119,8 +120,8 @@ static const struct spin_zip_member *find_below(const struct spin_torch_file *f,
     return NULL;
 }
 
-/* Read a member's bytes. A CRC mismatch only causes a warning, since torch can be told not to
- * compute CRCs. */
+/* Read a member's bytes. A CRC mismatch only causes a warning if that of the pickle does not match
+ * either, since torch can be told not to compute CRCs. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -128,6 +129,10 @@ static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_
         spin_zip_read(&f->zip, member, true, limit, data, owned) == SPIN_OK)
         return SPIN_OK;
     SPIN_TRY(spin_zip_read(&f->zip, member, false, limit, data, owned));
+    if (member->size < CRC_LIMIT && f->has_crcs)
+        return spin_malformed("cannot read '%s': the checksum of '%s' does not match: the file is "
+                              "damaged, copy it again",
+                              f->path, member->name);
     if (member->size < CRC_LIMIT && !f->warned) {
         f->warned = true;
         spin_warn("'%s': the checksum of '%s' does not match; the file may be damaged", f->path,
@@ -251,6 +256,7 @@ static spin_status open_zip(struct spin_torch_file *f, struct spin_pickle *pickl
     SPIN_TRY(find_pickle(f, &member));
     SPIN_TRY(check_container(f, &big_endian));
     SPIN_TRY(read_member(f, member, PICKLE_LIMIT, &data, &owned));
+    f->has_crcs = spin_crc32(0, data, (size_t)member->size) == member->crc;
     SPIN_TRY(spin_pickle_parse(f->path, data, (size_t)member->size, pickle));
     pickle->big_endian = big_endian;
     SPIN_TRY(spin_alloc(pickle->n_storages, sizeof *f->bound, (void **)&f->bound));

@@ -148,6 +148,7 @@ motiongs motiongs/dynerf_6dof_small/model
 omg4 omg4/comp_xz
 realtime4dgs realtime4dgs/rot4d_noshfs
 freetimegs freetimegs/still_sh0_no_optimizers
+freetimegspp freetimegspp/gated_sh3
 rotor4dgs rotor4dgs/old_names
 spacetimegs spacetimegs/full_techni/model
 tc3dgs tc3dgs/trained

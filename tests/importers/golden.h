@@ -155,6 +155,8 @@ static const struct golden goldens[] = {
     G("freetimegs", "freetimegs", "", free, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
     G("freetimegs", "ftgs_ply", "scene.ftgs.ply", free, ANY_STILL,
       .seen = {{"opacity", 1 / 255.0}}),
+    G("freetimegspp", "freetimegspp", "", free, ANY_STILL, .seen = {{"opacity", 1 / 255.0}},
+      .also = {"gaussians.pt"}),
     G("stglite", "stglite", "scene.ply", line, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
       .also = {""}),

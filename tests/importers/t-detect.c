@@ -77,6 +77,8 @@ static const struct known runs[] = {
     {"sogst/no_segments/scene.sogst", "sogst"},
     {"sogst/sh1_by_splat_transform/scene.sogst", "sogst"},
     {"sogst/sh1_by_splat_transform/b1.ply", "sogst"},
+    {"freetimegspp/gated_sh3", "freetimegspp"},
+    {"freetimegspp/field_sh1/gaussians.pt", "freetimegspp"},
     {"stglite/supersplat4d_sh1/scene.ply", "stglite"},
     {"stglite/opensplat4d_sh3/scene.ply", "stglite"},
     {"splats", NULL},
