@@ -1,232 +1,157 @@
-/* Where every option of a retraining starts, by preset, and its limits. The values stand here a
- * second time, so that no change to one goes unnoticed. K: retrain defaults presets limits */
+/* Defaults of a retraining by preset, limits of each option, and the settings that a bundle stores.
+ * defaults.json has every value a second time, so that no change to one goes unnoticed.
+ * K: retrain defaults presets limits */
 
 #include "train/options.h"
+#include "io/file.h"
 #include "spin_run.h"
 #include "run/run.h"
 #include "tests/tap.h"
 
-/* Every field in its order and by no name: a new field does not compile until its defaults stand
- * here. */
-#pragma GCC diagnostic error "-Wmissing-field-initializers"
+/* ---- Golden values ------------------------------------------------------------------------------
+ */
 
-static const struct spin_retrain_options paper = {
-    NULL,
-    NULL,    /* input, output */
-    "paper", /* preset */
-    NULL,
-    NULL,
-    NULL, /* data, data_from, pair */
-    {0},  /* range */
-    1,    /* image_scale */
-    NULL,
-    0,                       /* test_cameras */
-    SPIN_METHOD_NETWORK,     /* method */
-    0,                       /* refine */
-    SPIN_REFINE_FROM_POINTS, /* refine_start */
-    true,                    /* densify */
-    0,                       /* max_points */
-    40000,
-    3, /* iterations, batch */
-    16,
-    4,
-    21, /* levels, features, hash_log2 */
-    64,
-    3,                     /* hidden, sh_degree */
-    {8, 8, 8, 8},          /* base_resolution */
-    {2048, 2048, 2048, 0}, /* finest_resolution */
-    0.2,                   /* lambda_dssim */
-    0,
-    0,     /* lambda_scale, lambda_opacity */
-    1,     /* dynamic_weight */
-    false, /* antialias */
-    1e-4,  /* hash_init_range */
-    0,     /* seed */
-    -1,    /* warmup */
-    0,     /* average */
-    8e-3,
-    1e-3,
-    3e-4, /* lr_table, lr_sh, lr_scale */
-    3e-5,
-    8e-4,
-    1.6e-4,            /* lr_rotation, lr_opacity, lr_position */
-    0,                 /* sh_increase_every */
-    SPIN_EXPOSURE_OFF, /* learn_exposure */
-    1e-3,              /* lr_exposure */
-    1,                 /* lr_head_factor */
-    false,             /* tracks */
-    2,
-    1,
-    2.5e-4, /* lr_track, lr_tracked, lr_displacement */
-    -1,     /* track_iterations */
-    SPIN_BACKDROP_OFF,
-    true, /* dynamic_residual */
-    0,    /* densify_every */
-    5e-4,
-    0.6,                /* densify_threshold, densify_until */
-    0,                  /* network_start */
-    SPIN_RESIDUAL_OFF,  /* residual */
-    1,                  /* lr_residual */
-    -5,                 /* init_log_scale */
-    false,              /* relu */
-    SPIN_NORMALISE_OFF, /* normalise */
-    {0, 0, 0},
-    0,                      /* normalise_centre, normalise_radius */
-    1,                      /* views_per_frame */
-    {0, 0, 0},              /* background */
-    SPIN_PRECISION_COMPACT, /* precision */
-    "auto",                 /* device */
-    0,                      /* n_threads */
-    false,                  /* deterministic */
-    0,
-    0, /* eval_every, save_every */
-    false,
-    false,
-    false,
-    false, /* resume, force, dry_run, auto_resume */
-    NULL,
-    NULL,
-    NULL,
-    NULL, /* preview, log, watch, cache */
+enum kind { FLAG, SWITCH, INT, GRID, ENUM, NORMALISE, UINT64, DOUBLE, LOG_SCALE, COLOUR };
+static const size_t width[] = {1, 1, 4, 4, 4, 4, 8, 8, 8, 4}; /* bytes of one value */
+
+static const struct row {
+    const char *field;
+    size_t offset, size;
+    enum kind kind;
+} rows[] = {
+#define HEADING(text)
+#define OPTION(kind, field, ...)                                                                   \
+    {#field, offsetof(struct spin_retrain_options, field),                                         \
+     sizeof((struct spin_retrain_options *)NULL)->field, kind},
+#include "train/options.def"
 };
+static const size_t n_rows = sizeof rows / sizeof *rows;
 
-static const struct spin_retrain_options shorter = {
-    NULL,
-    NULL,    /* input, output */
-    "short", /* preset */
-    NULL,
-    NULL,
-    NULL, /* data, data_from, pair */
-    {0},  /* range */
-    1,    /* image_scale */
-    NULL,
-    0,                       /* test_cameras */
-    SPIN_METHOD_NETWORK,     /* method */
-    0,                       /* refine */
-    SPIN_REFINE_FROM_POINTS, /* refine_start */
-    true,                    /* densify */
-    0,                       /* max_points */
-    1500,
-    3, /* iterations, batch */
-    16,
-    4,
-    19, /* levels, features, hash_log2 */
-    64,
-    3,                     /* hidden, sh_degree */
-    {8, 8, 8, 8},          /* base_resolution */
-    {2048, 2048, 2048, 0}, /* finest_resolution */
-    0.2,                   /* lambda_dssim */
-    0,
-    0,     /* lambda_scale, lambda_opacity */
-    1,     /* dynamic_weight */
-    false, /* antialias */
-    1e-4,  /* hash_init_range */
-    0,     /* seed */
-    -1,    /* warmup */
-    0,     /* average */
-    4e-2,
-    1e-3,
-    3e-4, /* lr_table, lr_sh, lr_scale */
-    3e-5,
-    8e-4,
-    1e-3,               /* lr_rotation, lr_opacity, lr_position */
-    0,                  /* sh_increase_every */
-    SPIN_EXPOSURE_AUTO, /* learn_exposure */
-    4e-3,               /* lr_exposure */
-    4,                  /* lr_head_factor */
-    false,              /* tracks */
-    2,
-    1,
-    2.5e-4, /* lr_track, lr_tracked, lr_displacement */
-    -1,     /* track_iterations */
-    SPIN_BACKDROP_OFF,
-    true, /* dynamic_residual */
-    0,    /* densify_every */
-    5e-4,
-    0.6,                  /* densify_threshold, densify_until */
-    0,                    /* network_start */
-    SPIN_RESIDUAL_POINTS, /* residual */
-    8,                    /* lr_residual */
-    -5,                   /* init_log_scale */
-    false,                /* relu */
-    SPIN_NORMALISE_AUTO,  /* normalise */
-    {0, 0, 0},
-    0,                      /* normalise_centre, normalise_radius */
-    3,                      /* views_per_frame */
-    {0, 0, 0},              /* background */
-    SPIN_PRECISION_COMPACT, /* precision */
-    "auto",                 /* device */
-    0,                      /* n_threads */
-    false,                  /* deterministic */
-    0,
-    0, /* eval_every, save_every */
-    false,
-    false,
-    false,
-    false, /* resume, force, dry_run, auto_resume */
-    NULL,
-    NULL,
-    NULL,
-    NULL, /* preview, log, watch, cache */
-};
-
-/* What differs from "short". */
-static const struct spin_retrain_options *quick(void)
+static double number(const struct row *row, const char *options, size_t i)
 {
-    static struct spin_retrain_options q;
+    const void *at = options + row->offset + i * width[row->kind];
 
-    q = shorter;
-    q.preset = "quick";
-    q.backdrop = SPIN_BACKDROP_AUTO;
-    q.method = SPIN_METHOD_TRACKS;
-    q.tracks = q.antialias = true;
-    q.iterations = -1;
-    q.batch = -1;
-    q.views_per_frame = 1;
-    q.lr_position = 5e-4;
-    q.average = 0.3;
-    q.lr_track = 3;
-    q.lr_tracked = 0.3;
-    q.densify_every = -1;
-    return &q;
+    switch (row->kind) {
+    case FLAG:
+    case SWITCH:
+        return *(const bool *)at;
+    case UINT64:
+        return (double)*(const uint64_t *)at;
+    case DOUBLE:
+    case LOG_SCALE:
+        return *(const double *)at;
+    case COLOUR:
+        return *(const float *)at;
+    default:
+        return *(const int *)at;
+    }
 }
 
-static const struct spin_retrain_options *best(void)
-{
-    static struct spin_retrain_options b;
+static const char *const presets[] = {"quick", "best", "paper", "short"};
+static struct spin_retrain_options of_preset[4], o;
 
-    b = *quick();
-    b.preset = "best";
-    b.lr_track = 2;
-    b.lr_tracked = 0.15;
-    b.iterations = -3;
-    return &b;
+/* The values of every option, preset after preset. */
+static void print_rows(FILE *to)
+{
+    for (const struct row *row = rows; row < rows + n_rows; row++) {
+        size_t n = row->size / width[row->kind];
+
+        fprintf(to, " \"%s\": [", row->field);
+        for (size_t k = 0; k < 4 * n; k++)
+            fprintf(to, k ? ", %.10g" : "%.10g", number(row, (char *)&of_preset[k / n], k % n));
+        fprintf(to, "],\n");
+    }
 }
 
-static void same(const char *name, const struct spin_retrain_options *want)
+static void print_json(FILE *to, const char *name, enum spin_options_of of, const char *end)
 {
-    struct spin_retrain_options got;
-    const unsigned char *a = (const unsigned char *)&got, *b = (const unsigned char *)want;
+    spin_json *j = spin_options_to_json(&o, of);
+    char *text = spin_json_text(j, false);
+
+    fprintf(to, " \"%s\": %s%s\n", name, text, end);
+    free(text);
+    spin_json_free(j);
+}
+
+/* An option that affects the result and is missing from the JSON would pass for unchanged when a
+ * training is resumed. */
+static void print_stored(FILE *to)
+{
+    o = of_preset[2];
+    print_json(to, "network", SPIN_OPTIONS_OF_NETWORK, ",");
+    print_json(to, "refinement", SPIN_OPTIONS_OF_REFINEMENT, ",");
+    o.dynamic_weight = 2;
+    o.lambda_opacity = 3;
+    o.lambda_scale = 4;
+    o.antialias = true;
+    o.learn_exposure = SPIN_EXPOSURE_ON;
+    o.sh_increase_every = 5;
+    o.tracks = true;
+    o.backdrop = SPIN_BACKDROP_ON;
+    o.network_start = 0.25;
+    o.max_points = 7;
+    o.refine_start = SPIN_REFINE_FROM_SOURCE;
+    o.densify = false;
+    o.hash_init_range = 0.5;
+    o.init_log_scale = NAN;
+    o.residual = SPIN_RESIDUAL_SOURCE;
+    o.seed = 9007199254740991;
+    print_json(to, "changed network", SPIN_OPTIONS_OF_NETWORK, ",");
+    print_json(to, "changed refinement", SPIN_OPTIONS_OF_REFINEMENT, "");
+}
+
+static void test_golden(void)
+{
+    struct spin_map want;
+    char *text = NULL;
+    size_t n = 0;
+    FILE *to = open_memstream(&text, &n);
+
+    fprintf(to, "{\n");
+    print_rows(to);
+    print_stored(to);
+    fprintf(to, "}\n");
+    fclose(to);
+    if (ok(spin_map_open("tests/train/defaults.json", &want) == SPIN_OK, "opens defaults.json")) {
+        ok(want.size == n && memcmp(want.data, text, n) == 0, "values are those of defaults.json");
+        if (want.size != n || memcmp(want.data, text, n) != 0)
+            printf("# they are now:\n%s", text);
+        spin_map_close(&want);
+    }
+    free(text);
+}
+
+/* Fields that are not in the table are cleared, but for two. */
+static void test_other_fields(struct spin_retrain_options preset, const char *name)
+{
+    const char *bytes = (const char *)&preset;
     size_t i = 0;
 
-    memset(&got, 0xff, sizeof got);
-    if (!ok(spin_retrain_preset(name, &got) == SPIN_OK, "there is a preset '%s'", name))
-        return;
-    is_text(got.device, want->device, "its device");
-    is_text(got.preset, want->preset, "its name");
-    got.device = want->device;
-    got.preset = want->preset;
-    while (i < sizeof got && a[i] == b[i])
+    is_text(preset.device, "auto", "device");
+    is_text(preset.preset, name, "preset");
+    preset.device = preset.preset = NULL;
+    for (const struct row *row = rows; row < rows + n_rows; row++)
+        memset((char *)&preset + row->offset, 0, row->size);
+    while (i < sizeof preset && bytes[i] == 0)
         i++;
-    ok(i == sizeof got, "'%s': every field is as it stands here", name);
-    if (i < sizeof got)
-        printf("#   the first that is not: byte %zu of struct spin_retrain_options\n", i);
+    ok(i == sizeof preset, "%s: all other fields are 0 (byte %zu)", name, i);
+}
+
+static void test_presets(void)
+{
+    for (int p = 0; p < 4; p++) {
+        memset(&of_preset[p], 0xff, sizeof *of_preset);
+        ok(spin_retrain_preset(presets[p], &of_preset[p]) == SPIN_OK, "preset '%s'", presets[p]);
+        test_other_fields(of_preset[p], presets[p]);
+    }
+    memset(&o, 0xff, sizeof o);
+    spin_retrain_defaults(&o);
+    ok(memcmp(&o, &of_preset[0], sizeof o) == 0, "the defaults are those of 'quick'");
+    ok(spin_retrain_preset("no such", &o) == SPIN_E_USAGE, "there is no other preset");
 }
 
 /* ---- Limits of the library call -----------------------------------------------------------------
  */
-
-static struct spin_retrain_options o;
 
 /* The input is not there, which is found after the options were checked. */
 static void is_refused(bool want, const char *field)
@@ -368,90 +293,10 @@ static void test_resolve(void)
     ok(o.track_iterations == 16500, "and never in more than there are");
 }
 
-/* ---- Settings in JSON
- * ---------------------------------------------------------------------------- */
-
-/* want: with ' in place of ". */
-static void is_json(enum spin_options_of of, const char *want)
-{
-    spin_json *j = spin_options_to_json(&o, of);
-    char *text = spin_json_text(j, false);
-
-    for (char *c = text; *c; c++)
-        *c = *c == '"' ? '\'' : *c;
-    is_text(text, want,
-            of == SPIN_OPTIONS_OF_NETWORK ? "settings of the network" : "settings of a refinement");
-    free(text);
-    spin_json_free(j);
-}
-
-/* What decides a result and does not stand here passes for unchanged when a run is resumed. */
-static void test_json(void)
-{
-    spin_retrain_preset("paper", &o);
-    is_json(SPIN_OPTIONS_OF_NETWORK,
-            "{'image_scale':1,'background':[0,0,0],'iterations':40000,'batch':3,"
-            "'views_per_frame':1,'lambda_dssim':0.2,'seed':0,'warmup':-1,"
-            "'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,'lr_rotation':3e-05,"
-            "'lr_opacity':0.0008,'lr_position':0.00016,'lr_head_factor':1,"
-            "'learn_exposure':'off','lr_exposure':0.001,'hash_log2':21,"
-            "'base_resolution':[8,8,8,8],"
-            "'finest_resolution':[2048,2048,2048,0],'init_log_scale':-5}");
-    is_json(SPIN_OPTIONS_OF_REFINEMENT,
-            "{'image_scale':1,'background':[0,0,0],'lambda_dssim':0.2,'seed':0,"
-            "'iterations':0,'start':'points','densify':true,'max_points':0}");
-    o.dynamic_weight = 2;
-    o.lambda_opacity = 3;
-    o.lambda_scale = 4;
-    o.antialias = true;
-    o.learn_exposure = SPIN_EXPOSURE_ON;
-    o.sh_increase_every = 5;
-    o.tracks = true;
-    o.backdrop = SPIN_BACKDROP_ON;
-    o.network_start = 0.25;
-    o.max_points = 7;
-    o.refine_start = SPIN_REFINE_FROM_SOURCE;
-    o.densify = false;
-    o.hash_init_range = 0.5;
-    o.init_log_scale = NAN;
-    o.residual = SPIN_RESIDUAL_SOURCE;
-    o.seed = 9007199254740991;
-    is_json(SPIN_OPTIONS_OF_NETWORK,
-            "{'image_scale':1,'background':[0,0,0],'iterations':40000,'batch':3,"
-            "'views_per_frame':1,'lambda_dssim':0.2,'dynamic_weight':2,"
-            "'lambda_opacity':3,'lambda_scale':4,'seed':9007199254740991,"
-            "'warmup':-1,'lr_table':0.008,'lr_sh':0.001,'lr_scale':0.0003,"
-            "'lr_rotation':3e-05,'lr_opacity':0.0008,'lr_position':0.00016,"
-            "'lr_head_factor':1,'sh_increase_every':5,'learn_exposure':'on',"
-            "'lr_exposure':0.001,'max_points':7,'tracks':true,'lr_track':2,"
-            "'lr_tracked':1,'lr_displacement':0.00025,'track_iterations':-1,'backdrop':'on','"
-            "dynamic_residual':true,'densify_every':0,"
-            "'densify_threshold':0.0005,'densify_until':0.6,'network_start':0.25,"
-            "'hash_log2':21,'base_resolution':[8,8,8,8],"
-            "'finest_resolution':[2048,2048,2048,0],'hash_init_range':0.5,"
-            "'init_log_scale':'auto','residual':'source','lr_residual':1}");
-    is_json(SPIN_OPTIONS_OF_REFINEMENT,
-            "{'image_scale':1,'background':[0,0,0],'lambda_dssim':0.2,"
-            "'dynamic_weight':2,'lambda_opacity':3,'lambda_scale':4,"
-            "'antialias':true,'seed':9007199254740991,'lr_exposure':0.001,"
-            "'iterations':0,'start':'source','densify':false,'max_points':7}");
-}
-
 TAP_MAIN
 {
-    struct spin_retrain_options defaults, preset;
-
-    same("paper", &paper);
-    same("short", &shorter);
-    same("quick", quick());
-    same("best", best());
-    memset(&defaults, 0xff, sizeof defaults);
-    spin_retrain_defaults(&defaults);
-    ok(spin_retrain_preset("quick", &preset) == SPIN_OK &&
-           memcmp(&defaults, &preset, sizeof preset) == 0,
-       "the defaults are those of 'quick'");
-    ok(spin_retrain_preset("no such", &preset) == SPIN_E_USAGE, "there is no other preset");
+    test_presets();
+    test_golden();
     test_limits();
     test_resolve();
-    test_json();
 }
