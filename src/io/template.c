@@ -202,7 +202,7 @@ static const char *write_section(const struct writer *w, const char *at, const s
     if (*tag == '*') {
         json_object_foreach((json_t *)(uintptr_t)j, member_key, value)
             write_part(w, at, &(struct scope){value, member_key, scope}, true);
-    } else if (json_is_array(j)) {
+    } else if (json_is_array(j) && *tag == '#') {
         for (size_t i = 0; i < json_array_size(j); i++) {
             snprintf(key, sizeof key, "%zu", i + 1);
             write_part(w, at, &(struct scope){json_array_get(j, i), key, scope}, true);
