@@ -33,6 +33,13 @@ misuse "not '0,,1'" spin-import a --info --times 0,,1
 misuse "not '0,nan'" spin-import a --info --times 0,nan
 misuse "exclude each other" spin-import a --info --times 0,1 --frames 2
 misuse "not 'sideways'" spin-import a --info --pair sideways
+misuse "exclude each other: --info writes nothing" spin-import a --info -o b.spin
+misuse "views requires --info" spin-import a -o b.spin --views
+misuse "full requires --info" spin-import a -o b.spin --full
+misuse "'panoptic' reads data sets, not runs: use --data-from" spin-import a --info --from panoptic
+misuse "unknown data set format 'nonsense'" spin-import a --info --data-from nonsense
+misuse "unknown data set format 'ply'" spin-import a --info --data-from ply
+misuse "list takes no INPUT" spin-import --list a
 
 misuse "IN.spin is missing" spin-retrain
 misuse "--output is missing" spin-retrain a
@@ -57,6 +64,12 @@ misuse "more than --batch" spin-retrain a -o b --batch 2 --views-per-frame 3
 
 misuse "IN.spin is missing" spin-eval
 misuse "not 'half'" spin-eval a --split half
+misuse "images and --log exclude" spin-eval a --table md --images b
+misuse "images and --log exclude" spin-eval a --figures b --log c
+misuse "images and --log exclude" spin-eval a b --log c
+misuse "table and --json exclude each other" spin-eval a b --table csv --json
+misuse "list takes no IN.spin" spin-export --list a
+misuse "RUN is missing" spin4d --force
 misuse "IN.spin is missing" spin-export --to ply
 misuse "with --to" spin-export a -o b
 misuse "no exporter writes '.gif'; the nearest format is .mp4" spin-export a -o clip.gif
@@ -102,6 +115,20 @@ misnamed "a browser prints the page as PDF" "spin-eval $work/One.SPIN $work/One.
 misnamed "is that of exporter 'html', but --to is 'ply'" "spin-export $work/One.SPIN --to ply -o $work/new.html"
 misnamed "is that of exporter 'ply', but --to is 'html'" "spin4d $work/One.SPIN --no-retrain --to html -o $work/new.ply"
 misnamed "no exporter for the extension of '.*new.mov': the nearest format is .mp4" "spin4d $work/One.SPIN --no-retrain -o $work/new.mov"
+
+# The preset that other options imply.
+implies() {
+    preset=$1
+    shift
+    run "$bin/spin-retrain" "$work/One.SPIN" --dry-run --json "$@"
+    is "$code $(member preset)" "0 $preset" "preset implied by '$*'"
+}
+implies quick
+implies quick --method tracks --refine 0
+implies paper --refine 1
+implies paper --method network
+implies paper --method frames
+implies best --method frames --preset best
 
 # Names of formats and endings have no case.
 run "$bin/spin-export" "$work/One.SPIN" -o "$work/A.PLY" --json

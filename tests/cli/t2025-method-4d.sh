@@ -20,6 +20,8 @@ fails 1 spin-retrain "a clip that a network learned"
 err_has "--method 4d needs a clip that was trained with --method tracks" "is refused by the same words"
 run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/no.spin" --method 4d --refine 5
 fails 2 spin-retrain "--refine beside it"
+run "$bin/spin-retrain" "$work/tracks.spin" --dry-run --method 4d --json
+is "$code $(member preset)" "0 quick" "--method 4d implies the preset quick"
 
 # Options that have no effect are named.
 run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/4d.spin" $net --method 4d --iterations 120 --device cpu \

@@ -41,6 +41,51 @@ run "$bin/spin-eval" "$work/a_b.spin" $views --table latex
 is "$(head -n 1 "$work/out") $(tail -n 1 "$work/out")" '\begin{tabular}{lrrrr} \end{tabular}' "--table latex of one"
 out_has '^a\\_b & [0-9.]* & 0.[0-9]* & [0-9.]* & [0-9.]* \\\\$' "with a name that LaTeX takes"
 
+# Every cell of the tables, and names with characters that a format escapes.
+if python3 -c '' 2>/dev/null; then
+    odd="$work/a|\"b\\c&%\$#_{}~^.spin"
+    cp "$work/better.spin" "$odd"
+    for dynamic in off images; do
+        set -- "$work/a_b.spin" "$odd" --range 1:4 --dynamic $dynamic
+        "$bin/spin-eval" "$@" --json >"$work/runs" 2>/dev/null
+        for table in plain md csv latex; do
+            [ $table = plain ] || set -- "$work/a_b.spin" "$odd" --range 1:4 --dynamic $dynamic --table $table
+            run "$bin/spin-eval" "$@"
+            python3 - "$work/runs" $table $dynamic >"$work/want" <<'PY'
+import json, re, sys
+table, dynamic = sys.argv[2], sys.argv[3] != "off"
+heads, cells = ["PSNR", "SSIM"] + ["PSNR, dynamic"] * dynamic, []
+for r in json.load(open(sys.argv[1]))["runs"]:
+    q = [r["psnr"], r["ssim"]] + [r.get("psnr_dynamic")] * dynamic
+    cells.append((r["name"], q, r["storage"]["file"] / 1e6, r["storage"]["measured"] / 1e6))
+def row(sep, digits, *sizes):
+    return sep.join(["%.*f" % (d, x) for d, x in zip(digits, sizes)])
+short = [2, 4, 2]
+if table == "plain":
+    print("      PSNR     SSIM" + "   dynamic" * dynamic + "        file  attributes  run")
+    for name, q, file, size in cells:
+        print("%10.3f%9.4f" % tuple(q[:2]) + "".join("%10.3f" % x for x in q[2:]) + "%9.2f MB%9.2f MB  %s" % (file, size, name))
+elif table == "md":
+    print("| run | %s | file, MB | attributes, MB |\n|---|%s" % (" | ".join(heads), "---:|" * (len(heads) + 2)))
+    for name, q, *sizes in cells:
+        print("| %s | %s | %s |" % (re.sub(r"([|\\])", r"\\\1", name), row(" | ", short, *q), row(" | ", [2, 2], *sizes)))
+elif table == "csv":
+    print("run,psnr,ssim%s,megabytes,file_megabytes" % (",psnr_dynamic" * dynamic))
+    for name, q, file, size in cells:
+        print('"%s",%s' % (name.replace('"', '""'), row(",", [6] * 5, *q, size, file)))
+else:
+    print("\\begin{tabular}{l%srr}\nrun & %s & file, MB & attributes, MB \\\\\n\\hline" % ("r" * len(heads), " & ".join(heads)))
+    for name, q, *sizes in cells:
+        name = re.sub(r"\\|[&%$#_{}~^]", lambda m: {"\\": "\\textbackslash ", "~": "\\~{}", "^": "\\^{}"}.get(
+            m.group(), "\\" + m.group()), name)
+        print("%s & %s & %s \\\\" % (name, row(" & ", short, *q), row(" & ", [2, 2], *sizes)))
+    print("\\end{tabular}")
+PY
+            is "$(cat "$work/out")" "$(cat "$work/want")" "a table: $table, --dynamic $dynamic"
+        done
+    done
+fi
+
 # ---- Flicker -----------------------------------------------------------------------------------------
 
 run "$bin/spin-eval" "$work/better.spin" --temporal --json --report "$work/steady.html"
