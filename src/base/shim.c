@@ -35,16 +35,23 @@ struct search {
     uid_t owner; /* owner of the program's file; 0 (root) if unknown */
 };
 
+/* Whether the address space of this process is limited (`ulimit -v`). */
+static bool has_space_limit(void)
+{
+    struct rlimit limit;
+
+    return getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
+}
+
 /* Whether loading the library would end the process. With a limit of the address space (`ulimit
  * -v`), this can happen, for instance if the library starts threads. The function tries it in a
  * child process; without such a limit it returns false. */
 static bool ends_process(const char *path)
 {
-    struct rlimit limit;
     int how = 0;
     pid_t child;
 
-    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)
+    if (!has_space_limit())
         return false;
     child = fork();
     if (child == 0) {
@@ -60,19 +67,29 @@ static bool ends_process(const char *path)
     return WIFSIGNALED(how);
 }
 
-/* Load an object with dlopen(). On failure, write the reason to `why`: a lack of memory is detected
- * by errno, since the loader's own text does not always mention it. */
+/* Whether this error of the loader means that memory ran out. Its text does not always mention
+ * memory: malloc() then sets errno, but a segment that cannot be mapped leaves errno alone, and
+ * means a lack of memory only if the address space is limited. */
+static bool is_lack_of_memory(int error, const char *text)
+{
+    return error == ENOMEM || (has_space_limit() && strstr(text, "failed to map segment"));
+}
+
+/* Load an object with dlopen(). On failure, write the reason to `why`. */
 static void *open_object(const char *path, char *why, size_t n_why)
 {
     void *object;
-    bool no_memory;
+    const char *text;
+    int error;
 
     errno = 0;
     object = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    no_memory = errno == ENOMEM;
-    if (!object)
-        snprintf(why, n_why, "%s%s", no_memory ? "not enough memory: " : "", dlerror());
-    return object;
+    error = errno;
+    if (object)
+        return object;
+    text = dlerror();
+    snprintf(why, n_why, "%s%s", is_lack_of_memory(error, text) ? "not enough memory: " : "", text);
+    return NULL;
 }
 
 /* Load the shared object at path. Returns false if the file does not exist, or if it cannot be

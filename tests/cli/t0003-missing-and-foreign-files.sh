@@ -139,4 +139,18 @@ for limit in 200000 350000 400000 450000 500000 600000 700000; do
     rm -rf "$work/new.spin"*
 done
 
+# The shims of OpenImageIO and FFmpeg: a library that does not fit is a lack of memory, and not one that is missing.
+for what in "spin-image: --to images --format exr -o $work/little" "spin-video: --path orbit --size 64x64 -o $work/little.mp4"; do
+    if [ ! -f "$bin/../lib/${what%%:*}.so" ]; then
+        skip "little memory for ${what%%:*}" "not built"
+        continue
+    fi
+    for limit in 60000 120000 160000; do
+        # shellcheck disable=SC2086
+        little_memory $limit "$bin/spin-export" "$work/clip.spin" -q --range 0:1 ${what#*:}
+        fails 1 spin-export "${what%%:*}, ulimit -v $limit"
+        err_has memory "${what%%:*}, ulimit -v $limit: says that memory is lacking"
+        nothing_at "$work/little" "${what%%:*}, ulimit -v $limit: nothing was written"
+    done
+done
 done_testing
