@@ -1,4 +1,6 @@
 /* .npy arrays and .npz archives.  K: io npy hostile golden */
+#include <time.h>
+
 #include "tests/check.h"
 #include "tests/tap.h"
 
@@ -363,6 +365,47 @@ static void archives(void)
 }
 
 /* A file of numpy's, stored, and the same recompressed. */
+/* Returns the seconds of processor time that 20,000 searches take in an archive of n arrays, the
+ * least of five attempts; NaN if an array is not found. */
+static double search_seconds(int n)
+{
+    const uint64_t none[1] = {0};
+    struct spin_zip_writer w;
+    struct spin_npz npz;
+    double best = HUGE_VAL;
+    char key[32];
+    bool good = spin_zip_writer_open(path, true, &w) == SPIN_OK;
+
+    for (int i = 0; good && i < n; i++) {
+        snprintf(key, sizeof key, "frame/%05d/means", i);
+        good = spin_npz_write(&w, key, "<f4", 1, none, NULL) == SPIN_OK;
+    }
+    if (!good || spin_zip_writer_commit(&w) != SPIN_OK || spin_npz_open(path, &npz) != SPIN_OK)
+        return NAN;
+    for (int attempt = 0; attempt < 5; attempt++) {
+        clock_t start = clock();
+        double seconds;
+
+        for (int i = 0; i < 20000; i++) {
+            snprintf(key, sizeof key, "frame/%05d/means", i % n);
+            good = good && spin_npz_has(&npz, key);
+        }
+        seconds = (double)(clock() - start) / CLOCKS_PER_SEC;
+        best = seconds < best ? seconds : best;
+    }
+    spin_npz_close(&npz);
+    return good ? best : (double)NAN;
+}
+
+/* A search that visits each member takes ten times as long in ten times as many. */
+static void search_time(void)
+{
+    double few = search_seconds(2000), many = search_seconds(20000);
+
+    ok(many < 5 * few, "a search among 20,000 members takes %.1f times as long as among 2,000",
+       many / few);
+}
+
 static void fixtures(void)
 {
     const char *plain = check_fixture("d3dgs/cloud/params.npz");
@@ -425,6 +468,7 @@ TAP_MAIN
     in_place();
     texts();
     archives();
+    search_time();
     fixtures();
     truncated_fixture();
 }
