@@ -1,6 +1,7 @@
 #include "exporters/lib/camera_path.h"
 
 #include "base/base.h"
+#include "geometry/viewpoints.h"
 #include "io/file.h"
 #include "math/covariance.h"
 
@@ -189,6 +190,32 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
     return name[d->path];
 }
 
+/* Without a data set: aims the moving camera at what moves, from a place with a free view. The
+ * camera is in front of all splats if no such place is found. */
+static spin_status look_at_subject(struct spin_camera_path *d)
+{
+    const struct spin_export_job *job = d->job;
+    SPIN_LEAVES(spin_viewpoints_close) struct spin_viewpoints placed = {0};
+    struct spin_viewpoints_options o = {.width = d->lens.width, .height = d->lens.height};
+    double distance = 0;
+    spin_status status;
+
+    spin_initial_view_first(NULL, 0, false, placed.centre, 1, &d->look);
+    o.fovy_deg = d->look.fovy_deg;
+    status = spin_viewpoints_open(&o, job->n_frames, job->again, job->context, &placed);
+    if (status != SPIN_OK)
+        return status == SPIN_E_UNSUPPORTED ? SPIN_OK : status;
+    for (int c = 0; c < 3; c++) {
+        d->look.eye[c] = placed.front[c];
+        d->look.target[c] = placed.centre[c];
+        distance += pow(placed.front[c] - placed.centre[c], 2);
+    }
+    d->look.z_near = fmin(SPIN_NEAR, 0.05 * sqrt(distance));
+    d->lens.z_near = d->look.z_near;
+    d->looked = true;
+    return SPIN_OK;
+}
+
 spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job)
 {
     d->job = job;
@@ -205,7 +232,9 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     set_lens(d);
     SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
-        spin_log(0, "no data set: the camera is in front of the scene, as in the web page");
+        spin_log(0, "no data set: the camera is in front of the scene");
+    if (!job->views && job->again && d->path != SPIN_PATH_FILE)
+        SPIN_TRY(look_at_subject(d));
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     return SPIN_OK;
 }

@@ -10,8 +10,8 @@ enum {
     LOOKS = 400,   /* number of such views in all frames together, approximately, if frames share
                       their rows */
     PICTURES = 16, /* number of views in which the loss is measured */
-    AROUND = 8,    /* number of views on the orbit that is used if the clip has no cameras */
-    SIDE = 400,    /* width and height of a view on that orbit, in pixels */
+    AROUND = 8,    /* number of views that are placed if the clip has no cameras */
+    SIDE = 400,    /* width and height of such a view, in pixels */
     TRIES = 9,     /* largest number of outputs that are written to reach a given size */
     HALVINGS = 8,  /* number of bisections to reach a given loss */
 };
@@ -493,6 +493,7 @@ void spin_decimation_close(struct spin_decimation *d)
     free(d->pairs);
     spin_splats_free(&d->splats);
     spin_splats_free(&d->part);
+    spin_viewpoints_close(&d->placed);
     spin_player_close(&d->drawing);
 }
 
@@ -564,41 +565,6 @@ size_t spin_decimation_count(const struct spin_decimation *d, int f)
 
 /* ---- The loss -------------------------------------------------------------------------------- */
 
-/* Sets *out to camera k of the AROUND cameras that are used if the clip has no cameras. They stand
- * on a horizontal circle around the median position of the splats and look at this position. The
- * y axis of the scene is taken to point down. */
-static spin_status orbit(const struct spin_splats *s, int k, struct spin_camera *out)
-{
-    double angle = 6.283185307179586 * k / AROUND, c = cos(angle), sn = sin(angle);
-    double middle[3] = {0}, reach = 0, eye[3];
-    SPIN_FREED float *at = NULL;
-
-    SPIN_TRY(spin_alloc(s->n + 1, sizeof *at, (void **)&at));
-    for (size_t axis = 0; axis < 3 && s->n > 0; axis++) {
-        for (size_t i = 0; i < s->n; i++)
-            at[i] = s->means[3 * i + axis];
-        qsort(at, s->n, sizeof *at, spin_by_float);
-        middle[axis] = (double)at[s->n / 2];
-        reach = fmax(reach, ((double)at[s->n - 1 - s->n / 20] - (double)at[s->n / 20]) / 2);
-    }
-    reach = reach > 0 ? reach : 1;
-    eye[0] = middle[0] - 2.5 * reach * sn;
-    eye[1] = middle[1];
-    eye[2] = middle[2] - 2.5 * reach * c;
-    *out = (struct spin_camera){.width = SIDE,
-                                .height = SIDE,
-                                .fx = SIDE,
-                                .fy = SIDE,
-                                .cx = SIDE / 2.0,
-                                .cy = SIDE / 2.0,
-                                .w2c = {c, 0, -sn, 0, 0, 1, 0, 0, sn, 0, c, 0},
-                                .z_near = SPIN_NEAR * fmin(reach, 1)};
-    for (size_t r = 0; r < 3; r++)
-        for (size_t a = 0; a < 3; a++)
-            out->w2c[4 * r + 3] -= out->w2c[4 * r + a] * eye[a];
-    return SPIN_OK;
-}
-
 /* Reads the splats of frame f that are drawn into d->part: if `kept` is true only those that the
  * decimation keeps. */
 static spin_status read_part(struct spin_decimation *d, int f, bool kept)
@@ -608,6 +574,28 @@ static spin_status read_part(struct spin_decimation *d, int f, bool kept)
 
     SPIN_TRY(read_frame(d, f, kept, &mark, &row));
     return spin_splats_select(&d->splats, mark, &d->part);
+}
+
+static spin_status read_all(void *context, int f, const struct spin_splats **out)
+{
+    struct spin_decimation *d = context;
+
+    *out = &d->part;
+    return read_part(d, f, false);
+}
+
+/* Places cameras around what moves if the clip has none. If no place has a free view, the loss is
+ * not measured. */
+static spin_status place_cameras(struct spin_decimation *d)
+{
+    const struct spin_viewpoints_options o = {
+        .n_cameras = AROUND, .width = SIDE, .height = SIDE, .fovy_deg = 53};
+    spin_status status;
+
+    if (d->n_pairs > 0 || d->placed.camera)
+        return SPIN_OK;
+    status = spin_viewpoints_open(&o, d->clip->n_frames, read_all, d, &d->placed);
+    return status == SPIN_E_UNSUPPORTED ? SPIN_OK : status;
 }
 
 static spin_status draw(struct spin_decimation *d, int f, bool kept,
@@ -649,8 +637,10 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
 {
     int n_frames = d->clip->n_frames;
     double sum = 0, n = 0;
-    size_t n_pictures = d->n_pairs == 0 ? AROUND : d->n_pairs < PICTURES ? d->n_pairs : PICTURES;
+    size_t n_pictures = d->n_pairs < PICTURES ? d->n_pairs : PICTURES;
 
+    SPIN_TRY(place_cameras(d));
+    n_pictures = d->n_pairs > 0 ? n_pictures : (size_t)d->placed.n;
     *out = (struct spin_decimated){.by_views = d->n_pairs > 0};
     /* If a filter may drop a row that all frames share in some frames only, the counts are those of
      * the whole clip and not of each frame. */
@@ -664,15 +654,11 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     for (size_t k = 0; k < n_pictures; k++) {
         size_t at = d->n_pairs * k / n_pictures;
         int f = d->n_pairs > 0 ? d->pairs[at].frame : (int)(k * (size_t)n_frames / n_pictures);
-        struct spin_camera camera;
+        const struct spin_camera *camera = d->n_pairs > 0
+                                               ? &d->clip->views.view[d->pairs[at].view].camera
+                                               : &d->placed.camera[k].camera;
 
-        if (d->n_pairs > 0) {
-            camera = d->clip->views.view[d->pairs[at].view].camera;
-        } else {
-            SPIN_TRY(read_part(d, f, false));
-            SPIN_TRY(orbit(&d->part, (int)k, &camera));
-        }
-        SPIN_TRY(add_picture(d, f, &camera, &sum, &n, &out->n_pictures));
+        SPIN_TRY(add_picture(d, f, camera, &sum, &n, &out->n_pictures));
     }
     out->psnr = sum > 0 ? 10 * log10(n / sum) : HUGE_VAL;
     return SPIN_OK;

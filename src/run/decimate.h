@@ -11,6 +11,7 @@
  * Splats that the row filter drops for another reason are not counted among the N. */
 #pragma once
 
+#include "geometry/viewpoints.h"
 #include "render/player.h"
 #include "run/row_filter.h"
 
@@ -56,6 +57,7 @@ struct spin_decimation {
         /* Training views, or all views if no view is for training; sorted by frame. */
         *pairs;
     size_t n_pairs;
+    struct spin_viewpoints placed; /* cameras, if the clip has none and the loss is measured */
     struct spin_splats splats, part;
 };
 

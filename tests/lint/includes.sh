@@ -2,13 +2,15 @@
 # Who may include whom: the drawing of the house as a table, and no arrow that is not in it.
 #
 #     cmd                  -> spin.h base/text.h io/json.h io/template.h cmd, and train/options.def, which is data
-#     importers, exporters -> spin.h formats io math base, and headers of their own room
+#     importers            -> spin.h formats io math base, and headers of their own room
+#     exporters            -> spin.h formats geometry io math base, and headers of their own room
 #     run                  -> every room below
 #     train                -> spin.h eval render model scene device/*.h io math base train
 #     eval                 -> spin.h render model scene device/*.h io math base eval
 #     render               -> spin.h model scene device/*.h io math base render
 #     model                -> spin.h device/*.h io math base model
-#     scene                -> spin.h io math base scene
+#     scene                -> spin.h geometry io math base scene
+#     geometry             -> spin.h math base geometry
 #     formats              -> spin.h io math base formats
 #     device               -> spin.h device math base;  a device sees device.h and its own folder
 #     io                   -> spin.h base io
@@ -26,7 +28,7 @@ ours() {
     src/spin_run.h) echo '^spin_train\.h$' ;;
     src/cmd/*) echo '^(spin(_run)?\.h|base/text\.h|io/(json|template)\.h|cmd/.*|train/options\.def)$' ;;
     importers/*) echo '^(spin\.h|(formats|io|math|base|importers)/.*)$' ;;
-    exporters/*) echo '^(spin\.h|(formats|io|math|base|exporters)/.*)$' ;;
+    exporters/*) echo '^(spin\.h|(formats|geometry|io|math|base|exporters)/.*)$' ;;
     src/run/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|geometry|io|math|base|run)/.*)$' ;;
     src/train/*) echo '^(spin(_train)?\.h|device/[a-z_]+\.h|(eval|render|model|scene|geometry|io|math|base|train)/.*)$' ;;
     src/eval/*) echo '^(spin\.h|device/[a-z_]+\.h|(render|model|scene|io|math|base|eval)/.*)$' ;;
@@ -34,7 +36,7 @@ ours() {
     src/model/*) echo '^(spin\.h|device/[a-z_]+\.h|(io|math|base|model)/.*)$' ;;
     src/formats/*) echo '^(spin\.h|(io|math|base|formats)/.*)$' ;;
     src/geometry/*) echo '^(spin\.h|(math|base|geometry)/.*)$' ;;
-    src/scene/*) echo '^(spin\.h|(io|math|base|scene)/.*)$' ;;
+    src/scene/*) echo '^(spin\.h|(geometry|io|math|base|scene)/.*)$' ;;
     src/device/device.c) echo '^(spin\.h|device/device\.h|device/[a-z]+/[a-z]+\.h|base/.*)$' ;;
     src/device/cpu/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cpu/.*|(math|base)/.*)$' ;;
     src/device/cuda/*) echo '^(spin\.h|device/(device|pairs)\.h|device/cuda/.*|(math|base)/.*)$' ;;

@@ -1,0 +1,241 @@
+#include "geometry/subject.h"
+
+#include "base/base.h"
+#include "math/rng.h"
+
+enum {
+    STARTS = 30,  /* starts of the search for the densest ball */
+    SHIFTS = 12,  /* steps of the search from one start */
+    FEW = 20,     /* with fewer dynamic splats in the clip, nothing moves */
+    MOST = 40000, /* splats that the search examines */
+    SAMPLES = 60, /* places along a ray */
+};
+
+struct item {
+    double value, weight;
+};
+
+static int by_value(const void *a, const void *b)
+{
+    const struct item *x = a, *y = b;
+
+    return (x->value > y->value) - (x->value < y->value);
+}
+
+/* Returns the smallest value up to which the items have this share of all weights. Sorts them. */
+static double quantile(struct item *item, size_t n, double share)
+{
+    double all = 0, sum = 0;
+    size_t i = 0;
+
+    qsort(item, n, sizeof *item, by_value);
+    for (size_t k = 0; k < n; k++)
+        all += item[k].weight;
+    while (i + 1 < n && (sum += item[i].weight) < share * all)
+        i++;
+    return n > 0 ? item[i].value : 0;
+}
+
+static double distance_to(const double a[3], const double b[3])
+{
+    return sqrt(pow(a[0] - b[0], 2) + pow(a[1] - b[1], 2) + pow(a[2] - b[2], 2));
+}
+
+static void position_of(const struct spin_voxels *v, size_t splat, double at[3])
+{
+    for (int c = 0; c < 3; c++)
+        at[c] = (double)v->splat[splat].at[c];
+}
+
+/* ---- The scene as a whole -------------------------------------------------------------------- */
+
+/* Sets middle to the median of the opaque area along each axis. */
+static spin_status find_middle(const struct spin_voxels *v, double middle[3])
+{
+    SPIN_FREED struct item *item = NULL;
+
+    SPIN_TRY(spin_alloc(v->n, sizeof *item, (void **)&item));
+    for (int c = 0; c < 3; c++) {
+        size_t n = 0;
+
+        for (size_t i = 0; i < v->n; i++) {
+            double at[3];
+
+            spin_voxels_centre(v, i, at);
+            if (v->mean[i] > 0)
+                item[n++] = (struct item){at[c], (double)v->mean[i]};
+        }
+        middle[c] = quantile(item, n, 0.5);
+    }
+    return SPIN_OK;
+}
+
+/* Sets *reach to the radius of the ball around a point with 90 % of the opaque area. */
+static spin_status find_reach(const struct spin_voxels *v, const double from[3], double *reach)
+{
+    SPIN_FREED struct item *item = NULL;
+    size_t n = 0;
+
+    SPIN_TRY(spin_alloc(v->n, sizeof *item, (void **)&item));
+    for (size_t i = 0; i < v->n; i++) {
+        double at[3];
+
+        spin_voxels_centre(v, i, at);
+        if (v->mean[i] > 0)
+            item[n++] = (struct item){distance_to(at, from), (double)v->mean[i]};
+    }
+    *reach = fmax(quantile(item, n, 0.9), v->cell);
+    return SPIN_OK;
+}
+
+/* ---- The splats of the subject --------------------------------------------------------------- */
+
+/* Lists the splats that move, or all splats. Large splats that move are flicker of walls and
+ * background. */
+static spin_status list_splats(const struct spin_voxels *v, bool moving, struct spin_subject *s)
+{
+    SPIN_TRY(spin_grow(v->n_splats + 1, sizeof *s->splat, (void **)&s->splat));
+    SPIN_TRY(spin_grow(v->n_splats + 1, sizeof *s->weight, (void **)&s->weight));
+    s->n = 0;
+    for (size_t i = 0; i < v->n_splats; i++) {
+        const struct spin_voxel_splat *p = &v->splat[i];
+
+        if (moving && !((double)p->largest < 0.5 * v->cell && spin_voxels_moves(v, p)))
+            continue;
+        s->splat[s->n] = i;
+        s->weight[s->n++] = (double)((moving ? p->opacity : p->area) * p->count);
+    }
+    return SPIN_OK;
+}
+
+/* Multiplies the weights by the transmittance towards the middle of the scene: what flickers behind
+ * a wall is not the subject. */
+static void weigh_by_sight(const struct spin_voxels *v, const double middle[3],
+                           struct spin_subject *s)
+{
+    for (size_t i = 0; i < s->n; i++) {
+        double at[3], from[3], along[3];
+
+        position_of(v, s->splat[i], at);
+        for (int c = 0; c < 3; c++) {
+            along[c] = 0.8 * (at[c] - middle[c]);
+            from[c] = middle[c] + 0.1 * (at[c] - middle[c]);
+        }
+        s->weight[i] *= exp(-spin_voxels_depth(v, v->opacity, from, along, SAMPLES));
+    }
+}
+
+static bool is_enough(const struct spin_subject *s)
+{
+    double sum = 0;
+
+    for (size_t i = 0; i < s->n; i++)
+        sum += s->weight[i];
+    return s->n >= FEW && sum > 1;
+}
+
+/* ---- The densest ball ------------------------------------------------------------------------ */
+
+/* Moves `at` to the mean of the splats within a radius, and returns their weight. */
+static double shift_ball(const struct spin_voxels *v, const struct spin_subject *s, double radius,
+                         double at[3])
+{
+    size_t stride = 1 + s->n / MOST;
+    double sum = 0, mean[3] = {0}, p[3];
+
+    for (size_t i = 0; i < s->n; i += stride) {
+        position_of(v, s->splat[i], p);
+        if (distance_to(p, at) >= radius)
+            continue;
+        sum += s->weight[i];
+        for (int c = 0; c < 3; c++)
+            mean[c] += s->weight[i] * p[c];
+    }
+    for (int c = 0; c < 3 && sum > 0; c++)
+        at[c] = mean[c] / sum;
+    return sum;
+}
+
+size_t spin_subject_draw(const double *sums, size_t n, double share)
+{
+    size_t low = 0, high = n - 1;
+
+    while (low < high) {
+        size_t middle = (low + high) / 2;
+
+        if (sums[middle] > share * sums[n - 1])
+            high = middle;
+        else
+            low = middle + 1;
+    }
+    return low;
+}
+
+static spin_status find_ball(const struct spin_voxels *v, double radius, uint64_t seed,
+                             struct spin_subject *s)
+{
+    SPIN_FREED double *sums = NULL;
+    double best = -1;
+
+    SPIN_TRY(spin_alloc(s->n, sizeof *sums, (void **)&sums));
+    for (size_t i = 0; i < s->n; i++)
+        sums[i] = s->weight[i] + (i > 0 ? sums[i - 1] : 0);
+    for (uint64_t k = 0; k < STARTS; k++) {
+        double at[3], sum = 0, share = (double)spin_rng_uniform(seed, 1, k);
+
+        position_of(v, s->splat[spin_subject_draw(sums, s->n, share)], at);
+        for (int i = 0; i < SHIFTS; i++)
+            sum = shift_ball(v, s, radius, at);
+        if (sum <= best)
+            continue;
+        best = sum;
+        memcpy(s->centre, at, sizeof at);
+    }
+    return SPIN_OK;
+}
+
+/* Sets the radius to that of the ball with 80 % of the subject, without what is far from it. */
+static spin_status find_radius(const struct spin_voxels *v, struct spin_subject *s)
+{
+    SPIN_FREED struct item *item = NULL;
+    size_t n = 0;
+
+    SPIN_TRY(spin_alloc(s->n, sizeof *item, (void **)&item));
+    for (size_t i = 0; i < s->n; i++) {
+        double at[3], away;
+
+        position_of(v, s->splat[i], at);
+        away = distance_to(at, s->centre);
+        if (away < s->span)
+            item[n++] = (struct item){away + (double)v->splat[s->splat[i]].largest, s->weight[i]};
+    }
+    s->radius = fmax(quantile(item, n, 0.8), 0.5 * v->cell);
+    return SPIN_OK;
+}
+
+spin_status spin_subject_find(const struct spin_voxels *v, uint64_t seed, struct spin_subject *s)
+{
+    double middle[3], around;
+
+    memset(s, 0, sizeof *s);
+    SPIN_TRY(find_middle(v, middle));
+    SPIN_TRY(find_reach(v, middle, &around));
+    SPIN_TRY(list_splats(v, true, s));
+    weigh_by_sight(v, middle, s);
+    s->moves = is_enough(s);
+    if (!s->moves)
+        SPIN_TRY(list_splats(v, false, s));
+    SPIN_TRY(find_ball(v, 0.6 * around, seed, s));
+    s->span = 1.4 * 0.6 * around;
+    SPIN_TRY(find_radius(v, s));
+    SPIN_TRY(find_reach(v, s->centre, &s->reach));
+    s->reach = fmax(s->reach, s->radius);
+    return SPIN_OK;
+}
+
+void spin_subject_free(struct spin_subject *s)
+{
+    free(s->splat);
+    free(s->weight);
+    memset(s, 0, sizeof *s);
+}

@@ -1,0 +1,308 @@
+#include "geometry/voxels.h"
+
+#include "base/base.h"
+#include "math/activate.h"
+
+#define NEEDED (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
+enum { MOST_SPLATS = 100000 };
+
+/* ---- Splats ---------------------------------------------------------------------------------- */
+
+/* Returns the product of the two largest scales times pi. */
+static double cross_section(const float scale[3])
+{
+    double least = (double)fminf(scale[0], fminf(scale[1], scale[2]));
+
+    return M_PI * exp((double)scale[0] + (double)scale[1] + (double)scale[2] - least);
+}
+
+static bool is_finite(const struct spin_splats *s, size_t i)
+{
+    bool finite = isfinite(s->logit_opacities[i]);
+
+    for (size_t c = 0; c < 3; c++)
+        finite &= isfinite(s->means[3 * i + c]) && isfinite(s->log_scales[3 * i + c]);
+    return finite;
+}
+
+static struct spin_voxel_splat make_splat(const struct spin_splats *s, size_t i, int frame)
+{
+    size_t n_sh = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
+    const float *scale = s->log_scales + 3 * i;
+    struct spin_voxel_splat out = {.frame = frame};
+
+    out.opacity = (float)spin_sigmoid_of((double)s->logit_opacities[i]);
+    out.area = (float)((double)out.opacity * cross_section(scale));
+    out.largest = expf(fmaxf(scale[0], fmaxf(scale[1], scale[2])));
+    for (size_t c = 0; c < 3; c++) {
+        out.at[c] = s->means[3 * i + c];
+        out.rgb[c] = fminf(fmaxf(0.5f + 0.28209479f * s->sh[n_sh * i + c], 0), 1);
+    }
+    return out;
+}
+
+/* Adds the splats of a frame; of a large frame only every n-th. */
+static spin_status add_frame(struct spin_voxels *v, const struct spin_splats *s)
+{
+    size_t stride = 1 + s->n / MOST_SPLATS, before = v->n_splats;
+
+    for (size_t i = 0; i < s->n; i += stride) {
+        if (!is_finite(s, i))
+            continue;
+        SPIN_TRY(spin_array_grow(v->n_splats, &v->capacity, sizeof *v->splat, (void **)&v->splat));
+        v->splat[v->n_splats] = make_splat(s, i, v->n_frames);
+        v->splat[v->n_splats++].count = (float)stride;
+    }
+    v->n_frames += v->n_splats > before;
+    return SPIN_OK;
+}
+
+static spin_status read_frames(struct spin_voxels *v, int n_frames, spin_voxel_read_fn read,
+                               void *context)
+{
+    int stride = n_frames > SPIN_VOXEL_FRAMES ? n_frames / SPIN_VOXEL_FRAMES : 1;
+
+    for (int f = 0; f < n_frames && v->n_frames < SPIN_VOXEL_FRAMES; f += stride) {
+        const struct spin_splats *s;
+
+        SPIN_TRY(read(context, f, &s));
+        if (s->n > 0 && !(s->logit_opacities && s->log_scales && s->sh))
+            return spin_unsupported("the frames contain positions without opacities and scales");
+        SPIN_TRY(add_frame(v, s));
+    }
+    return v->n_splats > 0 ? SPIN_OK : spin_unsupported("no frame contains a splat");
+}
+
+/* ---- The grid -------------------------------------------------------------------------------- */
+
+/* Sets low and high to the 1st and the 99th percentile of the positions of visible splats. */
+static spin_status find_bounds(const struct spin_voxels *v, double low[3], double high[3])
+{
+    SPIN_FREED float *value = NULL;
+
+    SPIN_TRY(spin_alloc(v->n_splats, sizeof *value, (void **)&value));
+    for (int c = 0; c < 3; c++) {
+        size_t n = 0;
+
+        for (size_t i = 0; i < v->n_splats; i++)
+            if (v->splat[i].opacity > 0.05f)
+                value[n++] = v->splat[i].at[c];
+        if (n == 0)
+            return spin_unsupported("all splats are transparent");
+        qsort(value, n, sizeof *value, spin_by_float);
+        low[c] = (double)value[n / 100];
+        high[c] = (double)value[n - 1 - n / 100];
+    }
+    return SPIN_OK;
+}
+
+/* Centres the grid, so that it is the same for a scene that is turned upside down. */
+static spin_status set_grid(struct spin_voxels *v)
+{
+    double low[3], high[3], side = 0;
+
+    SPIN_TRY(find_bounds(v, low, high));
+    for (int c = 0; c < 3; c++)
+        side = fmax(side, high[c] - low[c]);
+    side = side > 0 ? side : 1;
+    v->cell = 1.1 * side / SPIN_VOXEL_SIDE;
+    v->n = 1;
+    for (int c = 0; c < 3; c++) {
+        v->dim[c] = (int)ceil((high[c] - low[c] + 0.1 * side) / v->cell - 1e-6);
+        v->low[c] = 0.5 * (low[c] + high[c]) - 0.5 * v->dim[c] * v->cell;
+        v->n *= (size_t)v->dim[c];
+    }
+    return SPIN_OK;
+}
+
+size_t spin_voxels_find(const struct spin_voxels *v, const double at[3])
+{
+    size_t cell = 0;
+
+    for (int c = 0; c < 3; c++) {
+        double i = floor((at[c] - v->low[c]) / v->cell);
+
+        if (!(i >= 0 && i < v->dim[c]))
+            return SIZE_MAX;
+        cell = cell * (size_t)v->dim[c] + (size_t)i;
+    }
+    return cell;
+}
+
+void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3])
+{
+    for (int c = 2; c >= 0; c--) {
+        out[c] = v->low[c] + v->cell * ((double)(cell % (size_t)v->dim[c]) + 0.5);
+        cell /= (size_t)v->dim[c];
+    }
+}
+
+static size_t cell_of(const struct spin_voxels *v, const struct spin_voxel_splat *s)
+{
+    const double at[3] = {(double)s->at[0], (double)s->at[1], (double)s->at[2]};
+
+    return spin_voxels_find(v, at);
+}
+
+/* Replaces each cell by the mean of its neighbourhood of 3 x 3 x 3 cells. */
+static spin_status blur(const struct spin_voxels *v, float *field)
+{
+    size_t step[3] = {(size_t)v->dim[1] * (size_t)v->dim[2], (size_t)v->dim[2], 1};
+    SPIN_FREED float *copy = NULL;
+
+    SPIN_TRY(spin_alloc(v->n, sizeof *copy, (void **)&copy));
+    for (int c = 0; c < 3; c++) {
+        memcpy(copy, field, v->n * sizeof *copy);
+        for (size_t i = 0; i < v->n; i++) {
+            size_t at = i / step[c] % (size_t)v->dim[c];
+            float before = at > 0 ? copy[i - step[c]] : 0;
+            float after = at + 1 < (size_t)v->dim[c] ? copy[i + step[c]] : 0;
+
+            field[i] = (before + copy[i] + after) / 3;
+        }
+    }
+    return SPIN_OK;
+}
+
+double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_splat *s)
+{
+    return (double)s->count * fmin((double)s->area, (double)s->opacity * v->cell * v->cell);
+}
+
+/* Adds the splats of sampled frame f, or of all frames if f is -1, to a field, each with its area
+ * times colour channel `channel`; -1: times 1. */
+static void add_mass(const struct spin_voxels *v, int f, int channel, float *field)
+{
+    for (size_t i = 0; i < v->n_splats; i++) {
+        const struct spin_voxel_splat *s = &v->splat[i];
+        size_t cell = f < 0 || s->frame == f ? cell_of(v, s) : SIZE_MAX;
+        float area = (float)spin_voxels_area(v, s);
+
+        if (cell == SIZE_MAX)
+            continue;
+        if (channel == 3)
+            area *= s->rgb[0] * s->rgb[0] + s->rgb[1] * s->rgb[1] + s->rgb[2] * s->rgb[2];
+        field[cell] += channel < 0 || channel == 3 ? area : area * s->rgb[channel];
+    }
+}
+
+static spin_status make_masses(struct spin_voxels *v)
+{
+    SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->mean));
+    for (int f = 0; f < v->n_frames; f++) {
+        SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->mass[f]));
+        add_mass(v, f, -1, v->mass[f]);
+        SPIN_TRY(blur(v, v->mass[f]));
+        for (size_t i = 0; i < v->n; i++)
+            v->mean[i] += v->mass[f][i] / (float)v->n_frames;
+    }
+    return SPIN_OK;
+}
+
+static spin_status make_colours(struct spin_voxels *v)
+{
+    for (int c = 0; c < 4; c++) {
+        SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->colour[c]));
+        add_mass(v, -1, c, v->colour[c]);
+        SPIN_TRY(blur(v, v->colour[c]));
+        for (size_t i = 0; i < v->n; i++)
+            v->colour[c][i] /= fmaxf(v->mean[i] * (float)v->n_frames, 1e-30f);
+    }
+    return SPIN_OK;
+}
+
+/* Returns the 40th percentile of the masses of one cell: what moves is no wall, and a wall that
+ * flickers is one. */
+static float wall_mass(const struct spin_voxels *v, size_t cell)
+{
+    float mass[SPIN_VOXEL_FRAMES];
+    double at = 0.4 * (v->n_frames - 1);
+    int k = (int)at;
+
+    for (int f = 0; f < v->n_frames; f++)
+        mass[f] = v->mass[f][cell];
+    qsort(mass, (size_t)v->n_frames, sizeof *mass, spin_by_float);
+    return k + 1 < v->n_frames ? mass[k] + (float)(at - k) * (mass[k + 1] - mass[k]) : mass[k];
+}
+
+static spin_status make_extinctions(struct spin_voxels *v)
+{
+    float volume = (float)(v->cell * v->cell * v->cell);
+
+    SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->opacity));
+    SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->walls));
+    add_mass(v, -1, -1, v->opacity);
+    for (size_t i = 0; i < v->n; i++) {
+        v->opacity[i] /= volume * (float)v->n_frames;
+        v->walls[i] = wall_mass(v, i) / volume;
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_voxels_open(struct spin_voxels *v, int n_frames, spin_voxel_read_fn read,
+                             void *context)
+{
+    spin_status status;
+
+    memset(v, 0, sizeof *v);
+    SPIN_TRY_OUT(read_frames(v, n_frames, read, context));
+    SPIN_TRY_OUT(set_grid(v));
+    SPIN_TRY_OUT(make_masses(v));
+    SPIN_TRY_OUT(make_colours(v));
+    SPIN_TRY_OUT(make_extinctions(v));
+    return SPIN_OK;
+out:
+    spin_voxels_close(v);
+    return status;
+}
+
+void spin_voxels_close(struct spin_voxels *v)
+{
+    for (int f = 0; f < SPIN_VOXEL_FRAMES; f++)
+        free(v->mass[f]);
+    for (int c = 0; c < 4; c++)
+        free(v->colour[c]);
+    free(v->mean);
+    free(v->opacity);
+    free(v->walls);
+    free(v->splat);
+    memset(v, 0, sizeof *v);
+}
+
+/* ---- Questions ------------------------------------------------------------------------------- */
+
+double spin_voxels_depth(const struct spin_voxels *v, const float *field, const double from[3],
+                         const double along[3], int n)
+{
+    double sum = 0, length = 0;
+
+    for (int k = 0; k < n; k++) {
+        double t = (k + 0.5) / n;
+        double at[3] = {from[0] + t * along[0], from[1] + t * along[1], from[2] + t * along[2]};
+        size_t cell = spin_voxels_find(v, at);
+
+        sum += cell == SIZE_MAX ? 0 : (double)field[cell];
+    }
+    for (int c = 0; c < 3; c++)
+        length += along[c] * along[c];
+    return sum * sqrt(length) / n;
+}
+
+bool spin_voxels_moves(const struct spin_voxels *v, const struct spin_voxel_splat *s)
+{
+    size_t cell = cell_of(v, s);
+    double mean[3], off = 0, square = 0, spread;
+    int present = 0;
+
+    if (cell == SIZE_MAX || v->n_frames < 2)
+        return false;
+    for (int f = 0; f < v->n_frames; f++)
+        present += v->mass[f][cell] > 0.35f * v->mean[cell];
+    for (int c = 0; c < 3; c++) {
+        mean[c] = (double)v->colour[c][cell];
+        square += mean[c] * mean[c];
+        off += ((double)s->rgb[c] - mean[c]) * ((double)s->rgb[c] - mean[c]);
+    }
+    spread = sqrt(fmax((double)v->colour[3][cell] - square, 0));
+    return present < 0.8 * v->n_frames || sqrt(off) > 0.12 + 2 * spread;
+}
