@@ -10,25 +10,17 @@
  * - The cloud and the network of a checkpoint are in separate folders; both must be of the same
  * iteration. */
 #include "importers/lib/deform.h"
+#include "importers/lib/deform_net.h"
 
 enum {
-    MAX_LAYERS = 32,
-    POSITION_FREQUENCIES = 10, /* in the encoding of positions; fixed by the method, not stored */
-    POSITION_INPUTS = 3 + 6 * POSITION_FREQUENCIES,
-    MAX_TIME_FREQUENCIES = 64,
     WARM_UP = 3000 /* training does not use the network before this iteration */
 };
 
 struct model {
     struct spin_model base;
-    struct mlp_net linear; /* one layer has a skip connection from the input */
-    int n_in, width;
-    struct mlp_net time; /* the time network; time.n is 0 if there is none */
-    int n_time;          /* number of inputs of `linear` that depend on time */
-    float *inputs;       /* [n_time] these inputs for the current frame; then scratch memory */
-    int frequencies;     /* number of frequencies in the encoding of time */
-    bool screw;          /* is_6dof: screw_w and screw_v move positions; otherwise `warp` does */
-    bool motiongs;       /* cfg_args contains options of MotionGS */
+    struct deform_net net;
+    bool screw;    /* is_6dof: screw_w and screw_v move positions; otherwise `warp` does */
+    bool motiongs; /* cfg_args contains options of MotionGS */
     struct mlp_net warp, screw_w, screw_v, rotation, scaling;
 };
 
@@ -49,72 +41,6 @@ static int probe(const struct spin_peek *peek)
 }
 
 /* ---- The network ----------------------------------------------------------------------------- */
-
-/* Loads linear.0, whose weights [W, I] define the width W and the number of inputs I, and the
- * layers after it. Their weights are [W, W], except for one layer with a skip connection from the
- * input, whose weights are [W, I + W]. */
-static spin_status load_layers(struct model *m)
-{
-    const struct spin_value *root = m->base.tensors;
-    struct mlp_net *net = &m->linear;
-
-    for (int i = 0; i == 0 || spin_model_get(&m->base, "linear.%d.weight", i); i++) {
-        const struct mlp_layer *l = &net->layer[i];
-        char name[32];
-
-        if (i == MAX_LAYERS)
-            return spin_unsupported("the network has more than %d layers 'linear.*'", MAX_LAYERS);
-        snprintf(name, sizeof name, "linear.%d", i);
-        SPIN_TRY(spin_model_layer(&m->base, name, -1, i ? m->width : -1, MLP_RELU, net));
-        if (i == 0) {
-            m->n_in = l->n_in;
-            m->width = l->n_out;
-        } else if (l->n_in == m->n_in + m->width && net->again == 0) {
-            net->again = i;
-        } else if (l->n_in != m->width) {
-            return spin_malformed("tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s",
-                                  name, l->n_out, l->n_in, m->width, m->width,
-                                  net->again ? ", since an earlier layer has the skip connection"
-                                             : "");
-        }
-    }
-    for (size_t i = 0; i < root->n; i++) {
-        const char *key = spin_value_text(root->item[2 * i]);
-
-        if (strncmp(key, "linear.", 7) == 0 && strtol(key + 7, NULL, 10) >= net->n)
-            return spin_malformed("there is a tensor '%.80s', but no 'linear.%d.weight'", key,
-                                  net->n);
-    }
-    if (net->again == 0)
-        return spin_malformed(
-            "no layer 'linear.*' has a skip connection from the input: layers are missing");
-    return SPIN_OK;
-}
-
-/* Loads the time network, if there is one. Without it, the first layer's input is the encoding of
- * the time itself. */
-static spin_status load_time(struct model *m)
-{
-    int inputs = m->n_time = m->n_in - POSITION_INPUTS;
-
-    if (m->n_time < 1)
-        return spin_malformed("tensor 'linear.0.weight' has %d inputs, expected more than %d, the "
-                              "inputs for the position",
-                              m->n_in, POSITION_INPUTS);
-    if (spin_model_get(&m->base, "timenet.0.weight") ||
-        spin_model_get(&m->base, "timenet.2.weight")) {
-        SPIN_TRY(spin_model_layer(&m->base, "timenet.0", -1, -1, MLP_RELU, &m->time));
-        SPIN_TRY(spin_model_layer(&m->base, "timenet.2", spin_mlp_n_out(&m->time), m->n_time,
-                                  MLP_PLAIN, &m->time));
-        inputs = m->time.layer[0].n_in;
-    }
-    m->frequencies = (inputs - 1) / 2;
-    if (inputs % 2 == 0 || m->frequencies > MAX_TIME_FREQUENCIES)
-        return spin_malformed("the encoding of the time has %d values, expected 1 and two for each "
-                              "frequency, for at most %d frequencies",
-                              inputs, MAX_TIME_FREQUENCIES);
-    return SPIN_OK;
-}
 
 static spin_status load_network(struct spin_model *base)
 {
@@ -141,8 +67,7 @@ static spin_status load_network(struct spin_model *base)
                                 "use --from grid4d or --from dash");
     SPIN_TRY(spin_model_dict(base));
     SPIN_TRY(spin_model_keys(base, known));
-    SPIN_TRY(load_layers(m));
-    SPIN_TRY(load_time(m));
+    SPIN_TRY(spin_deform_net_load(base, &m->net));
     warp = spin_model_get(base, "gaussian_warp.weight") != NULL;
     m->screw = spin_model_get(base, "branch_w.weight") || spin_model_get(base, "branch_v.weight");
     if (m->screw == warp)
@@ -150,7 +75,7 @@ static spin_status load_network(struct spin_model *base)
                               warp ? "both tensors" : "neither");
     for (int i = 0; i < 5; i++) {
         if (i > 2 || (i > 0) == m->screw)
-            SPIN_TRY(spin_model_layer(base, heads[i].key, m->width, heads[i].n_out, MLP_PLAIN,
+            SPIN_TRY(spin_model_layer(base, heads[i].key, m->net.width, heads[i].n_out, MLP_PLAIN,
                                       heads[i].net));
     }
     return SPIN_OK;
@@ -196,7 +121,7 @@ static spin_status check_cfg(const struct deform_save *save, struct model *m)
     const struct {
         const char *key;
         bool is;
-    } said[] = {{"is_blender", m->time.n > 0}, {"is_6dof", m->screw}};
+    } said[] = {{"is_blender", m->net.time.n > 0}, {"is_6dof", m->screw}};
     const struct cfg_args *cfg = &m->base.settings.cfg;
 
     SPIN_TRY(spin_model_cfg(&m->base, save->model, save->cloud));
@@ -231,52 +156,18 @@ static spin_status open_model(void *self, const char *path)
     snprintf(base->sequence->variant, sizeof base->sequence->variant,
              "%s, %zu Gaussians, %s, %d layers of %d%s%s",
              m->motiongs ? "MotionGS" : "Deformable 3D Gaussians", base->canonical.n, save.name,
-             m->linear.n, m->width, m->time.n ? ", time network" : "", m->screw ? ", 6dof" : "");
+             m->net.linear.n, m->net.width, m->net.time.n ? ", time network" : "",
+             m->screw ? ", 6dof" : "");
     iteration = spin_model_iteration(save.name);
     if (iteration >= 0 && iteration < WARM_UP)
         spin_note(base->sequence, "training does not use the network before iteration %d", WARM_UP);
-    SPIN_TRY(spin_model_alloc(base,
-                              (size_t)m->n_time + (size_t)(1 + 2 * m->frequencies) * MLP_BLOCK +
-                                  2 * spin_mlp_widest(&m->time),
-                              sizeof *m->inputs, (void **)&m->inputs));
     /* Scratch memory of each thread: the input, followed by one layer's output for the skip
      * connection; two layers; and heads with 4 + 3 outputs. */
-    return spin_mlp_team_create(((size_t)m->n_in + 3 * (size_t)m->width + 7) * MLP_BLOCK,
+    return spin_mlp_team_create(((size_t)m->net.n_in + 3 * (size_t)m->net.width + 7) * MLP_BLOCK,
                                 &base->team);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
-
-/* Writes the encoding of v: the channel v, then the channels sin(2^k v) and cos(2^k v) for k = 0,
- * 1, ..., `frequencies` - 1. The encodings of `width` values are interleaved, so the channels of
- * one value are `width` * `step` floats apart. */
-static void encode(float v, int frequencies, int width, size_t step, float *out)
-{
-    out[0] = v;
-    for (int k = 0; k < frequencies; k++) {
-        float angle = ldexpf(v, k);
-
-        out[(size_t)(width * (2 * k + 1)) * step] = sinf(angle);
-        out[(size_t)(width * (2 * k + 2)) * step] = cosf(angle);
-    }
-}
-
-/* Computes m->inputs, the inputs that depend on time. A time network evaluates a whole block of
- * points, but only the result for the first point is used. */
-static void encode_time(struct model *m, float time)
-{
-    float *in = m->inputs + m->n_time, *middle = in + (1 + 2 * m->frequencies) * MLP_BLOCK;
-    const float *last;
-
-    if (m->time.n == 0) {
-        encode(time, m->frequencies, 1, 1, m->inputs);
-        return;
-    }
-    encode(time, m->frequencies, 1, MLP_BLOCK, in);
-    last = spin_mlp_run(&m->time, in, middle, middle + spin_mlp_widest(&m->time));
-    for (int i = 0; i < m->n_time; i++)
-        m->inputs[i] = last[i * MLP_BLOCK];
-}
 
 /* Moves p by a screw motion, p' = R p + T, where R and T are the matrix exponential of the twist
  * (w, v). The method divides w and v by the angle |w| and then adds 1e-5 to every component, so w
@@ -336,19 +227,15 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
 {
     const struct deform_job *job = context;
     const struct model *m = job->model;
-    float *a = scratch + (size_t)(m->n_in + m->width) * MLP_BLOCK;
-    float *b = a + (size_t)m->width * MLP_BLOCK, *head = b + (size_t)m->width * MLP_BLOCK;
+    float *a = scratch + (size_t)(m->net.n_in + m->net.width) * MLP_BLOCK;
+    float *b = a + (size_t)m->net.width * MLP_BLOCK, *head = b + (size_t)m->net.width * MLP_BLOCK;
+    const float *at[MLP_BLOCK];
     float *hidden;
 
-    for (int p = 0; p < MLP_BLOCK; p++) { /* pad the last block with its last point */
-        const float *xyz = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
-
-        for (int c = 0; c < 3; c++)
-            encode(xyz[c], POSITION_FREQUENCIES, 3, MLP_BLOCK, scratch + c * MLP_BLOCK + p);
-        for (int i = 0; i < m->n_time; i++)
-            scratch[(POSITION_INPUTS + i) * MLP_BLOCK + p] = m->inputs[i];
-    }
-    hidden = spin_mlp_run(&m->linear, scratch, a, b);
+    for (int p = 0; p < MLP_BLOCK; p++) /* pad the last block with its last point */
+        at[p] = job->from->means + 3 * (first + (size_t)(p < n ? p : n - 1));
+    spin_deform_net_encode(&m->net, at, scratch);
+    hidden = spin_mlp_run(&m->net.linear, scratch, a, b);
     if (job->columns & SPIN_COL_MEANS)
         move(job, first, n, hidden, head);
     if (job->columns & (SPIN_COL_LOG_SCALES | SPIN_COL_QUATS)) {
@@ -362,7 +249,7 @@ static spin_status deformable_frame(void *self, int frame, double time, unsigned
                                     struct spin_splats *out)
 {
     (void)frame;
-    encode_time(self, (float)time);
+    spin_deform_net_time(&((struct model *)self)->net, (float)time);
     return spin_deform_frame(self, time, columns, DEFORM_MOVED, evaluate, out);
 }
 

@@ -150,6 +150,7 @@ realtime4dgs realtime4dgs/rot4d_noshfs
 freetimegs freetimegs/still_sh0_no_optimizers
 freetimegspp freetimegspp/gated_sh3
 rotor4dgs rotor4dgs/old_names
+scgs scgs/real_mask_hyper2/model
 spacetimegs spacetimegs/full_techni/model
 tc3dgs tc3dgs/trained
 RUNS

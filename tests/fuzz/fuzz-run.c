@@ -32,6 +32,11 @@ static const struct run {
      {"point_cloud/iteration_5400/deformation.pth", "point_cloud/iteration_5400/point_cloud.ply",
       "cfg_args"},
      {NULL}},
+    {"scgs",
+     "scgs/real_mask_hyper2/model",
+     {"deform/iteration_40000/deform.pth", "point_cloud/iteration_40000/point_cloud.ply",
+      "cfg_args"},
+     {NULL}},
     {"freetimegspp", "freetimegspp/gated_sh3", {"gaussians.pt", "config.toml"}, {NULL}},
 };
 enum { N_RUNS = sizeof runs / sizeof *runs };

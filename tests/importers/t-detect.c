@@ -79,6 +79,8 @@ static const struct known runs[] = {
     {"sogst/sh1_by_splat_transform/b1.ply", "sogst"},
     {"freetimegspp/gated_sh3", "freetimegspp"},
     {"freetimegspp/field_sh1/gaussians.pt", "freetimegspp"},
+    {"scgs/*/model", "scgs"},
+    {"scgs/real_mask_hyper2/model/deform/iteration_40000/deform.pth", "scgs"},
     {"stglite/supersplat4d_sh1/scene.ply", "stglite"},
     {"stglite/opensplat4d_sh3/scene.ply", "stglite"},
     {"splats", NULL},

@@ -1,7 +1,7 @@
 /* The altered runs of fixtures, whose manifest lists what has to become of each: an error of one
  * line that names the file, or the splats of the unaltered run, but for a few rows.
  * TAP_PART is a folder of fixtures.
- * K: variants import malformed freetimegspp stglite */
+ * K: variants import malformed freetimegspp scgs stglite */
 #include "tests/importers/models.h"
 
 #define MOST_ALTERED 4 /* rows that an alteration may change or drop */
@@ -10,6 +10,7 @@ static const struct altered {
     const char *fixtures, *importer, *base; /* below <fixtures>/variants */
 } altered[] = {
     {"freetimegspp", "freetimegspp", "base"},
+    {"scgs", "scgs", "base/model"},
     {"stglite", "stglite", "base/scene.ply"},
 };
 

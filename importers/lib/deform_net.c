@@ -1,0 +1,122 @@
+/* The network of Deformable 3D Gaussians: loading, and its inputs. */
+#include "importers/lib/deform_net.h"
+
+enum { MAX_LAYERS = 32, MAX_TIME_FREQUENCIES = 64 };
+
+/* Loads linear.0, whose weights [W, I] define the width W and the number of inputs I, and the
+ * layers after it. Their weights are [W, W], except for one layer with a skip connection from the
+ * input, whose weights are [W, I + W]. */
+static spin_status load_layers(struct spin_model *m, struct deform_net *d)
+{
+    const struct spin_value *root = m->tensors;
+    struct mlp_net *net = &d->linear;
+    size_t n = strlen(m->prefix);
+
+    for (int i = 0; i == 0 || spin_model_get(m, "linear.%d.weight", i); i++) {
+        const struct mlp_layer *l = &net->layer[i];
+        char name[32];
+
+        if (i == MAX_LAYERS)
+            return spin_unsupported("the network has more than %d layers 'linear.*'", MAX_LAYERS);
+        snprintf(name, sizeof name, "linear.%d", i);
+        SPIN_TRY(spin_model_layer(m, name, -1, i ? d->width : -1, MLP_RELU, net));
+        if (i == 0) {
+            d->n_in = l->n_in;
+            d->width = l->n_out;
+        } else if (l->n_in == d->n_in + d->width && net->again == 0) {
+            net->again = i;
+        } else if (l->n_in != d->width) {
+            return spin_malformed("tensor '%s.weight' has shape [%d, %d], expected [%d, %d]%s",
+                                  name, l->n_out, l->n_in, d->width, d->width,
+                                  net->again ? ", since an earlier layer has the skip connection"
+                                             : "");
+        }
+    }
+    for (size_t i = 0; i < root->n; i++) {
+        const char *key = spin_value_text(root->item[2 * i]);
+
+        if (key && strncmp(key, m->prefix, n) == 0 && strncmp(key + n, "linear.", 7) == 0 &&
+            strtol(key + n + 7, NULL, 10) >= net->n)
+            return spin_malformed("there is a tensor '%.80s', but no 'linear.%d.weight'", key,
+                                  net->n);
+    }
+    if (net->again == 0)
+        return spin_malformed(
+            "no layer 'linear.*' has a skip connection from the input: layers are missing");
+    return SPIN_OK;
+}
+
+/* Loads the time network, if there is one. Without it, the first layer's input is the encoding of
+ * the time itself. */
+static spin_status load_time(struct spin_model *m, struct deform_net *d)
+{
+    int inputs = d->n_time = d->n_in - DEFORM_POSITION_INPUTS;
+
+    if (d->n_time < 1)
+        return spin_malformed("tensor 'linear.0.weight' has %d inputs, expected more than %d, the "
+                              "inputs for the position",
+                              d->n_in, DEFORM_POSITION_INPUTS);
+    if (spin_model_get(m, "timenet.0.weight") || spin_model_get(m, "timenet.2.weight")) {
+        SPIN_TRY(spin_model_layer(m, "timenet.0", -1, -1, MLP_RELU, &d->time));
+        SPIN_TRY(spin_model_layer(m, "timenet.2", spin_mlp_n_out(&d->time), d->n_time, MLP_PLAIN,
+                                  &d->time));
+        inputs = d->time.layer[0].n_in;
+    }
+    d->frequencies = (inputs - 1) / 2;
+    if (inputs % 2 == 0 || d->frequencies > MAX_TIME_FREQUENCIES)
+        return spin_malformed("the encoding of the time has %d values, expected 1 and two for each "
+                              "frequency, for at most %d frequencies",
+                              inputs, MAX_TIME_FREQUENCIES);
+    return SPIN_OK;
+}
+
+spin_status spin_deform_net_load(struct spin_model *m, struct deform_net *net)
+{
+    SPIN_TRY(load_layers(m, net));
+    SPIN_TRY(load_time(m, net));
+    return spin_model_alloc(m,
+                            (size_t)net->n_time + (size_t)(1 + 2 * net->frequencies) * MLP_BLOCK +
+                                2 * spin_mlp_widest(&net->time),
+                            sizeof *net->inputs, (void **)&net->inputs);
+}
+
+/* Writes the encoding of v: the channel v, then the channels sin(2^k v) and cos(2^k v) for k = 0,
+ * 1, ..., `frequencies` - 1. The encodings of `width` values are interleaved, so the channels of
+ * one value are `width` * `step` floats apart. */
+static void encode(float v, int frequencies, int width, size_t step, float *out)
+{
+    out[0] = v;
+    for (int k = 0; k < frequencies; k++) {
+        float angle = ldexpf(v, k);
+
+        out[(size_t)(width * (2 * k + 1)) * step] = sinf(angle);
+        out[(size_t)(width * (2 * k + 2)) * step] = cosf(angle);
+    }
+}
+
+/* A time network evaluates a whole block of points, but only the result for the first is used. */
+void spin_deform_net_time(struct deform_net *d, float time)
+{
+    float *in = d->inputs + d->n_time, *middle = in + (1 + 2 * d->frequencies) * MLP_BLOCK;
+    const float *last;
+
+    if (d->time.n == 0) {
+        encode(time, d->frequencies, 1, 1, d->inputs);
+        return;
+    }
+    encode(time, d->frequencies, 1, MLP_BLOCK, in);
+    last = spin_mlp_run(&d->time, in, middle, middle + spin_mlp_widest(&d->time));
+    for (int i = 0; i < d->n_time; i++)
+        d->inputs[i] = last[i * MLP_BLOCK];
+}
+
+void spin_deform_net_encode(const struct deform_net *net, const float *const at[MLP_BLOCK],
+                            float *in)
+{
+    for (int p = 0; p < MLP_BLOCK; p++) {
+        for (int c = 0; c < 3; c++)
+            encode(at[p][c], DEFORM_FREQUENCIES, 3, MLP_BLOCK, in + c * MLP_BLOCK + p);
+        for (int i = 0; i < net->n_time; i++)
+            in[(DEFORM_POSITION_INPUTS + i) * MLP_BLOCK + p] = net->inputs[i];
+    }
+}

@@ -1,0 +1,29 @@
+/* The network of Deformable 3D Gaussians, which methods derived from it also use: layers linear.*
+ * with one skip connection, whose input is the encoding of a position followed by that of the time.
+ */
+#pragma once
+
+#include "importers/lib/model.h"
+
+enum {
+    DEFORM_FREQUENCIES = 10, /* in the encoding of positions; fixed by the method, not stored */
+    DEFORM_POSITION_INPUTS = 3 + 6 * DEFORM_FREQUENCIES
+};
+
+struct deform_net {
+    struct mlp_net linear; /* one layer has a skip connection from the input */
+    int n_in, width;
+    struct mlp_net time; /* the time network; time.n is 0 if there is none */
+    int n_time;          /* number of inputs of `linear` that depend on time */
+    float *inputs;       /* [n_time] these inputs for the current frame; then scratch memory */
+    int frequencies;     /* number of frequencies in the encoding of time */
+};
+
+/* Loads the tensors linear.* and timenet.* of m->tensors, whose names begin with m->prefix. */
+spin_status spin_deform_net_load(struct spin_model *m, struct deform_net *net);
+/* Computes the inputs that depend on time, for all following blocks. */
+void spin_deform_net_time(struct deform_net *net, float time);
+/* Writes the inputs for a block of points at these positions to `in`, which has space for one
+ * layer's output behind them. */
+void spin_deform_net_encode(const struct deform_net *net, const float *const at[MLP_BLOCK],
+                            float *in);
