@@ -3,6 +3,7 @@
  * Properties are looked up by name, so their order does not matter. Besides Gaussians, three other
  * kinds of files are supported: points without colours, which yield positions only; points with
  * colours, which yield positions and RGB; and Gaussians in SuperSplat's compressed layout. */
+#include <ctype.h>
 #include <strings.h>
 
 #include "formats/compressed_ply.h"
@@ -25,9 +26,49 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Returns the confidence that a folder contains a sequence of clouds, according to the names in it:
- * numbered files, one folder per frame with the layout of INRIA's 3DGS, or a single model in this
- * layout. */
+/* Whether a folder's name has a number and does not say that the folder is one of several
+ * trainings, scenes or checkpoints. */
+static bool is_frame_folder(const char *name)
+{
+    static const char *const others[] = {"run",     "exp",   "scene", "seed",       "trial", "test",
+                                         "train",   "model", "save",  "iteration",  "ckpt",  "job",
+                                         "version", "out",   "v",     "checkpoint", "chkpnt"};
+    size_t n = strcspn(name, "0123456789");
+
+    if (!name[n] || name[0] == '.')
+        return false;
+    while (n > 0 && strchr("_- .", name[n - 1]))
+        n--;
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        if (n >= strlen(others[i]) &&
+            strncasecmp(name + n - strlen(others[i]), others[i], strlen(others[i])) == 0 &&
+            (n == strlen(others[i]) || !isalpha((unsigned char)name[n - strlen(others[i]) - 1])))
+            return false;
+    return true;
+}
+
+/* Whether the first of the folders that may be frames contains a model. */
+static bool has_frame_models(const struct spin_peek *peek)
+{
+    static const char *const models[] = {"point_cloud", "point_cloud.ply", "splat.ply"};
+    bool found = false;
+
+    for (size_t i = 0; peek->names && peek->names[i]; i++) {
+        if (!is_frame_folder(peek->names[i]))
+            continue;
+        for (size_t k = 0; k < 3 && !found; k++) {
+            char name[600];
+
+            snprintf(name, sizeof name, "%s/%s", peek->names[i], models[k]);
+            found = spin_model_holds(peek->path, name);
+        }
+        return found;
+    }
+    return false;
+}
+
+/* Returns the confidence that a folder contains a sequence of clouds: numbered files, one folder
+ * per frame with the layout of INRIA's 3DGS, or a single model in this layout. */
 static int probe_folder(const struct spin_peek *peek)
 {
     int n_folders = 0;
@@ -45,7 +86,7 @@ static int probe_folder(const struct spin_peek *peek)
         return 20;
     if (spin_file_sequence_count(peek, ".ply") > 0)
         return 70;
-    return n_folders > 0 ? 50 : tree ? 40 : 0;
+    return n_folders > 0 || (!tree && has_frame_models(peek)) ? 50 : tree ? 40 : 0;
 }
 
 static int probe(const struct spin_peek *peek)
@@ -60,8 +101,9 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* Sets *out to the cloud of a model's folder, which is point_cloud/iteration_<n>/point_cloud.ply
- * with the largest n or, without such a file, point_cloud.ply; to NULL if there is neither. */
+/* Sets *out to the cloud of a model's folder, which is the first that exists of:
+ * point_cloud/iteration_<n>/point_cloud.ply with the largest n, point_cloud.ply, splat.ply, which
+ * nerfstudio writes. Sets it to NULL if there is none. */
 static spin_status find_model(struct spin_model *m, const char *folder, const char **out)
 {
     const char *clouds, *name = NULL;
@@ -71,48 +113,82 @@ static spin_status find_model(struct spin_model *m, const char *folder, const ch
         SPIN_TRY(spin_model_choose(m, NULL, clouds, "point_cloud.ply", NULL, NULL, &name));
     if (name)
         return spin_model_join(m, out, clouds, "%s/point_cloud.ply", name);
-    return spin_model_find(m, out, folder, "point_cloud.ply");
+    SPIN_TRY(spin_model_find(m, out, folder, "point_cloud.ply"));
+    return *out ? SPIN_OK : spin_model_find(m, out, folder, "splat.ply");
 }
 
-/* Lists the files of all frames, in any order; it is an error if there are none. If `path` is a
- * folder, the first of these that exists is used: the PLY files in the folder; as the only frame,
- * the cloud of the model or of the newest checkpoint in the folder; the clouds of models in
- * numbered subfolders. */
-static spin_status find_files(struct spin_model *m, const char *path,
-                              struct spin_file_sequence *seq)
+/* Sets *out to the cloud in the folder of a frame, or to NULL if there is none: the path below the
+ * folder that option `pattern` names, the cloud of a model, or the only PLY file. */
+static spin_status find_frame(struct spin_model *m, const char *folder, const char **out)
 {
-    const char *cloud, *save;
+    const char *pattern = spin_model_option(m, "pattern");
+    struct spin_file_sequence files;
+
+    if (pattern && strchr(pattern, '/'))
+        return spin_model_find(m, out, folder, "%s", strchr(pattern, '/') + 1);
+    SPIN_TRY(find_model(m, folder, out));
+    if (*out)
+        return SPIN_OK;
+    SPIN_TRY(spin_file_sequence_list(m, folder, ".ply", &files));
+    *out = files.n_frames == 1 ? files.frame[0].path : NULL;
+    return SPIN_OK;
+}
+
+static spin_status list_frame_folders(struct spin_model *m, const char *path,
+                                      struct spin_file_sequence *seq)
+{
+    const char *cloud, *folder;
     char **names;
     size_t n;
 
-    if (!spin_path_is_folder(path))
-        return spin_file_sequence_find(m, path, ".ply", seq);
-    SPIN_TRY(spin_file_sequence_list(m, path, ".ply", seq));
-    if (seq->n_frames > 0)
-        return SPIN_OK;
     SPIN_TRY(spin_model_names(m, path, &names, &n));
-    SPIN_TRY(spin_file_sequence_reserve(m, seq, n + 1));
-    SPIN_TRY(find_model(m, path, &cloud));
-    SPIN_TRY(spin_model_choose(m, NULL, path, "point_cloud.ply", NULL, NULL, &save));
-    if (!cloud && save)
-        SPIN_TRY(spin_model_join(m, &cloud, path, "%s/point_cloud.ply", save));
-    if (cloud)
-        return spin_file_sequence_add(seq, cloud, -1);
+    SPIN_TRY(spin_file_sequence_reserve(m, seq, n));
     for (size_t i = 0; i < n; i++) {
-        const char *sub;
-
-        SPIN_TRY(spin_model_join(m, &sub, path, "%s", names[i]));
-        if (spin_path_number(names[i]) < 0 || !spin_path_is_folder(sub))
+        SPIN_TRY(spin_model_join(m, &folder, path, "%s", names[i]));
+        if (names[i][0] == '.' || !strpbrk(names[i], "0123456789") || !spin_path_is_folder(folder))
             continue;
-        SPIN_TRY(find_model(m, sub, &cloud));
+        SPIN_TRY(find_frame(m, folder, &cloud));
         if (cloud)
-            SPIN_TRY(spin_file_sequence_add(seq, cloud, spin_path_number(names[i])));
+            spin_file_sequence_add(seq, cloud, names[i]);
     }
-    if (seq->n_frames == 0)
-        return spin_not_found("'%s' contains neither PLY files nor folders with "
-                              "point_cloud/iteration_*/point_cloud.ply",
-                              path);
-    return SPIN_OK;
+    return seq->n_frames > 0
+               ? SPIN_OK
+               : spin_not_found("'%s' contains neither PLY files nor folders with "
+                                "point_cloud/iteration_*/point_cloud.ply or splat.ply",
+                                path);
+}
+
+/* Lists the files of all frames and sorts them; it is an error if there are none. If `path` is a
+ * folder, the first of these that exists is used: the PLY files in the folder; as the only frame,
+ * the cloud of the model or of the newest checkpoint in the folder; the clouds of models in
+ * numbered subfolders. */
+static spin_status find_files(struct clip *clip, const char *path)
+{
+    struct spin_model *m = &clip->base;
+    struct spin_file_sequence *seq = &clip->files;
+    const char *cloud = NULL, *save, *pattern = spin_model_option(m, "pattern");
+    bool in_folders = pattern && strchr(pattern, '/');
+
+    if (!spin_path_is_folder(path)) {
+        SPIN_TRY(spin_file_sequence_find(m, path, ".ply", seq));
+        return spin_file_sequence_sort(m, seq, false, m->sequence);
+    }
+    if (!in_folders)
+        SPIN_TRY(spin_file_sequence_list(m, path, ".ply", seq));
+    if (seq->n_frames > 0)
+        return spin_file_sequence_sort(m, seq, false, m->sequence);
+    SPIN_TRY(spin_model_choose(m, NULL, path, "point_cloud.ply", NULL, NULL, &save));
+    if (!pattern)
+        SPIN_TRY(find_model(m, path, &cloud));
+    if (!pattern && !cloud && save)
+        SPIN_TRY(spin_model_join(m, &cloud, path, "%s/point_cloud.ply", save));
+    if (cloud) {
+        SPIN_TRY(spin_file_sequence_reserve(m, seq, 1));
+        spin_file_sequence_add(seq, cloud, "");
+        return SPIN_OK;
+    }
+    SPIN_TRY(list_frame_folders(m, path, seq));
+    return spin_file_sequence_sort(m, seq, true, m->sequence);
 }
 
 /* ---- Contents of a file ---------------------------------------------------------------------- */
@@ -330,10 +406,9 @@ static spin_status open_clip(void *self, const char *path)
     struct clip *clip = self;
 
     clip->sh_degree = -1;
-    SPIN_TRY(find_files(&clip->base, path, &clip->files));
+    SPIN_TRY(find_files(clip, path));
     if (clip->files.n_frames > INT_MAX)
         return spin_unsupported("'%s' contains too many files", path);
-    SPIN_TRY(spin_file_sequence_sort(&clip->files, clip->base.sequence));
     for (size_t i = 0; i < clip->files.n_frames; i++)
         SPIN_TRY(open_frame(clip, i));
     return describe(clip);
@@ -416,7 +491,10 @@ static spin_status ply_frame(void *self, int frame, double time, unsigned column
     return SPIN_OK;
 }
 
+static const struct spin_plugin_option options[] = {SPIN_FILE_SEQUENCE_OPTION, {0}};
+
 SPIN_MODEL_IMPORTER(
     ply, struct clip, open_clip, spin_model_close,
     .summary = "PLY files: one cloud, or a folder with one per frame (3DGS, or plain points)",
-    .upstream = "graphdeco-inria/gaussian-splatting 1152adc", .probe = probe, .frame = ply_frame)
+    .upstream = "graphdeco-inria/gaussian-splatting 1152adc", .options = options, .probe = probe,
+    .frame = ply_frame)

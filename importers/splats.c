@@ -196,7 +196,7 @@ static spin_status open_clip(struct clip *clip, const struct format *format, con
     clip->format = format;
     clip->file = SIZE_MAX;
     SPIN_TRY(spin_file_sequence_find(&clip->base, path, format->suffix, &clip->files));
-    SPIN_TRY(spin_file_sequence_sort(&clip->files, sequence));
+    SPIN_TRY(spin_file_sequence_sort(&clip->base, &clip->files, false, sequence));
     SPIN_TRY(look_at_files(clip, &n_all));
     if (n_all == 0)
         return spin_malformed("'%s': 0 splats", clip->files.frame[0].path);
@@ -262,6 +262,8 @@ static spin_status clip_frame(void *self, int frame, double time, unsigned colum
 
 /* ---- .splat ---------------------------------------------------------------------------------- */
 
+static const struct spin_plugin_option file_options[] = {SPIN_FILE_SEQUENCE_OPTION, {0}};
+
 /* Opens a .splat file. The format has no header, so files are recognised by name only. */
 static spin_status open_splat(struct clip *clip)
 {
@@ -289,7 +291,8 @@ static spin_status open_splat_clip(void *self, const char *path)
 
 SPIN_MODEL_IMPORTER(splat, struct clip, open_splat_clip, close_clip,
                     .summary = ".splat files: one, or a folder with one per frame; no SH",
-                    .upstream = "antimatter15/splat", .probe = splat_probe, .frame = clip_frame)
+                    .upstream = "antimatter15/splat", .options = file_options, .probe = splat_probe,
+                    .frame = clip_frame)
 
 /* ---- .ksplat --------------------------------------------------------------------------------- */
 
@@ -320,14 +323,15 @@ static spin_status open_ksplat_clip(void *self, const char *path)
 
 SPIN_MODEL_IMPORTER(ksplat, struct clip, open_ksplat_clip, close_clip,
                     .summary = ".ksplat files, levels 0 to 2: one, or a folder with one per frame",
-                    .upstream = "mkkellogg/GaussianSplats3D", .probe = ksplat_probe,
-                    .frame = clip_frame)
+                    .upstream = "mkkellogg/GaussianSplats3D", .options = file_options,
+                    .probe = ksplat_probe, .frame = clip_frame)
 
 /* ---- SPZ ------------------------------------------------------------------------------------- */
 
 static const struct spin_plugin_option spz_options[] = {
     {"axes", "source|rub",
      "axes of files that do not record them: as trained, or rub (right, up, back)", "source"},
+    SPIN_FILE_SEQUENCE_OPTION,
     {0},
 };
 
@@ -434,13 +438,15 @@ static spin_status open_sog_clip(void *self, const char *path)
 SPIN_MODEL_IMPORTER(
     sog, struct clip, open_sog_clip, close_clip,
     .summary = "SOG, versions 1 and 2: one file or meta.json, or a folder with one per frame",
-    .upstream = "playcanvas/splat-transform 0f60b17", .probe = sog_probe, .frame = clip_frame)
+    .upstream = "playcanvas/splat-transform 0f60b17", .options = file_options, .probe = sog_probe,
+    .frame = clip_frame)
 
 /* ---- GLB ------------------------------------------------------------------------------------- */
 
 static const struct spin_plugin_option gltf_options[] = {
     {"axes", "gltf|source",
      "axes of the file: gltf (x left, y up, z forward), or source (as trained)", "gltf"},
+    SPIN_FILE_SEQUENCE_OPTION,
     {0},
 };
 

@@ -56,6 +56,8 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     SPIN_TRY(spin_views_matrix(spin_json_get(json, "camera_to_world"), "camera_to_world", 4, c2w));
     SPIN_TRY(spin_views_check_pose(c2w, "'camera_to_world'"));
     spin_views_invert(c2w, out->camera.w2c);
+    if (video)
+        SPIN_TRY(spin_model_name(m, m->path, video, &video));
     if (!video || !spin_views_is_safe_name(video) || !spin_video_is_name(video))
         return spin_malformed("'video' is '%s', expected a video below the folder",
                               video ? video : "");

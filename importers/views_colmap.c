@@ -22,6 +22,8 @@
  * of every frame, times are 0, 1, 2, ..., and the first camera is held out, as in 3DGStream. */
 #include "importers/lib/model.h"
 #include "importers/lib/views_rig.h"
+#include "io/numbered.h"
+#include "io/text_file.h"
 #include "math/covariance.h"
 
 enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
@@ -44,9 +46,11 @@ struct colmap {
     struct spin_model base;
     const char *images; /* name of the folder of images */
     bool by_name;       /* times follow the order of the images' names; false: that of the file */
+    bool numbered;      /* the names of all images have numbers */
     bool centre;        /* move principal points to the image centre */
     int hold; /* hold out every hold-th image or camera; 0: none; -1: the default of the layout */
     const char *sparse; /* folder of the model's files */
+    const char *folder; /* folder of the images that belong to the model */
     bool binary;
     struct lens *lens;
     size_t n_lenses;
@@ -143,8 +147,6 @@ static bool next_line(struct source *s)
     s->word = s->at;
     stop = stop ? stop : s->end;
     s->at = stop + (stop < s->end);
-    if (stop > s->word && stop[-1] == '\r')
-        stop--;
     *stop = '\0';
     return true;
 }
@@ -343,12 +345,12 @@ static spin_status read_image(struct colmap *m, struct source *s, int *id)
     lens = find_lens(m, image.lens_id);
     if (!lens)
         return spin_malformed("there is no camera %d", image.lens_id);
-    if (!spin_views_is_safe_name(name))
+    SPIN_TRY(spin_model_name(&m->base, m->folder, name, &image.name));
+    if (!spin_views_is_safe_name(image.name))
         return spin_malformed("its name is '%.80s', expected a path below the folder of images",
-                              name);
+                              image.name);
     image.camera = lens->camera;
     SPIN_TRY(fill_pose(image.q, image.t, image.camera.w2c));
-    SPIN_TRY(spin_model_text(&m->base, &image.name, "%s", name));
     SPIN_TRY(spin_array_grow(m->n_images, &m->capacity, sizeof *m->image, (void **)&m->image));
     m->image[m->n_images++] = image;
     return SPIN_OK;
@@ -445,18 +447,14 @@ static spin_status read_file(struct colmap *m, const struct kind *kind)
 {
     struct source s = {.binary = m->binary};
     SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
-    SPIN_FREED char *text = NULL; /* a copy of a text file, to be split in place */
+    SPIN_LEAVES(spin_text_file_close) struct spin_text_file file = {0}; /* it is split in place */
     const char *path;
 
     SPIN_TRY(spin_model_join(&m->base, &path, m->sparse, "%s.%s", kind->name,
                              m->binary ? "bin" : "txt"));
-    SPIN_TRY(spin_map_open(path, &map));
-    s.at = (char *)map.data;
-    if (!m->binary) {
-        SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
-        s.at = memcpy(text, map.data, map.size);
-    }
-    s.end = s.at + map.size;
+    SPIN_TRY(m->binary ? spin_map_open(path, &map) : spin_text_file_open(path, &file));
+    s.at = m->binary ? (char *)map.data : file.text;
+    s.end = s.at + (m->binary ? map.size : file.n);
     return spin_fail_context(read_records(m, kind, &s), "cannot read '%s'", path);
 }
 
@@ -495,6 +493,7 @@ static int by_name(const void *a, const void *b)
 static spin_status read_model(struct colmap *m, const char *folder)
 {
     SPIN_TRY(find_sparse(m, folder));
+    SPIN_TRY(spin_model_join(&m->base, &m->folder, folder, "%s", m->images));
     SPIN_TRY(read_file(m, &camera_file));
     SPIN_TRY(read_file(m, &image_file));
     if (m->n_images == 0)
@@ -535,7 +534,7 @@ static spin_status has_frames(const char *folder, bool *out)
         return SPIN_OK;
     SPIN_TRY(spin_folder_list(folder, &names, &n_names));
     for (size_t k = 0; k < n_names; k++)
-        n_frames += names[k][0] != '.' && spin_views_number(names[k]) >= 0;
+        n_frames += names[k][0] != '.' && spin_name_has_number(names[k]);
     spin_folder_list_free(names);
     *out = n_frames > 1;
     return SPIN_OK;
@@ -632,21 +631,35 @@ static spin_status read_rig(struct colmap *m, struct spin_rig_camera *c, const c
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Sets *out to the camera id of each image: the number in its name if all images have distinct
- * numbers, otherwise its index in the order of names. */
+/* Sets *out to the number in the name of each image, or to NULL if the names have no numbers. */
+static spin_status image_numbers(struct colmap *m, int **out)
+{
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    const char **name;
+    spin_status status;
+
+    *out = NULL;
+    SPIN_TRY(spin_model_alloc(&m->base, m->n_images, sizeof *name, (void **)&name));
+    for (size_t i = 0; i < m->n_images; i++)
+        name[i] = spin_path_name(m->image[i].name);
+    status = spin_numbered_read(&(struct spin_numbering){.name = name, .n = m->n_images}, &numbers);
+    if (status != SPIN_OK || numbers.number[0] < 0)
+        return status == SPIN_E_MEMORY ? status : SPIN_OK;
+    SPIN_TRY(spin_model_alloc(&m->base, m->n_images, sizeof **out, (void **)out));
+    memcpy(*out, numbers.number, m->n_images * sizeof **out);
+    return SPIN_OK;
+}
+
+/* Sets *out to the camera id of each image: the number in its name or, if the names have no
+ * numbers, its index in the order of names. */
 static spin_status camera_ids(struct colmap *m, int **out)
 {
-    int *sorted;
-    bool usable = true;
-
+    SPIN_TRY(image_numbers(m, out));
+    m->numbered = *out != NULL;
+    if (m->numbered)
+        return SPIN_OK;
     SPIN_TRY(spin_model_alloc(&m->base, m->n_images, sizeof **out, (void **)out));
-    SPIN_TRY(spin_model_alloc(&m->base, m->n_images, sizeof *sorted, (void **)&sorted));
-    for (size_t i = 0; i < m->n_images; i++) {
-        sorted[i] = (*out)[i] = spin_views_number(m->image[i].name);
-        usable = usable && sorted[i] >= 0;
-    }
-    usable = usable && spin_views_unique(sorted, m->n_images) == m->n_images;
-    for (size_t i = 0; !usable && i < m->n_images; i++)
+    for (size_t i = 0; i < m->n_images; i++)
         (*out)[i] = (int)i;
     return SPIN_OK;
 }
@@ -665,7 +678,7 @@ static spin_status add_views(struct colmap *m, const char *folder, const int *id
         struct spin_view view = {.camera = image->camera, .camera_id = ids[i]};
 
         view.dataset_frame = row < 0 ? (int)place : row;
-        view.number = row < 0 ? spin_views_number(image->name) : number;
+        view.number = row >= 0 ? number : m->numbered ? ids[i] : -1;
         view.time = row < 0 ? (double)place / (double)m->n_images : row;
         view.test = m->hold < 0    ? (row < 0 ? i % 8 == 0 : i == 0)
                     : m->hold == 0 ? false

@@ -12,12 +12,12 @@
  * [down, right, back]; of the camera's centre; and of a column with height, width and focal length
  * of the full-size video. The importer does not transform the world, which is that of LLFF, as in
  * 4DGaussians and Deformable-3DGS. */
-#include <ctype.h>
 #include <strings.h>
 
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
 #include "io/npy.h"
+#include "io/numbered.h"
 #include "io/video.h"
 
 enum { COLUMNS = 17 };
@@ -57,23 +57,6 @@ static bool is_image(const char *name)
             strcasecmp(dot, ".jpeg") == 0);
 }
 
-/* Returns the camera number in a name, such as 7 for "cam07", "cam_7", "cam07.mp4" and
- * "cam07_0001.png", or -1 if there is none. */
-static int camera_number(const char *name)
-{
-    int value = 0, n_digits = 0;
-
-    if (strncasecmp(name, "cam", 3) != 0)
-        return -1;
-    for (name += 3; *name && !isdigit((unsigned char)*name); name++) {
-        if (*name == '.' || *name == '/')
-            return -1;
-    }
-    for (; isdigit((unsigned char)*name) && n_digits < 9; name++, n_digits++)
-        value = value * 10 + (*name - '0');
-    return n_digits > 0 ? value : -1;
-}
-
 static spin_status add_image(struct set *set, const char *folder, const char *name, int camera,
                              int number)
 {
@@ -84,29 +67,55 @@ static spin_status add_image(struct set *set, const char *folder, const char *na
     return SPIN_OK;
 }
 
+/* Sets *n to the number of images among the names of a folder, moves them to the front, and sets
+ * *camera to their cameras: the given one or, if it is -1, those in the names. */
+static spin_status find_cameras(struct set *set, const char *folder, char **names, int given,
+                                size_t *n, int **camera)
+{
+    size_t n_names = *n;
+
+    *n = 0;
+    SPIN_TRY(spin_model_alloc(&set->base, n_names, sizeof **camera, (void **)camera));
+    for (size_t i = 0; i < n_names; i++) {
+        if (!is_image(names[i]))
+            continue;
+        (*camera)[*n] = given >= 0 ? given : spin_camera_number(names[i]);
+        if ((*camera)[*n] < 0)
+            return spin_malformed("image '%s/%s' is not named cam<number>...", folder, names[i]);
+        names[(*n)++] = names[i];
+    }
+    return SPIN_OK;
+}
+
 /* Adds the images of a folder. If `camera` is 0 or more, all images are of that camera, and their
  * names contain frame numbers. If `number` is 0 or more, all images are of that frame, and their
- * names contain camera numbers. If both are -1, the names contain both numbers. */
+ * names contain camera numbers. If both are -1, the names contain both numbers. Names with an order
+ * but without whole numbers, such as time stamps, are numbered from 0. */
 static spin_status add_folder(struct set *set, const char *folder, int camera, int number)
 {
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    struct spin_numbering numbering = {0};
     char **names;
-    size_t n;
+    int *of, place = 0;
 
     if (!spin_path_is_folder(folder))
         return SPIN_OK;
-    SPIN_TRY(spin_model_names(&set->base, folder, &names, &n));
-    for (size_t i = 0; i < n; i++) {
-        int c = camera >= 0 ? camera : camera_number(names[i]);
-        int f = number >= 0 ? number : spin_views_number(names[i]);
+    SPIN_TRY(spin_model_names(&set->base, folder, &names, &numbering.n));
+    SPIN_TRY(find_cameras(set, folder, names, camera, &numbering.n, &of));
+    numbering.name = (const char *const *)names;
+    numbering.group = of;
+    if (number < 0)
+        SPIN_TRY_IN(spin_numbered_read(&numbering, &numbers), "folder '%s'", folder);
+    if (number < 0 && numbering.n > 0 && !numbers.numbered)
+        return spin_malformed("image '%s/%s' has no frame number in its name", folder, names[0]);
+    for (size_t k = 0; k < numbering.n; k++) {
+        size_t i = number < 0 ? numbers.order[k] : k;
 
-        if (!is_image(names[i]))
-            continue;
-        if (f < 0)
-            return spin_malformed("image '%s/%s' has no frame number in its name", folder,
-                                  names[i]);
-        if (c < 0)
-            return spin_malformed("image '%s/%s' is not named cam<number>...", folder, names[i]);
-        SPIN_TRY(add_image(set, folder, names[i], c, f));
+        place = k > 0 && of[i] == set->image[set->n - 1].camera ? place + 1 : 0;
+        SPIN_TRY(add_image(set, folder, names[i], of[i],
+                           number >= 0              ? number
+                           : numbers.number[i] >= 0 ? numbers.number[i]
+                                                    : place));
     }
     return SPIN_OK;
 }
@@ -128,15 +137,18 @@ static spin_status add_camera_folder(struct set *set, const char *name)
     const char *folder;
 
     SPIN_TRY(images_folder(set, set->base.path, name, &folder));
-    SPIN_TRY(add_folder(set, folder, camera_number(name), -1));
+    SPIN_TRY(add_folder(set, folder, spin_camera_number(name), -1));
     if (spin_path_is_folder(folder) && set->n == before)
         return spin_not_found(
             "folder '%s' contains no images: their extraction may have been interrupted", folder);
     return SPIN_OK;
 }
 
+/* Adds the images of the folders of frames in `frames`. */
 static spin_status add_frame_folders(struct set *set, const char *frames)
 {
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    struct spin_numbering numbering = {.folders = true};
     const char *folder;
     char **names;
     size_t n;
@@ -144,11 +156,16 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
     if (!spin_path_is_folder(frames))
         return SPIN_OK;
     SPIN_TRY(spin_model_names(&set->base, frames, &names, &n));
-    for (size_t i = 0; i < n; i++) {
-        if (spin_views_number(names[i]) < 0)
-            continue;
+    for (size_t i = 0; i < n; i++)
+        if (names[i][0] != '.' && strpbrk(names[i], "0123456789"))
+            names[numbering.n++] = names[i];
+    numbering.name = (const char *const *)names;
+    SPIN_TRY_IN(spin_numbered_read(&numbering, &numbers), "folder '%s'", frames);
+    for (size_t k = 0; k < numbering.n; k++) {
+        size_t i = numbers.order[k];
+
         SPIN_TRY(images_folder(set, frames, names[i], &folder));
-        SPIN_TRY(add_folder(set, folder, -1, spin_views_number(names[i])));
+        SPIN_TRY(add_folder(set, folder, -1, numbers.number[i] >= 0 ? numbers.number[i] : (int)k));
     }
     return SPIN_OK;
 }
@@ -162,7 +179,7 @@ static spin_status add_video_frames(struct set *set, char **names)
         "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
         set->n_video);
     for (size_t i = 0; names[i]; i++) {
-        int width, height, camera = camera_number(names[i]);
+        int width, height, camera = spin_camera_number(names[i]);
         char name[300];
         const char *file;
         int64_t n = 0;
@@ -190,10 +207,10 @@ static spin_status find_images(struct set *set)
     SPIN_TRY(spin_model_names(&set->base, folder, &names, &n));
     SPIN_TRY(spin_model_alloc(&set->base, n, sizeof *set->video, (void **)&set->video));
     for (size_t i = 0; i < n; i++) {
-        if (camera_number(names[i]) < 0)
+        if (spin_camera_number(names[i]) < 0)
             continue;
         if (spin_video_is_name(names[i]))
-            set->video[set->n_video++] = camera_number(names[i]);
+            set->video[set->n_video++] = spin_camera_number(names[i]);
         else
             SPIN_TRY(add_camera_folder(set, names[i]));
     }

@@ -17,6 +17,8 @@
  * Frame k of n is at time k/(n-1), as in trainings of FreeTimeGS on these data sets. EasyVolcap
  * itself uses k/n. */
 #include "importers/lib/views_rig.h"
+#include "io/numbered.h"
+#include "io/text_file.h"
 #include "math/covariance.h"
 
 static int probe(const struct spin_peek *peek)
@@ -157,10 +159,6 @@ static spin_status parse(struct reader *r, char *text)
     char *line;
 
     for (int number = 1; (line = strsep(&text, "\n")); number++) {
-        size_t n = strlen(line);
-
-        while (n > 0 && strchr(" \t\r", line[n - 1]))
-            line[--n] = '\0';
         if (number == 1 && strcmp(line, "%YAML:1.0") != 0 && strcmp(line, "%YAML 1.0") != 0)
             return spin_malformed("the first line is not '%%YAML:1.0'");
         if (number > 1 && strcmp(line, "---") != 0)
@@ -178,17 +176,11 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
                         struct file *out)
 {
     struct reader r = {.top = out->json = spin_json_object()};
-    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
-    SPIN_FREED char *text = NULL;
-    spin_status status;
+    SPIN_LEAVES(spin_text_file_close) struct spin_text_file file = {0};
 
     SPIN_TRY(spin_model_join(m, &out->path, folder, "%s", name));
-    SPIN_TRY(spin_map_open(out->path, &map));
-    SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
-    memcpy(text, map.data, map.size);
-    status =
-        memchr(text, '\0', map.size) ? spin_malformed("the file is not text") : parse(&r, text);
-    return spin_fail_context(status, "cannot read '%s'", out->path);
+    SPIN_TRY(spin_text_file_open(out->path, &file));
+    return spin_fail_context(parse(&r, file.text), "cannot read '%s'", out->path);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
@@ -370,6 +362,29 @@ static spin_status read_still(struct set *set, const struct pair *p)
     return SPIN_OK;
 }
 
+/* Adds the name of each entry of a moving camera to name_of, under its frame number as text. */
+static spin_status read_entries(struct set *set, const spin_json *names, size_t n,
+                                spin_json *name_of)
+{
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    const char **name;
+    char key[24];
+
+    SPIN_TRY(spin_model_alloc(&set->base, n, sizeof *name, (void **)&name));
+    for (size_t i = 0; i < n; i++) {
+        name[i] = spin_json_string(spin_json_at(names, i));
+        if (!name[i])
+            return spin_malformed("list 'names' has an entry that is not a text");
+    }
+    SPIN_TRY(spin_numbered_read(&(struct spin_numbering){.name = name, .n = n, .folders = true},
+                                &numbers));
+    for (size_t i = 0; i < n; i++) {
+        snprintf(key, sizeof key, "%d", numbers.number[i]);
+        SPIN_TRY(set_value(name_of, key, spin_json_text_value(name[i])));
+    }
+    return SPIN_OK;
+}
+
 /* Reads a moving camera. The entries of its files, one per frame, are named by frame numbers. */
 static spin_status read_moving(struct set *set, const struct pair *p, struct spin_rig_camera *c,
                                spin_json *name_of)
@@ -382,12 +397,7 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
     SPIN_TRY(find_pictures(set, c));
     SPIN_TRY(
         spin_model_alloc(&set->base, c->frames.n_frames, sizeof *c->moving, (void **)&c->moving));
-    for (size_t i = 0; i < n; i++) {
-        const char *name = spin_json_string(spin_json_at(names, i));
-
-        snprintf(key, sizeof key, "%lld", spin_path_number(name));
-        SPIN_TRY(set_value(name_of, key, spin_json_text_value(name)));
-    }
+    SPIN_TRY(read_entries(set, names, n, name_of));
     for (size_t k = 0; k < c->frames.n_frames; k++) {
         const struct spin_file_frame *frame = &c->frames.frame[k];
         const char *name;

@@ -127,13 +127,15 @@ static spin_status read_view(const struct split *s, size_t row, size_t camera,
                              struct spin_views *out)
 {
     struct spin_view view = {.dataset_frame = (int)row, .time = (double)row, .test = s->test};
-    const char *fn = spin_json_string(at(s->fn, row, camera)), *dot, *path, *mask;
+    const char *fn = spin_json_string(at(s->fn, row, camera)), *dot, *path, *mask, *folder;
 
     view.camera.width = s->width;
     view.camera.height = s->height;
+    SPIN_TRY(spin_model_join(s->m, &folder, s->m->path, "ims"));
+    if (fn)
+        SPIN_TRY(spin_model_name(s->m, folder, fn, &fn));
     if (!fn || !spin_views_is_safe_name(fn))
         return spin_malformed("'fn' is '%s', expected a path below 'ims'", fn ? fn : "");
-    view.number = spin_views_number(fn);
     SPIN_TRY(read_intrinsics(at(s->k, row, camera), &view.camera));
     SPIN_TRY(read_pose(at(s->w2c, row, camera), &view.camera));
     SPIN_TRY(read_camera_id(s, row, camera, fn, &view.camera_id));
@@ -178,6 +180,7 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     if (found && test.n_rows != train.n_rows)
         return spin_malformed("'%s': train_meta.json has %zu frames and test_meta.json %zu",
                               m->path, train.n_rows, test.n_rows);
+    SPIN_TRY(spin_views_set_numbers(out, first));
     return spin_views_check_images(out, first);
 }
 

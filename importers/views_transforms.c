@@ -8,7 +8,8 @@
  *
  * Values of a frame override those for all frames, and focal lengths override camera_angle_x. The
  * frames of the data set are the distinct times of both files. All images of a file are of one
- * moving camera, unless their names contain cam<NN>. Images with alpha are composited when they are
+ * moving camera, unless their names contain the word cam<NN> or, in transforms.json, a number that
+ * differs between the images of each time. Images with alpha are composited when they are
  * read, over the colour of --background; D-NeRF's own training uses white.
  *
  * transforms.json contains all images. Those in its lists test_filenames and val_filenames are held
@@ -19,11 +20,11 @@
  * 4DGaussians negates the translation of the inverse OpenGL matrix, which gives the translation's x
  * the wrong sign unless the camera's right axis is perpendicular to its position. Option `pose`
  * with the value 4dgaussians reproduces this, for models that were trained on such cameras. */
-#include <ctype.h>
 #include <unistd.h>
 
 #include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
+#include "io/numbered.h"
 
 enum time_rule { TIME_FILE, TIME_MAX, TIME_UNIT };
 
@@ -39,7 +40,7 @@ struct split {
     struct spin_model *m; /* m->path: the folder of the data set */
     const struct options *options;
     const spin_json *root; /* valid while the file is read */
-    int id;                /* camera id of images that are not named cam<NN> */
+    int id;                /* camera id of images that are not named cam<NN>, unless `all` */
     bool test;             /* all images of the file are held out */
     bool all;              /* the file is transforms.json */
     /* For transforms.json: has_lists, it has lists of held-out images; timed, a frame has a time.
@@ -190,25 +191,21 @@ static spin_status find_image(const struct split *s, const char *name, char **ou
     return SPIN_OK;
 }
 
-/* Returns the camera id of an image: 7 for the name "images/cam07_0001", s->id for names without
- * cam<NN>. */
-static int camera_of(const struct split *s, const char *name)
-{
-    const char *at = strstr(spin_path_name(name), "cam");
-    int value = 0, n_digits = 0;
-
-    if (!at)
-        at = strstr(name, "cam");
-    for (at = at ? at + 3 : ""; isdigit((unsigned char)*at) && n_digits < 9; at++, n_digits++)
-        value = value * 10 + (*at - '0');
-    return n_digits > 0 ? value : s->id;
-}
-
 static const char *without_dot(const char *name)
 {
-    while (name && strncmp(name, "./", 2) == 0)
+    while (name && (strncmp(name, "./", 2) == 0 || strncmp(name, ".\\", 2) == 0))
         name += 2;
     return name;
+}
+
+/* Whether two names are equal, with '\\' equal to '/'. */
+static bool same_name(const char *a, const char *b)
+{
+    while (*a && (*a == *b || (strchr("/\\", *a) && *b && strchr("/\\", *b)))) {
+        a++;
+        b++;
+    }
+    return *a == *b;
 }
 
 /* Whether the file is transforms.json and its list `key` contains the image. Sets s->has_lists if
@@ -221,7 +218,7 @@ static bool lists(struct split *s, const char *key, const char *name)
     for (size_t i = 0; i < spin_json_length(list) && s->all; i++) {
         const char *other = without_dot(spin_json_string(spin_json_at(list, i)));
 
-        found = found || (other && strcmp(other, name) == 0);
+        found = found || (other && same_name(other, name));
         s->has_lists = true;
     }
     return found;
@@ -235,15 +232,16 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
 
     if (!name)
         return spin_malformed("'file_path' is missing or not a string");
+    SPIN_TRY(spin_model_name(s->m, s->m->path, name, &name));
+    name = without_dot(name);
     if (!spin_views_is_safe_name(name))
         return spin_malformed("'file_path' is '%s', expected a path below the folder", name);
     if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
         return spin_malformed("'time' is not a number");
-    view->number = spin_views_number(name);
     s->timed = s->timed || time;
-    if (s->all)
-        s->id = time ? 0 : (int)index;
-    view->camera_id = camera_of(s, name);
+    view->camera_id = spin_camera_number(name);
+    if (view->camera_id < 0 && !s->all)
+        view->camera_id = s->id;
     view->test = s->test;
     if (lists(s, "test_filenames", name) || lists(s, "val_filenames", name))
         view->test = true;
@@ -322,6 +320,71 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
     return SPIN_OK;
 }
 
+/* ---- Cameras of transforms.json -------------------------------------------------------------- */
+
+/* Whether the numbers identify the cameras of n views: each time has all of them. Views are counted
+ * by their times, `row`. */
+static bool are_cameras(const int *number, const int *row, size_t n)
+{
+    SPIN_FREED int *list = NULL;
+    size_t n_numbers, n_rows;
+
+    if (spin_alloc(n, sizeof *list, (void **)&list) != SPIN_OK)
+        return false;
+    memcpy(list, number, n * sizeof *list);
+    n_numbers = spin_views_unique(list, n);
+    memcpy(list, row, n * sizeof *list);
+    n_rows = spin_views_unique(list, n);
+    return n_numbers > 1 && n_rows > 1 && n_numbers * n_rows == n;
+}
+
+/* Reads the cameras of timed images from the number in their names that differs between the images
+ * of one time. Without such a number, all images are of one moving camera. */
+static spin_status read_cameras(struct spin_model *m, struct spin_view *view, size_t n)
+{
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    const char **name;
+    spin_status status;
+    int *row;
+
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *name, (void **)&name));
+    SPIN_TRY(spin_model_alloc(m, n, sizeof *row, (void **)&row));
+    for (size_t i = 0; i < n; i++) {
+        name[i] = view[i].path + strlen(m->path);
+        row[i] = view[i].dataset_frame;
+    }
+    status =
+        spin_numbered_read(&(struct spin_numbering){.name = name, .n = n, .group = row}, &numbers);
+    if (status == SPIN_E_MEMORY)
+        return status;
+    if (status == SPIN_OK && !are_cameras(numbers.number, row, n))
+        status = SPIN_E_MALFORMED;
+    for (size_t i = 0; i < n; i++)
+        view[i].camera_id = status == SPIN_OK ? numbers.number[i] : 0;
+    return SPIN_OK;
+}
+
+/* Sets the cameras of images whose names do not all contain cam<NN>. Without times, every image is
+ * a camera of its own, so that the ids of these names are kept only if they differ. */
+static spin_status set_cameras(const struct split *s, struct spin_views *views, size_t first)
+{
+    size_t n = views->n - first, n_ids;
+    struct spin_view *view = views->view + first;
+    int *ids;
+
+    SPIN_TRY(spin_model_alloc(s->m, n, sizeof *ids, (void **)&ids));
+    for (size_t i = 0; i < n; i++)
+        ids[i] = view[i].camera_id;
+    n_ids = spin_views_unique(ids, n);
+    if (ids[0] >= 0 && (s->timed || n_ids == n))
+        return SPIN_OK;
+    if (s->timed)
+        return read_cameras(s->m, view, n);
+    for (size_t i = 0; i < n; i++)
+        view[i].camera_id = (int)i;
+    return SPIN_OK;
+}
+
 /* ---- Held-out views -------------------------------------------------------------------------- */
 
 static int by_path(const void *a, const void *b)
@@ -374,12 +437,10 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     return spin_option_count(values, "hold", 0, INT_MAX, &out->hold);
 }
 
-static spin_status all_views(struct split *s, struct spin_views *out)
+/* Sets the cameras and the held-out views of transforms.json. */
+static spin_status finish_all(const struct split *s, struct spin_views *out, size_t first)
 {
-    size_t first = out->n;
-
-    s->all = true;
-    SPIN_TRY(spin_views_read_json(s->m->path, ALL, read_frames, s, out, NULL));
+    SPIN_TRY(set_cameras(s, out, first));
     return s->has_lists && s->options->hold < 0 ? SPIN_OK : hold_out(s, out, first);
 }
 
@@ -396,7 +457,8 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
         return spin_misuse("option '%s' applies to '%s', but the data set has '%s'",
                            one ? "test-file" : "hold", one ? TRAIN : ALL, one ? ALL : TRAIN);
     if (one) {
-        SPIN_TRY(all_views(&train, out));
+        train.all = true;
+        SPIN_TRY(spin_views_read_json(m->path, ALL, read_frames, &train, out, NULL));
     } else {
         SPIN_TRY(spin_views_read_json(m->path, TRAIN, read_frames, &train, out, NULL));
         SPIN_TRY(spin_views_read_json(m->path, o.test_file, read_frames, &test, out, &found));
@@ -404,7 +466,10 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
             return spin_not_found("there is no file '%s'", o.test_file);
     }
     SPIN_TRY(spin_views_check_images(out, first));
-    return set_rows(m, out, first, o.time);
+    SPIN_TRY(set_rows(m, out, first, o.time));
+    if (one)
+        SPIN_TRY(finish_all(&train, out, first));
+    return spin_views_set_numbers(out, first);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -32,7 +32,7 @@ static void say_size(const struct spin_frames *x, const struct spin_export_job *
     for (int f = 0; f < job->n_frames && job->counts; f++)
         bytes += x->format->bytes(x, job->counts[f]);
     if (job->counts)
-        spin_frames_log_size(job->output, job->n_frames, bytes,
+        spin_frames_log_size(x->output, job->n_frames, bytes,
                              x->format->packed || job->counts_are_bounds);
 }
 
@@ -45,10 +45,21 @@ static void free_frames(struct spin_frames *x)
     spin_output_folder_end(&x->folder);
     spin_splat_rows_end(&x->rows);
     spin_sort_rows_free(&x->order);
+    free(x->output);
     free(x->entry);
     free(x->scratch);
     free(x->block_quant);
     free(x);
+}
+
+/* Splits an output such as "out/frame_####.ply" into a folder and a pattern. */
+static spin_status split_output(struct spin_frames *x, const struct spin_export_job *job,
+                                const char **pattern)
+{
+    SPIN_TRY(spin_pattern_split(job->output, &x->output, pattern));
+    if (*pattern && spin_plugin_value(job->values, "pattern", NULL))
+        return spin_misuse("the output '%s' is a pattern already: omit --pattern", job->output);
+    return *pattern ? SPIN_OK : spin_strdup(job->output, &x->output);
 }
 
 /* Chooses a single output file if the output has the extension of the format's files ("clip.spz")
@@ -56,12 +67,12 @@ static void free_frames(struct spin_frames *x)
 static spin_status choose_file(struct spin_frames *x, const struct spin_export_job *job)
 {
     const char *ending = strchr(x->format->pattern, '.');
-    size_t n = strlen(job->output), n_ending = strlen(ending);
+    size_t n = strlen(x->output), n_ending = strlen(ending);
 
-    if (n <= n_ending || !spin_text_ends_any_case(job->output, ending) ||
-        spin_path_is_folder(job->output))
+    if (n <= n_ending || !spin_text_ends_any_case(x->output, ending) ||
+        spin_path_is_folder(x->output))
         return SPIN_OK;
-    x->file = job->output;
+    x->file = x->output;
     if (x->format->open)
         return SPIN_OK;
     if (job->n_frames != 1)
@@ -84,21 +95,27 @@ static spin_status path_of(const struct spin_frames *x, int number, char **out)
 static spin_status begin_frames(struct spin_frames *x, const struct spin_export_job *job)
 {
     const struct spin_plugin_values *v = job->values;
+    const char *pattern;
 
     x->job = job;
     x->fps = job->fps;
+    x->start = -1;
+    SPIN_TRY(split_output(x, job, &pattern));
+    SPIN_TRY(spin_option_count(v, "start", 0, INT_MAX - job->n_frames, &x->start));
     if (x->format->begin)
         SPIN_TRY(x->format->begin(x, job));
     SPIN_TRY(spin_option_number(v, "fps", 0.001, 1e6, &x->fps));
     SPIN_TRY(choose_file(x, job));
-    SPIN_TRY(spin_pattern_parse(spin_plugin_value(v, "pattern", x->format->pattern), &x->pattern));
+    if (!pattern)
+        pattern = spin_plugin_value(v, "pattern", x->format->pattern);
+    SPIN_TRY(spin_pattern_parse(pattern, &x->pattern));
     SPIN_TRY(spin_splat_rows_begin(&x->rows, job, x->axes));
     if (x->format->ready)
         SPIN_TRY(x->format->ready(x, job));
     if (x->file && x->format->open)
         return x->format->open(x, job);
     if (!x->file)
-        SPIN_TRY(spin_output_folder_begin(job->output, job->force, x->pattern.after, &x->folder));
+        SPIN_TRY(spin_output_folder_begin(x->output, job->force, x->pattern.after, &x->folder));
     say_size(x, job);
     return SPIN_OK;
 }
@@ -238,10 +255,14 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
 {
     struct spin_frames *x = self;
     SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
+    struct spin_frame_info shifted = *info;
     SPIN_FREED char *path = NULL;
     uint64_t length;
 
     (void)frame;
+    if (x->start >= 0)
+        shifted.number = x->start + (int)x->n_entries;
+    info = &shifted;
     if (x->file && x->format->add)
         return x->format->add(x, info, splats);
     SPIN_TRY(spin_splat_rows_choose(&x->rows, splats));

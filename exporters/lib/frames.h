@@ -11,16 +11,24 @@
 #include "exporters/lib/sort_rows.h"
 #include "exporters/lib/splat_rows.h"
 #include "io/output.h"
+#include "io/pattern.h"
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
     {                                                                                              \
-        "pattern", "PATTERN", "file names, with one %d or %0Nd for the frame number", fallback     \
+        "pattern", "PATTERN", "file names, with one %d, %0Nd or #### for the frame number",        \
+            fallback                                                                               \
+    }
+#define SPIN_FRAMES_OPTION_START                                                                   \
+    {                                                                                              \
+        "start", "N",                                                                              \
+            "number of the first frame; the others follow (default: the clip's numbers)", NULL     \
     }
 #define SPIN_FRAMES_OPTION_FPS                                                                     \
     {                                                                                              \
         "fps", "F", "frames per second of the sequence; default: the bundle's", NULL               \
     }
-#define SPIN_FRAMES_OPTIONS(pattern) SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_ROWS_OPTIONS
+#define SPIN_FRAMES_OPTIONS(pattern)                                                               \
+    SPIN_FRAMES_OPTION_PATTERN(pattern), SPIN_FRAMES_OPTION_START, SPIN_ROWS_OPTIONS
 
 struct spin_frames_format {
     const char *name;     /* the plug-in's name */
@@ -69,6 +77,8 @@ struct spin_frames {
      * NULL: the axes are the same. */
     const double *axes;
     const char *file; /* path of the single output file; NULL: the output is a folder */
+    char *output;     /* job->output, or the folder of the pattern that job->output is */
+    int start;        /* number of the first frame; -1: frames keep their numbers */
     bool exact;       /* true: this export does not round values, although the format is lossy */
     struct spin_output_folder folder;
     struct spin_pattern pattern;

@@ -3,6 +3,8 @@
 
 #include <strings.h>
 
+#include "io/numbered.h"
+
 bool spin_file_has_suffix(const char *name, const char *suffix)
 {
     return spin_text_ends_any_case(name, suffix);
@@ -45,13 +47,10 @@ spin_status spin_file_sequence_reserve(struct spin_model *m, struct spin_file_se
     return spin_model_alloc(m, n, sizeof *seq->frame, (void **)&seq->frame);
 }
 
-spin_status spin_file_sequence_add(struct spin_file_sequence *seq, const char *path,
-                                   long long number)
+void spin_file_sequence_add(struct spin_file_sequence *seq, const char *path, const char *name)
 {
-    if (number > INT_MAX)
-        return spin_unsupported("'%s': frame number %lld is too large", path, number);
-    seq->frame[seq->n_frames++] = (struct spin_file_frame){.path = path, .number = (int)number};
-    return SPIN_OK;
+    seq->frame[seq->n_frames++] =
+        (struct spin_file_frame){.path = path, .name = name, .number = -1};
 }
 
 spin_status spin_file_sequence_list(struct spin_model *m, const char *folder, const char *suffix,
@@ -68,7 +67,7 @@ spin_status spin_file_sequence_list(struct spin_model *m, const char *folder, co
         if (!is_frame_name(names[i], suffix))
             continue;
         SPIN_TRY(spin_model_join(m, &path, folder, "%s", names[i]));
-        SPIN_TRY(spin_file_sequence_add(seq, path, spin_path_number(names[i])));
+        spin_file_sequence_add(seq, path, names[i]);
     }
     return SPIN_OK;
 }
@@ -79,7 +78,8 @@ spin_status spin_file_sequence_find(struct spin_model *m, const char *path, cons
     if (!spin_path_is_folder(path)) {
         SPIN_TRY(spin_model_text(m, &path, "%s", path));
         SPIN_TRY(spin_file_sequence_reserve(m, seq, 1));
-        return spin_file_sequence_add(seq, path, spin_path_number(path));
+        spin_file_sequence_add(seq, path, spin_path_name(path));
+        return SPIN_OK;
     }
     SPIN_TRY(spin_file_sequence_list(m, path, suffix, seq));
     if (seq->n_frames == 0)
@@ -100,47 +100,69 @@ spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const
     return SPIN_OK;
 }
 
-static int by_number(const void *a, const void *b)
+/* Puts the frames into their order, with their numbers. */
+static spin_status reorder(struct spin_model *m, const struct spin_numbers *numbers,
+                           struct spin_file_sequence *seq)
 {
-    const struct spin_file_frame *x = a, *y = b;
+    struct spin_file_frame *frame;
 
-    if (x->number != y->number)
-        return x->number < y->number ? -1 : 1;
-    return strcmp(x->path, y->path);
+    SPIN_TRY(spin_model_alloc(m, numbers->n_frames, sizeof *frame, (void **)&frame));
+    for (size_t i = 0; i < numbers->n_frames; i++) {
+        frame[i] = seq->frame[numbers->order[i]];
+        frame[i].number = numbers->number[numbers->order[i]];
+    }
+    seq->frame = frame;
+    seq->n_frames = numbers->n_frames;
+    return SPIN_OK;
 }
 
-spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
-                                    struct spin_sequence_info *sequence)
+static void note_gaps(const struct spin_file_sequence *seq, struct spin_sequence_info *sequence)
 {
-    const struct spin_file_frame *f;
-    size_t n_numbered = 0;
-    long long missing;
+    const struct spin_file_frame *f = seq->frame;
+    long long missing =
+        (long long)f[seq->n_frames - 1].number - f[0].number + 1 - (long long)seq->n_frames;
 
-    qsort(seq->frame, seq->n_frames, sizeof *seq->frame, by_number);
-    f = seq->frame;
-    for (size_t i = 0; i < seq->n_frames; i++)
-        n_numbered += f[i].number >= 0;
-    if (n_numbered == 0) {
-        if (seq->n_frames > 1)
-            spin_note(sequence, "file names have no numbers: frames are in the order of the names");
-        return SPIN_OK;
-    }
-    if (n_numbered < seq->n_frames)
-        return spin_malformed("'%s' has no frame number in its name, but '%s' has: a folder must "
-                              "contain the frames of one clip only",
-                              f[0].path, spin_path_name(f[seq->n_frames - 1].path));
-    for (size_t i = 1; i < seq->n_frames; i++) {
-        if (f[i].number == f[i - 1].number)
-            return spin_malformed("'%s' and '%s' are both frame %d", f[i - 1].path, f[i].path,
-                                  f[i].number);
-    }
-    missing = (long long)f[seq->n_frames - 1].number - f[0].number + 1 - (long long)seq->n_frames;
     for (size_t i = 1; missing > 0 && i < seq->n_frames; i++) {
         if (f[i].number > f[i - 1].number + 1) {
             spin_note(sequence, "frame numbers have gaps: %lld are missing, the first is %d",
                       missing, f[i - 1].number + 1);
-            break;
+            return;
         }
     }
+}
+
+/* Sets *out to the first component of the pattern, or to NULL if there is none. */
+static spin_status find_pattern(struct spin_model *m, const char **out)
+{
+    const char *pattern = spin_model_option(m, "pattern");
+
+    *out = NULL;
+    return pattern ? spin_model_text(m, out, "%.*s", (int)strcspn(pattern, "/"), pattern) : SPIN_OK;
+}
+
+spin_status spin_file_sequence_sort(struct spin_model *m, struct spin_file_sequence *seq,
+                                    bool folders, struct spin_sequence_info *sequence)
+{
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    struct spin_numbering names = {.n = seq->n_frames, .folders = folders};
+    SPIN_FREED const char **name = NULL;
+
+    if (seq->n_frames == 0)
+        return SPIN_OK;
+    SPIN_TRY(find_pattern(m, &names.pattern));
+    SPIN_TRY(spin_alloc(seq->n_frames, sizeof *name, (void **)&name));
+    for (size_t i = 0; i < seq->n_frames; i++)
+        name[i] = seq->frame[i].name;
+    names.name = name;
+    SPIN_TRY_IN(spin_numbered_read(&names, &numbers), "'%s'", seq->frame[0].path);
+    SPIN_TRY(reorder(m, &numbers, seq));
+    if (seq->frame[0].number >= 0)
+        note_gaps(seq, sequence);
+    else if (seq->n_frames > 1)
+        spin_note(sequence, "%s",
+                  numbers.numbered ? "frames have the order of the decimal, negative or large "
+                                     "numbers in their names, but no frame numbers"
+                                   : "file names have no numbers: frames are in the order of the "
+                                     "names");
     return SPIN_OK;
 }

@@ -1,13 +1,22 @@
-/* Clips that consist of a folder with one file per frame, or of a single file. There is no standard
- * for the names of such files, so the last number in a name is used as the frame number. */
+/* Clips that consist of a folder with one file per frame, or of a single file. io/numbered.h reads
+ * the frame numbers in the names. */
 #pragma once
 
 #include "importers/lib/model.h"
 
+/* Option of importers of file sequences, see spin_file_sequence_sort(). */
+#define SPIN_FILE_SEQUENCE_OPTION                                                                  \
+    {                                                                                              \
+        "pattern", "PATTERN",                                                                      \
+            "file names, with one %d, %0Nd or #### for the frame number and * for other text",     \
+            NULL                                                                                   \
+    }
+
 struct spin_file_frame {
     const char *path;
-    int number; /* frame number from the file name; -1: it has none */
-    size_t n;   /* number of splats, which the caller sets */
+    const char *name; /* the file or folder whose name contains the frame number */
+    int number;       /* frame number; -1: it has none */
+    size_t n;         /* number of splats, which the caller sets */
 };
 
 /* The files of a clip. To be zero-initialised; the memory is freed with the model. */
@@ -26,11 +35,10 @@ int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix);
 int spin_file_named(const struct spin_peek *peek, const char *suffix);
 bool spin_file_begins(const struct spin_peek *peek, const char *magic);
 /* spin_file_sequence_reserve() empties the list and allocates memory for n files.
- * spin_file_sequence_add() appends a file; its path must live as long as the model. */
+ * spin_file_sequence_add() appends a file, whose texts must live as long as the model. */
 spin_status spin_file_sequence_reserve(struct spin_model *m, struct spin_file_sequence *seq,
                                        size_t n);
-spin_status spin_file_sequence_add(struct spin_file_sequence *seq, const char *path,
-                                   long long number);
+void spin_file_sequence_add(struct spin_file_sequence *seq, const char *path, const char *name);
 /* Lists those files of a folder whose names end with `suffix`, in any order. An empty list is not
  * an error. */
 spin_status spin_file_sequence_list(struct spin_model *m, const char *folder, const char *suffix,
@@ -44,8 +52,8 @@ spin_status spin_file_sequence_find(struct spin_model *m, const char *path, cons
  * such file or more than one. */
 spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const char *suffix,
                                    const char **out);
-/* Sorts the files by frame number ("frame_10" comes after "frame_9") or, if no file has a number,
- * by name. If numbers are missing, adds a note to `sequence`. Refuses duplicate numbers, and a
- * mixture of names with and without numbers. */
-spin_status spin_file_sequence_sort(struct spin_file_sequence *seq,
-                                    struct spin_sequence_info *sequence);
+/* Reads the frame numbers of the names, and sorts the frames by them, see spin_numbered_read(). The
+ * first component of option `pattern`, if given, selects the frames and their numbers. If numbers
+ * are missing, adds a note to `sequence`. `folders`: the names are those of folders. */
+spin_status spin_file_sequence_sort(struct spin_model *m, struct spin_file_sequence *seq,
+                                    bool folders, struct spin_sequence_info *sequence);

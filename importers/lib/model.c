@@ -167,6 +167,23 @@ spin_status spin_model_absolute(struct spin_model *m, const char **out, const ch
     return keep(m, whole);
 }
 
+spin_status spin_model_name(struct spin_model *m, const char *folder, const char *name,
+                            const char **out)
+{
+    size_t n = strlen(name);
+    char *copy;
+
+    while (n > 0 && strchr(" \t\r\n", name[n - 1]))
+        n--;
+    SPIN_TRY(spin_model_text(m, out, "%.*s", (int)n, name));
+    if (!strchr(*out, '\\') || spin_model_holds(folder, *out))
+        return SPIN_OK;
+    copy = (char *)(uintptr_t)*out;
+    for (char *at = copy; (at = strchr(at, '\\'));)
+        *at = '/';
+    return SPIN_OK;
+}
+
 spin_status spin_model_names(struct spin_model *m, const char *folder, char ***names, size_t *n)
 {
     char **list;

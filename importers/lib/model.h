@@ -106,6 +106,11 @@ spin_status spin_model_there(spin_status status, const char **out);
  * absolute form of `path`. */
 spin_status spin_model_folder(struct spin_model *m, const char **out, const char *path);
 spin_status spin_model_absolute(struct spin_model *m, const char **out, const char *path);
+/* Sets *out to a file's name from a document that may have been written on Windows: with '/' for
+ * each
+ * '\\', unless a file of the original name exists in the folder. Trailing blanks are removed. */
+spin_status spin_model_name(struct spin_model *m, const char *folder, const char *name,
+                            const char **out);
 /* Like spin_folder_list(), but the list is freed with the model. */
 spin_status spin_model_names(struct spin_model *m, const char *folder, char ***names, size_t *n);
 

@@ -221,11 +221,10 @@ spin_status spin_cfg_open(const char *path, struct cfg_args *out)
     const char *last;
 
     memset(out, 0, sizeof *out);
-    SPIN_TRY(spin_map_open(path, &out->map));
+    SPIN_TRY(spin_text_file_open(path, &out->file));
     SPIN_TRY(spin_strdup(path, &out->path));
-    text = trim((struct cfg_span){(const char *)out->map.data,
-                                  (const char *)out->map.data + out->map.size});
-    if (out->map.size > CFG_MAX_BYTES || (size_t)(text.end - text.at) < sizeof head - 1 ||
+    text = trim((struct cfg_span){out->file.text, out->file.text + out->file.n});
+    if (out->file.n > CFG_MAX_BYTES || (size_t)(text.end - text.at) < sizeof head - 1 ||
         memcmp(text.at, head, sizeof head - 1) != 0)
         return spin_malformed("'%s' does not begin with 'Namespace('", path);
     out->all = (struct cfg_span){text.at + sizeof head - 1, text.end};
@@ -267,7 +266,7 @@ static bool yaml_line(const char **at, const char *end, struct cfg_span *line)
 
 struct cfg_span spin_yaml_find(const struct run_config *s, const char *key, const char **next)
 {
-    const char *at = (const char *)s->yaml.data, *end = at ? at + s->yaml.size : NULL;
+    const char *at = s->yaml.text, *end = at ? at + s->yaml.n : NULL;
     struct cfg_span line;
     size_t n = strlen(key);
 
@@ -296,7 +295,7 @@ static bool yaml_pair(const struct run_config *s, const char *key, double out[2]
 
     if (!value.at)
         return false;
-    end = (const char *)s->yaml.data + s->yaml.size;
+    end = s->yaml.text + s->yaml.n;
     if (value.at < value.end)
         return *value.at == '[' && spin_cfg_numbers(value, 2, out);
     for (int i = 0; i < 2; i++) {
@@ -311,22 +310,22 @@ static bool yaml_pair(const struct run_config *s, const char *key, double out[2]
 
 void spin_yaml_close(struct run_config *s)
 {
-    spin_map_close(&s->yaml);
+    spin_text_file_close(&s->yaml);
     free(s->yaml_path);
     s->yaml_path = NULL;
 }
 
 void spin_run_config_close(struct run_config *s)
 {
-    spin_map_close(&s->cfg.map);
+    spin_text_file_close(&s->cfg.file);
     free(s->cfg.path);
     spin_yaml_close(s);
 }
 
 spin_status spin_yaml_open(const char *path, struct run_config *s)
 {
-    SPIN_TRY(spin_map_open(path, &s->yaml));
-    if (s->yaml.size > CFG_MAX_BYTES)
+    SPIN_TRY(spin_text_file_open(path, &s->yaml));
+    if (s->yaml.n > CFG_MAX_BYTES)
         return spin_malformed("'%s' is too large for a training configuration", path);
     return spin_strdup(path, &s->yaml_path);
 }

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "io/file.h"
+#include "io/text_file.h"
 
 /* cfg_args is a file that the descendants of 3DGS write to the model's folder. It contains Python's
  * repr() of an argparse Namespace.
@@ -18,7 +19,7 @@ struct cfg_span {
 };
 
 struct cfg_args {
-    struct spin_map map;
+    struct spin_text_file file;
     struct cfg_span all; /* the text between the brackets of Namespace(...) */
     char *path;          /* path of the file; NULL: there is no cfg_args */
 };
@@ -50,9 +51,9 @@ spin_status spin_cfg_read_number(const struct cfg_args *cfg, const char *key, do
 spin_status spin_cfg_open(const char *path, struct cfg_args *out);
 
 struct run_config {
-    struct cfg_args cfg;  /* cfg_args; cfg.path is NULL if there is none */
-    struct spin_map yaml; /* the YAML file; yaml.data is NULL if there is none */
-    char *yaml_path;      /* path of the YAML file; NULL: there is none */
+    struct cfg_args cfg;        /* cfg_args; cfg.path is NULL if there is none */
+    struct spin_text_file yaml; /* the YAML file; yaml.text is NULL if there is none */
+    char *yaml_path;            /* path of the YAML file; NULL: there is none */
 };
 
 /* The clip's first and last time, in the unit of the data set and of the YAML file. */

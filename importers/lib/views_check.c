@@ -4,6 +4,8 @@
 #include <unistd.h>
 
 #include "base/base.h"
+#include "io/file.h"
+#include "io/numbered.h"
 
 #define VIEWS_MAX_SIZE 65536 /* largest width or height of an image, in pixels */
 
@@ -220,19 +222,32 @@ spin_status spin_views_check_images(const struct spin_views *views, size_t first
     return SPIN_OK;
 }
 
-int spin_views_number(const char *path)
+spin_status spin_views_set_numbers(struct spin_views *views, size_t first)
 {
-    long long number = spin_path_number(path);
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    size_t n = views->n - first;
+    SPIN_FREED const char **name = NULL;
+    SPIN_FREED int *camera = NULL;
+    spin_status status;
 
-    return number <= INT_MAX ? (int)number : -1;
+    SPIN_TRY(spin_alloc(n, sizeof *name, (void **)&name));
+    SPIN_TRY(spin_alloc(n, sizeof *camera, (void **)&camera));
+    for (size_t i = 0; i < n; i++) {
+        name[i] = spin_path_name(views->view[first + i].path);
+        camera[i] = views->view[first + i].camera_id;
+    }
+    status = spin_numbered_read(&(struct spin_numbering){.name = name, .n = n, .group = camera},
+                                &numbers);
+    for (size_t i = 0; i < n; i++)
+        views->view[first + i].number = status == SPIN_OK ? numbers.number[i] : -1;
+    return status == SPIN_E_MEMORY ? status : SPIN_OK;
 }
 
 int spin_frame_number(const char *name)
 {
-    bool is = strncmp(name, "frame", 5) == 0 && name[5] &&
-              strspn(name + 5, "0123456789") == strlen(name + 5);
+    size_t n = strncmp(name, "frame", 5) == 0 ? strspn(name + 5, "0123456789") : 0;
 
-    return is ? spin_views_number(name) : -1;
+    return n > 0 && n < 10 && !name[5 + n] ? atoi(name + 5) : -1;
 }
 
 bool spin_views_is_number(const char *text, double *out)

@@ -53,8 +53,10 @@ bool spin_views_is_safe_name(const char *name);
 /* Checks that the image files of the views from index `first` on exist and may be read. */
 spin_status spin_views_check_images(const struct spin_views *views, size_t first);
 
-/* Returns the frame number, which is the last number in the file's name, or -1 if there is none. */
-int spin_views_number(const char *path);
+/* Sets the frame numbers of the views from index `first` on from the names of their images, camera
+ * by camera. If the names of a camera have no clear numbers, no view gets one: the importer knows
+ * the frames of the views, so that numbers only serve to pair frames. */
+spin_status spin_views_set_numbers(struct spin_views *views, size_t first);
 
 /* Returns N for a folder name frame<N>, as in 3DGStream, and -1 for other names. */
 int spin_frame_number(const char *name);

@@ -33,7 +33,7 @@ spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, c
     SPIN_TRY(spin_file_sequence_list(m, folder, "", &c->frames));
     if (c->frames.n_frames == 0)
         return spin_not_found("folder '%s' contains no images", folder);
-    return spin_file_sequence_sort(&c->frames, &unused);
+    return spin_file_sequence_sort(m, &c->frames, false, &unused);
 }
 
 /* Lists the frames of a video as paths such as "00.mp4#7" for frame 7; readers of images decode the
@@ -61,7 +61,8 @@ spin_status spin_rig_film(struct spin_model *m, struct spin_rig_camera *c, const
     SPIN_TRY(spin_file_sequence_reserve(m, &c->frames, (size_t)n));
     for (int64_t f = 0; f < n; f++) {
         SPIN_TRY(spin_model_text(m, &path, "%s#%lld", file, (long long)f));
-        SPIN_TRY(spin_file_sequence_add(&c->frames, path, f));
+        spin_file_sequence_add(&c->frames, path, path);
+        c->frames.frame[f].number = (int)f;
     }
     return SPIN_OK;
 }

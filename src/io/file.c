@@ -298,31 +298,6 @@ spin_status spin_path_relative(const char *from, const char *to, char **out)
     return SPIN_OK;
 }
 
-long long spin_path_number(const char *path)
-{
-    const char *name = spin_path_name(path);
-    const char *dot = strrchr(name, '.');
-    const char *end = dot && dot > name ? dot : name + strlen(name);
-    const char *first;
-    long long value = 0;
-
-    while (end > name && (end[-1] < '0' || end[-1] > '9'))
-        end--;
-    first = end;
-    while (first > name && first[-1] >= '0' && first[-1] <= '9')
-        first--;
-    if (first == end)
-        return -1;
-    for (; first < end; first++) {
-        int digit = *first - '0';
-
-        if (value > (LLONG_MAX - digit) / 10)
-            return -1;
-        value = value * 10 + digit;
-    }
-    return value;
-}
-
 /* ---- Folders ------------------------------------------------------------------------------- */
 
 static spin_status make_folder(const char *path)

@@ -67,10 +67,6 @@ uint64_t spin_path_free_bytes(const char *path);
 spin_status spin_folder_list(const char *path, char ***names, size_t *n);
 void spin_folder_list_free(char **names);
 
-/* Returns the number in a file name: the last group of digits before the extension, such as 10 in
- * "frame_10.ply"; -1 if there are no digits, or if the number is too large. */
-long long spin_path_number(const char *path);
-
 /* Suffix of the name of an unfinished file or folder: ".tmp.PID." and 16 hexadecimal digits. The
  * first 8 identify the host and container in which PID is valid; the others are a hash of process,
  * time and a counter. Names can still collide in theory: create files with O_EXCL. */

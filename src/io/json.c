@@ -5,7 +5,7 @@
 #include <setjmp.h>
 
 #include "base/base.h"
-#include "io/file.h"
+#include "io/text_file.h"
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
 
@@ -47,6 +47,7 @@ spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_j
     jmp_buf jump;
 
     *out = NULL;
+    SPIN_TRY(spin_text_skip_mark(what, &text, &n));
     if (setjmp(jump) != 0) {
         parser = NULL;
         return spin_fail(SPIN_E_MEMORY, "cannot parse '%s': not enough memory", what);
@@ -62,11 +63,11 @@ spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_j
 
 spin_status spin_json_load(const char *path, spin_json **out)
 {
-    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    SPIN_LEAVES(spin_text_file_close) struct spin_text_file file = {0};
 
     *out = NULL;
-    SPIN_TRY(spin_map_open(path, &map));
-    return spin_json_parse(path, (const char *)map.data, map.size, out);
+    SPIN_TRY(spin_text_file_open(path, &file));
+    return spin_json_parse(path, file.text, file.n, out);
 }
 
 void spin_json_freed(spin_json **j) { json_decref(*j); }

@@ -81,18 +81,3 @@ void spin_output_folder_end(struct spin_output_folder *folder);
 /* spin_output_folder_end() that also removes the folder if spin_output_folder_begin() created it
  * and it is still empty. */
 void spin_output_folder_abandon(struct spin_output_folder *folder);
-
-/* A file name with a number in it, split into its parts. */
-struct spin_pattern {
-    const char *text;
-    int n_before; /* number of bytes before the number */
-    bool zeros;   /* pad the number with zeros to `width` digits */
-    int width;
-    const char *after; /* text after the number */
-};
-/* Parse `text`, a file name that must contain exactly one %d or %0Nd, with N from 1 to 9; otherwise
- * returns SPIN_E_USAGE, with a message about the option --pattern. *out points into `text`. */
-spin_status spin_pattern_parse(const char *text, struct spin_pattern *out);
-/* *out receives "folder/name", where the name contains the number; allocated. */
-spin_status spin_pattern_path(const struct spin_pattern *pattern, const char *folder, int number,
-                              char **out);

@@ -16,6 +16,7 @@
 #include "base/base.h"
 #include "spin_run.h"
 #include "io/output.h"
+#include "io/pattern.h"
 #include "io/ranks.h"
 #include "render/player.h"
 #include "run/data_hint.h"
@@ -68,13 +69,14 @@ static size_t stem_length(const char *path, bool has_ending)
 static spin_status name_output(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
-    SPIN_FREED char *absolute = NULL;
-    const char *name;
+    SPIN_FREED char *absolute = NULL, *folder = NULL;
+    const char *name, *pattern;
 
     if (o->output)
         return spin_strdup(o->output, &c->output);
-    SPIN_TRY(spin_foreign_missing(o->input));
-    SPIN_TRY(spin_path_absolute(o->input, &absolute));
+    SPIN_TRY(spin_pattern_split(o->input, &folder, &pattern));
+    SPIN_TRY(spin_foreign_missing(folder ? folder : o->input));
+    SPIN_TRY(spin_path_absolute(folder ? folder : o->input, &absolute));
     name = spin_path_name(absolute);
     return append_text(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
                        &c->output);

@@ -12,6 +12,8 @@
 #include "run/share_splats.h"
 #include "io/output.h"
 #include "io/image.h"
+#include "io/numbered.h"
+#include "io/pattern.h"
 #include "io/ranks.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
@@ -34,9 +36,11 @@ struct import {
     const struct spin_import_options *o;
     spin_json *report; /* printed by --json, see spin-import(1) */
     const struct spin_importer *importer;
-    const char *input; /* path of the run: o->input, or a folder inside o->input */
-    char *below;       /* the allocated `input` if that is a folder inside o->input; else NULL */
+    /* Path of the run: o->input, a folder inside o->input, or the folder of a pattern. */
+    const char *input;
+    char *below; /* the allocated `input` if that is not o->input; else NULL */
     struct spin_plugin_values values;
+    const char **pairs; /* the pairs of `values` if o->input is a pattern; else NULL */
     void *self;
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
@@ -307,7 +311,7 @@ static spin_status choose_frames(struct import *im)
     for (int i = 0; i < n_all; i++)
         place[i] = i;
     if (!im->sequence.continuous)
-        SPIN_TRY(spin_exported_frames(im->o->input, all, n_all, place, &im->meta));
+        SPIN_TRY(spin_exported_frames(im->input, all, n_all, place, &im->meta));
     SPIN_TRY(spin_range_select(&im->o->range, all, n_all, &im->index, &n));
     SPIN_TRY(spin_bundle_meta_reserve(&im->meta, n));
     for (int i = 0; i < n; i++) {
@@ -851,6 +855,67 @@ static spin_status find_4d(struct import *im)
     return SPIN_OK;
 }
 
+/* Sets *out to the path of a file that matches a pattern such as "frame_%d/a.ply" below a folder.
+ * The caller frees it. */
+static spin_status find_match(const char *folder, const char *rest, char **out)
+{
+    size_t n = strcspn(rest, "/"), n_names = 0;
+    SPIN_FREED char *component = NULL, *match = NULL;
+    SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
+    char **names = NULL;
+    spin_status status;
+
+    *out = NULL;
+    SPIN_TRY(spin_strdup(rest, &component));
+    component[n] = '\0';
+    SPIN_TRY(spin_folder_list(folder, &names, &n_names));
+    status = spin_numbered_read(&(struct spin_numbering){.name = (const char *const *)names,
+                                                         .n = n_names,
+                                                         .pattern = component},
+                                &numbers);
+    if (status == SPIN_OK && numbers.n_frames == 0)
+        status = spin_not_found("folder '%s' is empty", folder);
+    if (status == SPIN_OK)
+        status = spin_path_join(folder, names[numbers.order[0]], &match);
+    if (status == SPIN_OK)
+        status = rest[n] ? spin_path_join(match, rest + n + 1, out) : spin_strdup(match, out);
+    spin_folder_list_free(names);
+    return status;
+}
+
+/* Finds the importer of a run that is given as a pattern of paths, such as "run/frame_%d.ply": that
+ * of the first file. The importer gets the folder, and the rest of the pattern as an option. */
+static spin_status find_pattern_run(struct import *im, const char *pattern)
+{
+    const struct spin_import_options *o = im->o;
+    SPIN_FREED char *match = NULL;
+    size_t n = 0;
+
+    SPIN_TRY(find_match(im->below, pattern, &match));
+    SPIN_TRY(spin_importer_find(match, o->from, false, &im->importer));
+    while (o->plugin_pairs && o->plugin_pairs[n])
+        n++;
+    SPIN_TRY(spin_alloc(n + 3, sizeof *im->pairs, (void **)&im->pairs));
+    if (n > 0)
+        memcpy(im->pairs, o->plugin_pairs, n * sizeof *im->pairs);
+    im->pairs[n] = "pattern";
+    im->pairs[n + 1] = pattern;
+    return SPIN_OK;
+}
+
+static spin_status find_run(struct import *im)
+{
+    const struct spin_import_options *o = im->o;
+    const char *pattern;
+
+    SPIN_TRY(spin_pattern_split(o->input, &im->below, &pattern));
+    SPIN_TRY(pattern ? find_pattern_run(im, pattern)
+                     : spin_importer_find_run(o->input, o->from, &im->importer, &im->below));
+    im->input = im->below ? im->below : o->input;
+    im->values.pairs = im->pairs ? im->pairs : o->plugin_pairs;
+    return spin_plugin_check(im->importer->name, im->importer->options, im->values.pairs);
+}
+
 static spin_status run_import(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -865,15 +930,12 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(spin_output_check_distinct((const char *[]){o->output, o->check_cameras}, 2));
     if (o->output && spin_rank() == 0)
         SPIN_TRY(spin_output_check_file(o->output, o->force));
-    SPIN_TRY(spin_importer_find_run(o->input, o->from, &im->importer, &im->below));
-    im->input = im->below ? im->below : o->input;
-    SPIN_TRY(spin_plugin_check(im->importer->name, im->importer->options, o->plugin_pairs));
-    im->values.pairs = o->plugin_pairs;
+    SPIN_TRY(find_run(im));
     spin_json_set_string(im->report, "from", im->importer->name);
     SPIN_TRY(im->importer->open(im->input, &im->values, &im->self, &im->sequence));
     SPIN_TRY(check_sequence(im));
     SPIN_TRY(find_4d(im));
-    if (im->below)
+    if (im->below && !im->pairs)
         spin_note(&im->sequence, "the run was found in '%s'", im->below);
     SPIN_TRY(open_data(im));
     choose_default_frames(im);
@@ -931,6 +993,7 @@ spin_status spin_import(const struct spin_import_options *o, char **report)
     free(im.index);
     free(im.data);
     free(im.below);
+    free(im.pairs);
     if (report)
         *report = NULL;
     if (status == SPIN_OK && report)

@@ -284,7 +284,7 @@ static void test_gaps(void)
                 "a frame missing between");
     remove(path_in(folder, "cam09/images/0003.png"));
     make_text(folder, "cam09/images/0001.jpg", "x");
-    set_refused(folder, NULL, "second frame 1 of camera 9", "a frame that is there twice");
+    set_refused(folder, NULL, "are both frame 1", "a frame that is there twice");
 }
 
 static void test_videos(void)

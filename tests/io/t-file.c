@@ -110,14 +110,6 @@ static void paths(void)
     is_text(spin_path_name("a/b.ply"), "b.ply", "last component");
     is_text(spin_path_name("b.ply"), "b.ply", "last component of a bare name");
 
-    ok(spin_path_number("frame_10.ply") == 10, "number of frame_10.ply");
-    ok(spin_path_number("a7/cam3_000123.png") == 123, "the last run of digits counts");
-    ok(spin_path_number("12_left.jpg") == 12, "digits before letters");
-    ok(spin_path_number("a7/left.mp4") == -1, "folder and extension do not count");
-    ok(spin_path_number("9223372036854775807") == 9223372036854775807LL, "the largest number");
-    ok(spin_path_number("9223372036854775808") == -1, "no number that does not fit");
-    ok(spin_path_number("") == -1, "no number in nothing");
-
     spin_folder_make(in_root("p/q/r"));
     spin_folder_make(in_root("p/s"));
     relative_is(in_root("p/q"), in_root("p/s"), "../s");

@@ -132,7 +132,8 @@ for page in man/spin*.1; do
         [ -z "$differences" ] || complain "$page and --help differ: $differences"
         ;;
     spin-import)
-        compare_plugins spin-import --from man/spin-importers.7 "Options of several runs" "4danyone and easyvolcap"
+        compare_plugins spin-import --from man/spin-importers.7 "Options of several runs" "4danyone and easyvolcap" \
+            "Numbered files"
         ;;
     spin-export)
         compare_plugins spin-export --to man/spin-exporters.7 "All formats of splats" "Images and video"

@@ -1,0 +1,49 @@
+/* The numbers in a list of names, as columns; used by numbered.c only. */
+#pragma once
+
+#include "spin.h"
+
+/* A number of up to 36 digits, compared part by part: digits above the last 18, the last 18 digits,
+ * and the first 18 digits after the decimal point. */
+struct spin_name_value {
+    bool negative;
+    uint64_t part[3];
+};
+
+/* A number in a name. */
+struct spin_name_number {
+    unsigned short at, n; /* position and length in the name, with a sign and decimals */
+    unsigned short word;  /* index of the word of the name that contains the number */
+    struct spin_name_value value;
+};
+
+/* A name, split into words at characters that are neither letters nor digits. */
+struct spin_name_parts {
+    const char *name;
+    struct spin_name_number *number;
+    size_t n_numbers;
+    struct {
+        unsigned short at, n;
+    } * word;
+    size_t n_words;
+};
+
+int spin_compare_values(const struct spin_name_value *a, const struct spin_name_value *b);
+/* Splits a name. The arrays in *out are allocated. */
+spin_status spin_name_split(const char *name, bool folder, struct spin_name_parts *out);
+void spin_name_parts_free(struct spin_name_parts *parts);
+
+/* What the words around a number say about it. NEVER: a score, a count of splats or an iteration.
+ * OTHER: probably no frame number, such as a version or a camera. */
+enum spin_name_rank {
+    SPIN_RANK_NEVER,
+    SPIN_RANK_OTHER,
+    SPIN_RANK_PLAIN,
+    SPIN_RANK_TIME,
+    SPIN_RANK_FRAME
+};
+enum spin_name_rank spin_name_rank(const struct spin_name_parts *parts, size_t number);
+
+/* Merges the numbers of a date, of a time or of both, beginning at number i of all n names, into
+ * that number. Returns how many numbers were merged: 1 if there is no time stamp. */
+size_t spin_name_merge_stamp(struct spin_name_parts *parts, size_t n, size_t i);
