@@ -46,12 +46,18 @@ static const struct spin_plugin_option options[] = {
      NULL},
     {"title", "TEXT", "title above the clip; default: the name of the file; empty: none", NULL},
     {"only", "after|before", "write only this version, if there are two", NULL},
+    {"camera", "N|FILE", "first view: camera N of the data set, or the first of a camera path",
+     NULL},
+    {"up", "AXIS", "axis of the source that points up in the page: x, y, z, -x, -y or -z", NULL},
     {0},
 };
 
 /* Largest size of the draft as a share of all blocks. The first image then appears before a tenth
  * of the file of --split is loaded. */
 #define DRAFT_SHARE 0.05
+
+/* Pages above this size are recommended to be written with --split. */
+#define SPLIT_BYTES 3000000
 
 /* A block that was written: one frame of a version of the clip, or some rows of its 4D splats. */
 struct page_frame {
@@ -477,19 +483,29 @@ static spin_status open_files(struct export *x)
     return SPIN_OK;
 }
 
-/* Writes the <title> element, for the tabs of browsers and for search engines. The title that the
- * page displays is in the JSON. */
+/* Writes the title, or the name of the file if there is no title, as HTML text. */
 static spin_status write_title(struct export *x)
 {
     const char *file = spin_path_name(x->job->output), *title = x->title;
     size_t n = title && *title ? strlen(title) : stem_of(file);
 
-    SPIN_TRY(write_text(x, "<title>"));
     for (const char *c = title && *title ? title : file; n > 0; c++, n--)
         SPIN_TRY(*c == '<'   ? write_text(x, "&lt;")
                  : *c == '&' ? write_text(x, "&amp;")
+                 : *c == '"' ? write_text(x, "&quot;")
                              : spin_out_write(&x->out, c, 1));
-    return write_text(x, "</title>\n<style>\n");
+    return SPIN_OK;
+}
+
+/* Writes the elements with the title for the tabs of browsers and for search engines, and for the
+ * previews of links. The title that the page displays is in the JSON. */
+static spin_status write_titles(struct export *x)
+{
+    SPIN_TRY(write_text(x, "<title>"));
+    SPIN_TRY(write_title(x));
+    SPIN_TRY(write_text(x, "</title>\n<meta property=\"og:title\" content=\""));
+    SPIN_TRY(write_title(x));
+    return write_text(x, "\">\n<style>\n");
 }
 
 static spin_status begin_export(struct export *x, const struct spin_export_job *job)
@@ -501,7 +517,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     SPIN_TRY(spin_initial_view_later_middle(job, x->space.centre, &x->size));
     SPIN_TRY(open_files(x));
     SPIN_TRY(write_text(x, spin_html_head));
-    SPIN_TRY(write_title(x));
+    SPIN_TRY(write_titles(x));
     SPIN_TRY(write_text(x, spin_html_css));
     return write_text(x, spin_html_body);
 }
@@ -515,6 +531,7 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
     if (x->size == 0)
         SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->size));
     spin_initial_view_first(x->job->views, row, false, x->space.centre, x->size, &x->view);
+    SPIN_TRY(spin_initial_view_chosen(x->job, row, x->space.centre, x->size, &x->view));
     SPIN_TRY(spin_page_bounds_from(x->job->values, x->size, &x->space.bounds));
     for (int i = 0; i < x->n_versions; i++)
         x->version[i].group.space = x->space;
@@ -620,6 +637,11 @@ static spin_status fill_report(struct export *x)
              spin_text_count(x->n_written, "frame", text[1]),
              spin_text_count(x->n_versions, "version", text[2]),
              (double)x->data_bytes / fmax((double)x->n_splats, 1));
+    if (!x->split && page > SPLIT_BYTES)
+        spin_log(0,
+                 "html: browsers load all %s before they show the first image; for a web server, "
+                 "--split shows it sooner",
+                 spin_text_bytes(page, text[0]));
     spin_splat_rows_warn_empty(x->version[0].n_empty, (size_t)x->n_written);
     if (!report)
         return SPIN_OK;

@@ -7,6 +7,7 @@ const $ = (id) => document.getElementById(id);
 const clip = JSON.parse($('clip').textContent), canvas = $('view'), root = document.documentElement;
 const say = (text) => { $('message').textContent = text; root.classList.toggle('loading', false); };
 root.classList.toggle('loading', true);
+$('bar').hidden = $('message').hidden = false; // hidden in the page, for browsers without JavaScript
 const asked = readParameters(new URL(location.href).searchParams);
 const embedded = window.parent !== window;
 const gl = canvas.getContext('webgl2', { antialias: false, depth: false, alpha: false, powerPreference: 'high-performance' });
@@ -21,11 +22,19 @@ function safeAddress(address) {
 }
 
 // Reads the parameters of the page's URL, such as
-// ?frame=7&autoplay=0&noui&poster=first.jpg&version=before&fps=12&background=ffffff
+// ?frame=7&autoplay=0&noui&poster=first.jpg&version=before&fps=12&background=fff&view=0,1,5,0,0,0
 function readParameters(given) {
     const has = (name) => given.has(name) && given.get(name) !== '0' && given.get(name) !== 'false', number = (name, least, most) => (given.get(name) && Number(given.get(name)) >= least && Number(given.get(name)) <= most ? Number(given.get(name)) : undefined);
     const hex = given.get('background')?.match(/^#?(?:([0-9a-f])([0-9a-f])([0-9a-f])|([0-9a-f]{2})([0-9a-f]{2})([0-9a-f]{2}))$/i)?.slice(1).filter(Boolean).map((h) => parseInt(h.repeat(3 - h.length), 16) / 255);
-    return { frame: number('frame', 1, clip.numbers.length), autoplay: given.has('autoplay') ? has('autoplay') : undefined, noui: has('noui'), poster: given.has('poster') ? safeAddress(given.get('poster')) : null, version: given.get('version'), fps: number('fps', 0.001, 1000), background: hex };
+    return { frame: number('frame', 1, clip.numbers.length), autoplay: given.has('autoplay') ? has('autoplay') : undefined, noui: has('noui'), poster: given.has('poster') ? safeAddress(given.get('poster')) : null, version: given.get('version'), fps: number('fps', 0.001, 1000), background: hex, view: viewOf(given.get('view')?.split(',')) };
+}
+
+// Converts six numbers, the camera's position and its target in world units, to a view. Returns
+// undefined unless all are finite and the points differ.
+function viewOf(list) {
+    const v = Array.from(list ?? [], (each) => (String(each).trim() === '' ? NaN : Number(each)));
+    const view = { eye: v.slice(0, 3), target: v.slice(3) };
+    return v.length === 6 && v.every(Number.isFinite) && view.eye.some((x, i) => x !== view.target[i]) ? view : undefined;
 }
 
 // ---- Vectors and the camera, in the page's units: (world - centre) / size -----------------------
@@ -40,12 +49,20 @@ const up = unit(clip.up);
 const side = unit(cross(up, Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), front = cross(side, up);
 const orbit = { tall: Infinity };
 
-function home() {
-    const target = inside(clip.target), from = add(inside(clip.eye), target, -1);
+// Sets the camera to a view in world units. The page starts with the view of its address or, if
+// there is none, with that of the clip; Reset returns to this view.
+const start = asked.view ?? { eye: clip.eye, target: clip.target };
+function look(view) {
+    const target = inside(view.target), from = add(inside(view.eye), target, -1);
     orbit.target = target;
-    orbit.distance = orbit.first = Math.hypot(...from);
+    orbit.distance = Math.hypot(...from);
     orbit.height = Math.asin(dot(from, up) / orbit.distance);
     orbit.angle = Math.atan2(dot(from, side), dot(from, front));
+}
+
+function home() {
+    look(start);
+    orbit.first = orbit.distance;
 }
 
 function camera() {
@@ -227,6 +244,7 @@ worker.onerror = (e) => say(`The page failed: ${e.message}`);
 worker.postMessage({ clip, texts, address: clip.data && new URL(encodeURIComponent(clip.data), location.href).href, moving: window.spinMoving });
 
 worker.onmessage = ({ data }) => {
+    if (data.loaded !== undefined) return loading(data.loaded);
     state.waiting = false;
     if (data.error) return say(`The clip cannot be read: ${data.error}`);
     for (const part of data.parts) {
@@ -240,11 +258,20 @@ worker.onmessage = ({ data }) => {
         s.order(part.order);
         s.count = part.order.length;
     }
+    const isFirst = !state.drawn;
     state.drawn = data.parts.map((p) => p.version);
     state.dirty = true;
+    if (isFirst) label();
     $('poster').hidden = true;
     say('');
 };
+
+// Shows the loaded share of the first image's bytes, 0 to 1.
+function loading(share) {
+    if (state.drawn) return;
+    $('message').textContent = `Loading the clip: ${Math.floor(100 * share)} %`;
+    root.style.setProperty('--loaded', `${100 * share}%`);
+}
 
 const wanted = () => (state.wipe ? [AFTER, BEFORE] : [state.version]);
 // The controls disappear REST milliseconds after the last input if the clip plays, or if the canvas
@@ -312,6 +339,8 @@ function label() {
     $('scrub').value = state.frame;
     $('play').textContent = state.playing ? 'Pause' : 'Play';
     root.classList.toggle('playing', state.playing);
+    // A clip that waits in a frame of another page looks like an image without this button.
+    $('start').hidden = !embedded || !state.drawn || state.playing || state.engaged || clip.numbers.length < 2;
     for (const b of $('versions').children) b.setAttribute('aria-pressed', b.dataset.version === (state.wipe ? 'wipe' : clip.versions[state.version].name));
     $('wipe').hidden = !state.wipe;
 }
@@ -370,7 +399,7 @@ function moveBy(dx, dy) {
 
 // Sets the target. Its distance from the first target is limited to the size of the scene.
 function aim(target) {
-    const first = inside(clip.target), off = add(target, first, -1);
+    const first = inside(start.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
     state.dirty = true;
     welcome(false);
@@ -394,6 +423,33 @@ function zoomBy(factor) {
     welcome(false);
 }
 
+// Returns the current view in world units, as the address of the page and set() take it.
+function viewNow() {
+    const out = (p) => p.map((v, i) => v * clip.size + clip.centre[i]);
+    return { eye: out(camera().eye), target: out(orbit.target) };
+}
+
+// Copies the address of the page with the current view and, if the clip is paused, the current
+// frame. Shows the address if the browser does not allow copying.
+async function copyLink() {
+    const link = new URL(location.href), { eye, target } = viewNow();
+    link.searchParams.set('view', [...eye, ...target].map((v) => Number(v.toPrecision(6))).join(','));
+    if (!state.playing) link.searchParams.set('frame', Math.floor(state.frame) + 1);
+    link.search = link.search.replaceAll('%2C', ',');
+    try {
+        await navigator.clipboard.writeText(link.href);
+        note('The link to this view is copied.');
+    } catch {
+        note(link.href);
+    }
+}
+
+// Shows a text for five seconds, unless another one replaces it.
+function note(text) {
+    say(text);
+    setTimeout(() => { if ($('message').textContent === text) say(''); }, 5000);
+}
+
 function fullscreen() {
     if (document.fullscreenElement) document.exitFullscreen();
     else root.requestFullscreen().catch(() => say('This browser does not allow full screen.'));
@@ -405,7 +461,8 @@ function welcome(on) {
     $('title').classList.toggle('away', !on);
 }
 
-$('play').onclick = () => play(!state.playing);
+$('play').onclick = $('start').onclick = () => play(!state.playing);
+$('keys').onclick = () => { $('keys').hidden = true; };
 $('full').onclick = fullscreen;
 $('full').hidden = !document.fullscreenEnabled;
 $('home').onclick = reset;
@@ -422,6 +479,7 @@ canvas.oncontextmenu = (e) => e.preventDefault();
 const engage = (on) => {
     state.engaged = on || !embedded;
     canvas.style.touchAction = state.engaged ? 'none' : 'pan-y';
+    label();
 };
 window.addEventListener('blur', () => engage(false));
 for (const type of ['pointermove', 'pointerdown', 'keydown', 'focusin']) {
@@ -463,7 +521,7 @@ canvas.onpointermove = (e) => {
 window.addEventListener('keydown', (e) => {
     if (e.ctrlKey || e.metaKey || e.altKey) return;
     const typed = e.target.tagName === 'BUTTON' || e.target.tagName === 'SELECT';
-    const to = { ArrowLeft: Math.ceil(state.frame) - 1, ArrowRight: Math.floor(state.frame) + 1 }[e.key];
+    const to = { ArrowLeft: Math.ceil(state.frame) - 1, ArrowRight: Math.floor(state.frame) + 1, Home: 0, End: clip.numbers.length - 1 }[e.key];
     if (e.key === ' ' && !typed) play(!state.playing);
     else if (to !== undefined && e.target.id !== 'scrub' && !typed) { play(false); go(to); }
     else if (e.key === 'b' || e.key === 'B') show(state.version + 1);
@@ -472,6 +530,9 @@ window.addEventListener('keydown', (e) => {
     else if (e.key === 'f' || e.key === 'F') fullscreen();
     else if (e.key === 'r' || e.key === 'R') reset();
     else if (e.key === 'h' || e.key === 'H') root.classList.toggle('bare');
+    else if (e.key === 'v' || e.key === 'V') copyLink();
+    else if (e.key === '?') $('keys').hidden = !$('keys').hidden;
+    else if (e.key === 'Escape' && !$('keys').hidden) $('keys').hidden = true;
     else return;
     e.preventDefault();
 });
@@ -516,11 +577,14 @@ requestAnimationFrame(tick);
 
 // ---- Interface for scripts and embedding pages --------------------------------------------------
 
-// Requests are { play, frame, speed, version }, each optional; frames count from 1, as in the bar.
-const is = { play: (v) => typeof v === 'boolean', frame: (v) => v >= 1 && v <= clip.numbers.length, speed: (v) => v > 0 && v <= 100, version: (v) => clip.versions.some((each) => each.name === v) || (v === 'wipe' && clip.versions.length === 2) };
+// Requests are { play, frame, speed, version, view }, each optional; frames count from 1, as in the
+// bar. view: { eye, target } or a list of six numbers, in world units.
+const viewIn = (v) => viewOf(Array.isArray(v) ? v : [...(v?.eye ?? []), ...(v?.target ?? [])]);
+const is = { play: (v) => typeof v === 'boolean', frame: (v) => v >= 1 && v <= clip.numbers.length, speed: (v) => v > 0 && v <= 100, version: (v) => clip.versions.some((each) => each.name === v) || (v === 'wipe' && clip.versions.length === 2), view: viewIn };
 function set(wishes) {
     for (const [name, v] of Object.entries(wishes)) if (!is[name]?.(v)) throw new RangeError(`spin4d: ${name} cannot be ${v}`);
-    const { play: on, frame, speed, version } = wishes;
+    const { play: on, frame, speed, version, view } = wishes;
+    if (view !== undefined) look(viewIn(view));
     if (frame !== undefined) go(between ? frame - 1 : Math.floor(frame) - 1);
     if (speed !== undefined) $('speed').value = String(state.speed = speed);
     if (version === 'wipe') wipe(true);
@@ -545,6 +609,6 @@ window.spin4d = {
     clip,
     set,
     get state() { return stateNow(); },
-    camera: () => { const c = camera(), out = (p) => p.map((v, i) => v * clip.size + clip.centre[i]); return { ...c, eye: out(c.eye), target: out(orbit.target), up, width: canvas.width, height: canvas.height, fovy: 360 / Math.PI * Math.atan(canvas.height / 2 / c.focal) }; }
+    camera: () => { const c = camera(); return { ...c, ...viewNow(), up, width: canvas.width, height: canvas.height, fovy: 360 / Math.PI * Math.atan(canvas.height / 2 / c.focal) }; }
 };
 })();

@@ -24,12 +24,24 @@ function bytesOf(text) {
     return out.subarray(0, n);
 }
 
+// Reads the body of a response of about `size` bytes, and reports to the page how much is loaded.
+async function bodyOf(answer, size) {
+    const parts = [], reader = answer.body.getReader();
+    let n = 0;
+    for (let next = await reader.read(); !next.done; next = await reader.read()) {
+        parts.push(next.value);
+        n += next.value.length;
+        postMessage({ loaded: Math.min(1, n / size) });
+    }
+    return new Uint8Array(await new Blob(parts).arrayBuffer());
+}
+
 // Fetches a range of bytes from the file of --split. A server may ignore the range and send the
 // whole file.
 async function rangeOf(from, to) {
     const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
     if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
-    return { bytes: new Uint8Array(await answer.arrayBuffer()), whole: answer.status !== 206 };
+    return { bytes: await bodyOf(answer, Number(answer.headers.get('Content-Length')) || to - from), whole: answer.status !== 206 };
 }
 
 // Fetches a block from the server. The first request is for that block only, so that the first

@@ -1,8 +1,12 @@
 #include "exporters/lib/initial_view.h"
 
+#include <limits.h>
+
 #include "base/base.h"
+#include "exporters/lib/path_file.h"
 
 #define FRONT_FOVY_DEG 50.0
+#define DEGREES 57.29577951308232 /* per radian */
 
 /* spin_initial_view_pivot() fails if the mean of I - d d^T over all camera axes d has a determinant
  * below this. Parallel axes have a determinant of 0; axes that spread by about 3 degrees reach this
@@ -188,11 +192,28 @@ static void set_reach(const struct spin_views *views, int row, struct spin_initi
     out->reach[1] = 1.2 * most;
 }
 
+/* Sets the view to that of a camera. The target is the point of the optical axis that is nearest to
+ * the centre of the scene. */
+static void set_camera(const struct spin_camera *camera, const double middle[3], double size,
+                       struct spin_initial_view *out)
+{
+    double along = 0;
+
+    out->z_near = spin_camera_near(camera);
+    spin_initial_view_eye(camera, out->eye);
+    for (int c = 0; c < 3; c++)
+        along += camera->w2c[8 + c] * (middle[c] - out->eye[c]);
+    along = fmax(along, 0.1 * size);
+    for (int c = 0; c < 3; c++)
+        out->target[c] = out->eye[c] + along * camera->w2c[8 + c];
+    out->fovy_deg = 2 * atan(0.5 * camera->height / camera->fy) * DEGREES;
+    out->aspect = camera->width * camera->fy / (camera->height * camera->fx);
+}
+
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out)
 {
     const struct spin_view *first = spin_initial_view_view(views, row, test);
-    double along = 0;
 
     *out = (struct spin_initial_view){.up = {0, -1, 0}, .fovy_deg = FRONT_FOVY_DEG, .aspect = 1.5};
     if (!first) {
@@ -211,15 +232,76 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         for (int c = 0; c < 3; c++)
             out->up[c] = -first->camera.w2c[4 + c];
     }
-    out->z_near = spin_camera_near(&first->camera);
-    spin_initial_view_eye(&first->camera, out->eye);
-    for (int c = 0; c < 3; c++)
-        along += first->camera.w2c[8 + c] * (middle[c] - out->eye[c]);
-    along = fmax(along, 0.1 * size);
-    for (int c = 0; c < 3; c++)
-        out->target[c] = out->eye[c] + along * first->camera.w2c[8 + c];
-    out->fovy_deg = 2 * atan(0.5 * first->camera.height / first->camera.fy) * 57.29577951308232;
-    out->aspect =
-        first->camera.width * first->camera.fy / (first->camera.height * first->camera.fx);
+    set_camera(&first->camera, middle, size, out);
     set_reach(views, row, out);
+}
+
+/* ---- Options of the user --------------------------------------------------------------------- */
+
+/* Finds the camera with this number of the data set, in data-set frame `row` (-1: in any). */
+static spin_status find_camera(const struct spin_views *views, int row, int number,
+                               const struct spin_camera **out)
+{
+    for (size_t i = 0; views && i < views->n; i++)
+        if (views->view[i].camera_id == number &&
+            (row < 0 || views->view[i].dataset_frame == row)) {
+            *out = &views->view[i].camera;
+            return SPIN_OK;
+        }
+    return views ? spin_not_found("--camera %d: the data set has no camera %d", number, number)
+                 : spin_not_found("--camera %d needs a data set: use --data", number);
+}
+
+/* Reads the first camera of a camera path. */
+static spin_status read_camera(const char *path, struct spin_camera *out)
+{
+    SPIN_LEAVES(spin_path_file_close) struct spin_path_file file = {0};
+    double fovy;
+
+    SPIN_TRY(spin_path_file_open(path, &file));
+    fovy = file.pose->fovy_deg > 0 ? file.pose->fovy_deg : FRONT_FOVY_DEG;
+    *out = (struct spin_camera){.width = file.width ? file.width : 1500,
+                                .height = file.height ? file.height : 1000};
+    out->fx = out->fy = 0.5 * out->height / tan(0.5 * fovy / DEGREES);
+    memcpy(out->w2c, file.pose->w2c, sizeof file.pose->w2c);
+    return SPIN_OK;
+}
+
+static spin_status set_up(const struct spin_plugin_values *values, double up[3])
+{
+    int axis = -1;
+
+    if (!spin_plugin_value(values, "up", NULL))
+        return SPIN_OK;
+    SPIN_TRY(spin_option_word(values, "up", "x|y|z|-x|-y|-z", &axis));
+    for (int c = 0; c < 3; c++)
+        up[c] = c == axis % 3 ? axis < 3 ? 1 : -1 : 0;
+    return SPIN_OK;
+}
+
+spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
+                                     const double middle[3], double size,
+                                     struct spin_initial_view *out)
+{
+    const char *text = spin_plugin_value(job->values, "camera", NULL);
+    const struct spin_camera *camera = NULL;
+    struct spin_camera own;
+    char *end = NULL;
+
+    if (text) {
+        long number = strtol(text, &end, 10);
+
+        if (end != text && *end == '\0' && number >= 0 && number <= INT_MAX) {
+            SPIN_TRY(find_camera(job->views, row, (int)number, &camera));
+        } else {
+            SPIN_TRY(read_camera(text, &own));
+            camera = &own;
+        }
+        set_camera(camera, middle, size, out);
+        for (int c = 0; c < 3 && !job->views; c++)
+            out->up[c] = -camera->w2c[4 + c];
+        if (job->views)
+            set_reach(job->views, row, out);
+    }
+    return set_up(job->values, out->up);
 }

@@ -52,3 +52,9 @@ bool spin_initial_view_is_blank(const float *image, size_t n, const float backgr
  * and y points down. */
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
+
+/* Changes the view as the job's options demand: --camera, the number of a camera of the data set or
+ * a file with a camera path, and --up, the axis of the world that points up. */
+spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
+                                     const double middle[3], double size,
+                                     struct spin_initial_view *out);

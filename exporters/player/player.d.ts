@@ -20,11 +20,16 @@ export interface Options {
     fps?: number | string;
     /** RGB in hexadecimal, such as 'ffffff'. */
     background?: string;
+    /** The position and the target of the camera in world units: 'x,y,z,x,y,z'. */
+    view?: string;
     /** The title of the iframe, for screen readers. */
     title?: string;
 }
 
-export type Wishes = Partial<Pick<State, 'play' | 'frame' | 'speed' | 'version'>>;
+/** The position and the target of the camera, in world units: two points or six numbers. */
+export type View = { eye: number[]; target: number[] } | number[];
+
+export type Wishes = Partial<Pick<State, 'play' | 'frame' | 'speed' | 'version'>> & { view?: View };
 
 /** Dispatches the events 'ready', 'change' and 'error'; 'error' has a message. */
 export declare class Player extends EventTarget {

@@ -4,7 +4,7 @@
 // fractions.
 
 const PATIENCE = 5000; // milliseconds in which a loaded page must have reported its state
-const WISHES = ['frame', 'autoplay', 'noui', 'poster', 'version', 'fps', 'background'];
+const WISHES = ['frame', 'autoplay', 'noui', 'poster', 'version', 'fps', 'background', 'view'];
 
 // Parses an address of http, https, blob or file. Throws for other schemes, because javascript:
 // would run in the embedding page.
@@ -61,7 +61,7 @@ export class Player extends EventTarget {
         return this.dispatchEvent(new Event('change'));
     }
 
-    // Changes the state. Requests are { play, frame, speed, version }, each optional, and are
+    // Changes the state. Requests are { play, frame, speed, version, view }, each optional, and are
     // queued until the page is loaded.
     set(wishes) {
         if (!this.state) this.#waiting.push(wishes);
@@ -89,9 +89,12 @@ export const createPlayer = (element, url, options) => new Player(element, url, 
 if (globalThis.customElements && !customElements.get('spin-clip')) {
     customElements.define('spin-clip', class extends HTMLElement {
         static observedAttributes = ['src'];
-        connectedCallback() { this.#open(); }
-        disconnectedCallback() { this.#close(); }
-        attributeChangedCallback() { if (this.isConnected) this.#open(); }
+        // Whether connectedCallback() has run. An element that is in the document when it is
+        // defined gets attributeChangedCallback() first, which must not load the clip as well.
+        #connected = false;
+        connectedCallback() { this.#connected = true; this.#open(); }
+        disconnectedCallback() { this.#connected = false; this.#close(); }
+        attributeChangedCallback(name, old, value) { if (this.#connected && old !== value) this.#open(); }
         #close() {
             this.player?.destroy();
             this.player = null;

@@ -570,6 +570,62 @@ static void test_first(void)
     ok(got.z_near < got.reach[0] && got.z_near > 0, "and one may go as near to it");
 }
 
+/* --camera and --up. */
+static spin_status choose(const struct spin_views *of, const char *camera, const char *up,
+                          struct spin_initial_view *got)
+{
+    static const double middle[3] = {1.5, 2.5, 2};
+    const char *pairs[] = {camera ? "camera" : "up", camera ? camera : up,
+                           camera && up ? "up" : NULL, up, NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {.n_frames = 1, .views = of, .values = &values};
+
+    spin_initial_view_first(of, of ? 1 : -1, false, middle, 2, got);
+    return spin_initial_view_chosen(&job, of ? 1 : -1, middle, 2, got);
+}
+
+static void test_chosen(void)
+{
+    struct spin_initial_view got;
+    char path[600], name[24];
+    double up[3];
+    FILE *f;
+
+    for (int k = 0; k < CAMERAS; k++) {
+        double off = 0;
+
+        snprintf(name, sizeof name, "%d", k);
+        ok(choose(&views, name, NULL, &got) == SPIN_OK, "the view of camera %d", k);
+        for (int c = 0; c < 3; c++)
+            off += fabs(got.eye[c] - rig[1][k].eye[c]);
+        mean_up(1, up);
+        near(off, 0, 1e-9, "its position");
+        near(dot(got.up, up), 1, 1e-9, "up is that of the rig");
+    }
+    snprintf(name, sizeof name, "%d", CAMERAS);
+    ok(choose(&views, name, NULL, &got) == SPIN_E_NOT_FOUND &&
+           strstr(spin_last_error(), "no camera"),
+       "a camera that is not there: %s", spin_last_error());
+    ok(choose(NULL, "1", NULL, &got) == SPIN_E_NOT_FOUND && strstr(spin_last_error(), "--data"),
+       "a camera without a data set: %s", spin_last_error());
+    snprintf(path, sizeof path, "%s/first.txt", getenv("TMPDIR") ? getenv("TMPDIR") : "/tmp");
+    f = fopen(path, "w");
+    if (!f)
+        exit(1);
+    fprintf(f, "1 0 0 7  0 0 1 8  0 -1 0 9\n1 0 0 0  0 1 0 0  0 0 1 0\n");
+    fclose(f);
+    ok(choose(NULL, path, NULL, &got) == SPIN_OK && got.eye[0] == 7 && got.eye[1] == 8 &&
+           got.eye[2] == 9 && got.target[1] > 8 && got.up[2] == 1,
+       "the first camera of a path, upright as it is");
+    near(got.fovy_deg, 50, 1e-9, "with a field of view of 50 degrees");
+    remove(path);
+    ok(choose(&views, NULL, "-z", &got) == SPIN_OK && got.up[0] == 0 && got.up[1] == 0 &&
+           got.up[2] == -1,
+       "--up -z");
+    ok(choose(&views, "2", "x", &got) == SPIN_OK && got.up[0] == 1, "--up x of a camera");
+    ok(choose(&views, NULL, "w", &got) == SPIN_E_USAGE, "--up w: %s", spin_last_error());
+}
+
 /* Medians, and the half extent of nine splats in ten, without those that are nowhere. */
 static void test_middle(void)
 {
@@ -644,6 +700,7 @@ TAP_MAIN
     test_order();
     test_curve();
     test_first();
+    test_chosen();
     test_middle();
     test_pivot();
     spin_splats_free(&splats);

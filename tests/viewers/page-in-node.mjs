@@ -775,7 +775,7 @@ page.key('r');
     is([mine.root.dataset.shown, api.state.frame, api.state.play, mine.$('speed').value], ['before 16', 4, false, '0.25'], 'and what it may set');
     api.set({ play: true, version: 'wipe' });
     is([api.state.play, api.state.version, mine.$('play').textContent], [true, 'wipe', 'Pause'], 'it plays, both versions');
-    for (const wish of [{ frame: 0 }, { frame: 8 }, { play: 1 }, { speed: -1 }, { version: 'x' }, { other: 1 }]) {
+    for (const wish of [{ frame: 0 }, { frame: 8 }, { play: 1 }, { speed: -1 }, { version: 'x' }, { view: [1, 2] }, { view: null }, { other: 1 }]) {
         const was = JSON.stringify(api.state);
         let said4 = '';
         try { api.set({ frame: 2, ...wish }); } catch (e) { said4 = e.message; }
@@ -794,7 +794,46 @@ page.key('r');
     is([held.root.dataset.shown, heard.length - before], ['after 14', 2], 'others are not listened to');
     const named = (title) => { command('spin-export', '-q', 'dots.spin', '--to', 'html', '-o', 'named.html', '--force', '--title', title); return readPage(`${work}/named.html`); }, tag = named('A <b> & "c"'), none = named('');
     const shownName = openPage(tag);
-    is([tag.html.match(/<title>(.*)<.title>/)[1], shownName.$('name').textContent, shownName.$('title').hidden], ['A &lt;b> &amp; "c"', 'A <b> & "c"', false], 'a title of its own');
+    is([tag.html.match(/<title>(.*)<.title>/)[1], shownName.$('name').textContent, shownName.$('title').hidden], ['A &lt;b> &amp; &quot;c&quot;', 'A <b> & "c"', false], 'a title of its own');
+    is(tag.html.match(/property="og:title" content="([^"]*)"/)[1], 'A &lt;b> &amp; &quot;c&quot;', 'which previews of links show too');
+    // The view: in the address, set by a script, and copied as a link.
+    const seen = (q) => { const { eye, target } = q.camera(); return [...eye, ...target]; }, list = [4, -3, 1.5, 3, -1, 2];
+    near(seen(await in16({ address: `${here}?view=${list}` })), list, 1e-5, 'a view in the address');
+    for (const bad of ['', '1,2,3', '1,2,3,1,2,3', '1,2,3,4,5,x', '1,2,3,4,5,', '1,2,3,4,5,Infinity', '1,2,3,4,5,6,7']) near(seen(await in16({ address: `${here}?view=${bad}` })), seen(await in16({})), 1e-9, `the view '${bad}' is left out`);
+    const framed = await in16({ address: `${here}?view=${list}` });
+    framed.$('view').fire('wheel', { deltaY: -200 });
+    ok(away(framed) < size(sub(list.slice(0, 3), list.slice(3))), 'zoomed from there');
+    framed.key('r');
+    near(seen(framed), list, 1e-5, 'and back to it');
+    framed.window.spin4d.set({ view: { eye: [1, 2, 3], target: [3, 0, 2] } });
+    near(seen(framed), [1, 2, 3, 3, 0, 2], 1e-5, 'a view by a script');
+    framed.window.spin4d.set({ view: list });
+    near(seen(framed), list, 1e-5, 'as six numbers');
+    let copied = '';
+    const linked = await in16({ address: `${here}?view=${list}&noui`, clipboard: { writeText: async (text) => { copied = text; } } });
+    linked.key('ArrowRight');
+    linked.key('v');
+    await until(() => copied && linked.$('message').textContent);
+    const link = new URL(copied).searchParams;
+    near(link.get('view').split(',').map(Number), list, 1e-4, 'V copies the address with the view');
+    is([link.get('frame'), link.has('noui'), copied.includes('%2C'), linked.$('message').textContent], ['2', true, false, 'The link to this view is copied.'], 'with the frame and the rest of the address');
+    linked.later.at(-1)[0]();
+    is(linked.$('message').textContent, '', 'and says so for a while');
+    const denied = await in16({});
+    denied.key('V');
+    await until(() => denied.$('message').textContent);
+    ok(denied.$('message').textContent.includes('?x=&view='), 'where copying is not allowed the address is shown', denied.$('message').textContent);
+    // Keys, and the button of a clip that waits in another page.
+    denied.key('End');
+    is(denied.$('label').textContent, 'Frame 7 of 7', 'End');
+    denied.key('Home');
+    is(denied.$('label').textContent, 'Frame 1 of 7', 'Home');
+    is([denied.$('keys').hidden, denied.key('?'), denied.$('keys').hidden, denied.key('Escape'), denied.$('keys').hidden, denied.key('Escape')], [true, true, false, true, true, false], 'a list of keys');
+    const paused = await in16({ embedded: true }), alone = await in16({});
+    is([paused.$('start').hidden, alone.$('start').hidden], [false, true], 'a button on a clip that waits in another page');
+    paused.$('start').onclick();
+    is([paused.$('start').hidden, paused.$('play').textContent], [true, 'Pause'], 'plays it');
+    is([alone.$('bar').hidden, tag.html.includes('<div id="bar" hidden>')], [false, true], 'without JavaScript there are no buttons');
     is([none.html.match(/<title>(.*)<.title>/)[1], openPage(none).$('title').hidden], ['named', true], 'or none');
 }
 
@@ -808,6 +847,7 @@ page.key('r');
     await until(() => p.replies.length);
     p.tick();
     is([p.root.dataset.draft, p.root.dataset.shown, p.asked, p.$('label').textContent], ['yes', 'clip 10', [['http://there/some/served.bin', s0.draft.at, s0.draft.at + s0.draft.bytes - 1]], 'Frame 1 of 7'], 'and shown, with nothing else read');
+    is([p.loaded.at(-1), p.root.style['--loaded']], [1, '100%'], 'how much is loaded was shown');
     p.tick(5000);
     is(p.$('label').textContent, 'Frame 1 of 7', 'it does not play');
     await until(() => p.replies.length > 1);
@@ -976,16 +1016,22 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     clip3.connectedCallback();
     is(made.length, 1, '<spin-clip> without a clip is empty');
     clip3.attributes = { src: 'b.html', noui: '', fps: '12', title: 'A ball' };
-    clip3.attributeChangedCallback();
+    clip3.attributeChangedCallback('src', null, 'b.html');
     is([made[1].src, made[1].title, made[1].parent === clip3, clip3.style.aspectRatio], ['https://site/blog/b.html?noui=1&fps=12', 'A ball', true, '16 / 9'], 'with one it is a frame, its attributes the options');
     let ready = 0;
     clip3.addEventListener('ready', () => { ready++; });
     tell(made[1].contentWindow, { spin4d: { ...now, ready: true } });
     clip3.attributes.src = 'c.html';
-    clip3.attributeChangedCallback();
+    clip3.attributeChangedCallback('src', 'b.html', 'c.html');
     is([ready, made[1].removed, made[2].src.includes('c.html'), clip3.player.state], [1, true, true, null], 'another clip, another frame');
     clip3.disconnectedCallback();
     is([made[2].removed, listeners.size, clip3.player], [true, 0, null], 'which goes with the element');
+    const upgraded = new kinds['spin-clip'](), madeBefore = made.length;
+    upgraded.attributes = { src: 'b.html' };
+    upgraded.attributeChangedCallback('src', null, 'b.html');
+    upgraded.connectedCallback();
+    is(made.length, madeBefore + 1, 'an element that was in the page before the script loads its clip once');
+    upgraded.disconnectedCallback();
 }
 console.log(`1..${tests}`);
 process.exit(failed ? 1 : 0);

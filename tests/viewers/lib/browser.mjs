@@ -24,7 +24,7 @@ export function workerOf(code, names, { fetch = null, post = () => {} } = {}) {
 
 class Element {
     constructor(page, tagName, id = '') {
-        Object.assign(this, { page, id, tagName, textContent: '', value: '', hidden: false, dataset: {}, style: {}, children: [], attributes: {}, handlers: {}, captured: new Set(), words: new Set() });
+        Object.assign(this, { page, id, tagName, textContent: '', value: '', hidden: false, dataset: {}, style: { setProperty(name, v) { this[name] = v; } }, children: [], attributes: {}, handlers: {}, captured: new Set(), words: new Set() });
         this.classList = { toggle: (w, on = !this.words.has(w)) => { this.words[on ? 'add' : 'delete'](w); return on; }, contains: (w) => this.words.has(w) };
     }
     addEventListener(type, f) { (this.handlers[type] ??= []).push(f); }
@@ -73,7 +73,11 @@ export function openPage(file, options = {}) {
                     page.asked.push([address, from, to]);
                     return new Response(data.subarray(from, to + 1), { status: 206 });
                 },
-                post: (reply) => { page.pending--; page.replies.push(reply); this.onmessage({ data: structuredClone(reply) }); }
+                post: (reply) => {
+                    if (reply.loaded !== undefined) page.loaded.push(reply.loaded);
+                    else { page.pending--; page.replies.push(reply); }
+                    this.onmessage({ data: structuredClone(reply) });
+                }
             });
         }
         postMessage(message) {
@@ -83,9 +87,10 @@ export function openPage(file, options = {}) {
         }
     }
     page.replies = [];
+    page.loaded = [];
     class Address extends URL { static createObjectURL(blob) { return blob.text; } }
     class Text { constructor(parts) { this.text = parts.join(''); } }
-    const given = { document: page.document, window: page.window, matchMedia: (q) => ({ matches: o.media.some((m) => q.includes(m)) }), requestAnimationFrame: (f) => page.frames.push(f), setTimeout: (f, ms) => page.later.push([f, ms]), Worker, URL: Address, Blob: Text, location: { href: o.address ?? 'http://there/some/page.html?x#y' }, DecompressionStream: o.old ? undefined : DecompressionStream };
+    const given = { document: page.document, window: page.window, matchMedia: (q) => ({ matches: o.media.some((m) => q.includes(m)) }), requestAnimationFrame: (f) => page.frames.push(f), setTimeout: (f, ms) => page.later.push([f, ms]), Worker, URL: Address, Blob: Text, location: { href: o.address ?? 'http://there/some/page.html?x#y' }, DecompressionStream: o.old ? undefined : DecompressionStream, navigator: { clipboard: o.clipboard } };
     new Function(...Object.keys(given), script())(...Object.values(given));
     page.$ = (id) => page.elements[id];
     page.root = root;
