@@ -28,6 +28,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     freetimegspp) echo freetimegspp/gated_sh3 ;;
     rotor4dgs) echo rotor4dgs/old_names ;;
     scgs) echo scgs/real_mask_hyper2/model ;;
+    shapeofmotion) echo shapeofmotion/fg_only_k4 ;;
     spacetimegs) echo spacetimegs/full_techni/model ;;
     ksplat) echo splats/ksplat ;;
     sog) echo splats/sog ;;

@@ -32,7 +32,7 @@ struct spin_torch_file {
     struct spin_zip zip;
     bool is_zip;
     bool warned;     /* a CRC mismatch was already reported */
-    bool has_crcs;   /* the pickle's CRC matches, so the writer computed CRCs */
+    bool has_crcs;   /* some CRC matches, so the writer computed CRCs */
     const char *top; /* name of the top folder in the zip, including its slash */
     size_t n_top;
     /* [n_storages] the positions of the storages, in the order of pickle.storage. */
@@ -120,8 +120,18 @@ static const struct spin_zip_member *find_below(const struct spin_torch_file *f,
     return NULL;
 }
 
-/* Read a member's bytes. A CRC mismatch only causes a warning if that of the pickle does not match
- * either, since torch can be told not to compute CRCs. */
+/* Whether a small member exists and its CRC matches. */
+static bool has_crc(const struct spin_torch_file *f, const char *name)
+{
+    const struct spin_zip_member *member = find_below(f, name);
+    const unsigned char *data;
+    SPIN_FREED void *owned = NULL;
+
+    return member && spin_zip_read(&f->zip, member, true, PICKLE_LIMIT, &data, &owned) == SPIN_OK;
+}
+
+/* Read a member's bytes. A CRC mismatch is an error, except if no CRC matches, since torch can be
+ * told not to compute CRCs: it then only causes a warning. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {
@@ -254,9 +264,9 @@ static spin_status open_zip(struct spin_torch_file *f, struct spin_pickle *pickl
 
     SPIN_TRY(spin_zip_open(f->path, &f->zip));
     SPIN_TRY(find_pickle(f, &member));
+    f->has_crcs = has_crc(f, "version") || has_crc(f, "data.pkl");
     SPIN_TRY(check_container(f, &big_endian));
     SPIN_TRY(read_member(f, member, PICKLE_LIMIT, &data, &owned));
-    f->has_crcs = spin_crc32(0, data, (size_t)member->size) == member->crc;
     SPIN_TRY(spin_pickle_parse(f->path, data, (size_t)member->size, pickle));
     pickle->big_endian = big_endian;
     SPIN_TRY(spin_alloc(pickle->n_storages, sizeof *f->bound, (void **)&f->bound));

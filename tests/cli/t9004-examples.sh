@@ -151,6 +151,7 @@ freetimegs freetimegs/still_sh0_no_optimizers
 freetimegspp freetimegspp/gated_sh3
 rotor4dgs rotor4dgs/old_names
 scgs scgs/real_mask_hyper2/model
+shapeofmotion shapeofmotion/fg_only_k4
 spacetimegs spacetimegs/full_techni/model
 tc3dgs tc3dgs/trained
 RUNS

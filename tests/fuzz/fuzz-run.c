@@ -37,6 +37,7 @@ static const struct run {
      {"deform/iteration_40000/deform.pth", "point_cloud/iteration_40000/point_cloud.ply",
       "cfg_args"},
      {NULL}},
+    {"shapeofmotion", "shapeofmotion/fg_only_k4", {"checkpoints/last.ckpt"}, {NULL}},
     {"freetimegspp", "freetimegspp/gated_sh3", {"gaussians.pt", "config.toml"}, {NULL}},
 };
 enum { N_RUNS = sizeof runs / sizeof *runs };

@@ -81,6 +81,8 @@ static const struct known runs[] = {
     {"freetimegspp/field_sh1/gaussians.pt", "freetimegspp"},
     {"scgs/*/model", "scgs"},
     {"scgs/real_mask_hyper2/model/deform/iteration_40000/deform.pth", "scgs"},
+    {"shapeofmotion/fg_bg", "shapeofmotion"},
+    {"shapeofmotion/fg_only_k4/checkpoints/last.ckpt", "shapeofmotion"},
     {"stglite/supersplat4d_sh1/scene.ply", "stglite"},
     {"stglite/opensplat4d_sh3/scene.ply", "stglite"},
     {"splats", NULL},

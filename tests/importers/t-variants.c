@@ -1,7 +1,7 @@
 /* The altered runs of fixtures, whose manifest lists what has to become of each: an error of one
  * line that names the file, or the splats of the unaltered run, but for a few rows.
  * TAP_PART is a folder of fixtures.
- * K: variants import malformed freetimegspp scgs stglite */
+ * K: variants import malformed freetimegspp scgs shapeofmotion stglite */
 #include "tests/importers/models.h"
 
 #define MOST_ALTERED 4 /* rows that an alteration may change or drop */
@@ -11,6 +11,7 @@ static const struct altered {
 } altered[] = {
     {"freetimegspp", "freetimegspp", "base"},
     {"scgs", "scgs", "base/model"},
+    {"shapeofmotion", "shapeofmotion", "base/checkpoints/last.ckpt"},
     {"stglite", "stglite", "base/scene.ply"},
 };
 
