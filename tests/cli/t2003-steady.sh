@@ -27,7 +27,7 @@ case ${SPIN_BUILD:-} in
         for try in 1 2 3; do # now and then a run differs by some hundred calls
             for n in $few $many; do
                 COUNT_CALLS=$work/calls.$n LD_PRELOAD=$work/count.so "$bin/spin-retrain" "$in" \
-                    -o "$work/out.spin" $small --iterations $n -q >/dev/null 2>"$work/err"
+                    -o "$work/out.spin" $small --scale 0.5 --iterations $n -q >/dev/null 2>"$work/err"
                 is $? 0 "counts the allocations of $n steps, try $try"
             done
             more=$(($(cat "$work/calls.$many") - $(cat "$work/calls.$few")))
@@ -46,7 +46,7 @@ calls() { awk '$NF == "total" {print $4}' "$1"; }
 if strace -f -c -o "$work/strace.$few" true 2>/dev/null; then
     for n in $few $many; do
         traced -f -c -o "$work/strace.$n" "$bin/spin-retrain" "$in" -o "$work/out.spin" $small \
-            --iterations $n -q >/dev/null 2>"$work/err"
+            --scale 0.5 --iterations $n -q >/dev/null 2>"$work/err"
         is $? 0 "counts the system calls of $n steps"
     done
     more=$(($(calls "$work/strace.$many") - $(calls "$work/strace.$few")))

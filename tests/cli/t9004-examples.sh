@@ -175,8 +175,8 @@ cat >"$work/path/spin-retrain" <<RETRAIN
 case "\$*" in *'--log train.jsonl'*) rm -f train.jsonl ;; esac
 case "\$*" in
 *'--method frames'*--refine* | *--refine*'--method frames'* | *--iterations*) ;;
-*'--method frames'*) set -- "\$@" --refine 10 ;;
-*) set -- "\$@" --iterations 20 ;;
+*'--method frames'*) set -- "\$@" --refine 5 ;;
+*) set -- "\$@" --iterations 5 ;;
 esac
 case "\$*" in
 *--hash-log2* | *'--method frames'*) ;;
@@ -195,7 +195,7 @@ cat >"$work/path/spin4d" <<SPIN4D
 #!/bin/sh
 case "\$1" in
 import | retrain | eval | export) name=\$1 && shift && exec spin-\$name "\$@" ;;
-*) exec "$bin/spin4d" "\$@" --iterations 20 ;;
+*) exec "$bin/spin4d" "\$@" --iterations 5 ;;
 esac
 SPIN4D
 chmod +x "$work"/path/*
