@@ -2,6 +2,7 @@
  *
  * The check for completeness is needed because the decoders are lenient: libjpeg fills missing
  * parts with grey and reports success, and libpng prints to the terminal. */
+#include "io/drawn_image.h"
 #include "io/image.h"
 
 #include <math.h>
@@ -231,6 +232,10 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
     SPIN_FREED char *file = NULL;
     int64_t frame;
 
+    if (spin_image_is_drawn(path)) {
+        *channels = 3;
+        return spin_drawn_image_read(path, NULL, width, height, NULL);
+    }
     SPIN_TRY(find_video(path, &file, &frame));
     if (file) {
         *channels = 3;
@@ -259,6 +264,8 @@ spin_status spin_image_check(const char *path, int *width, int *height, struct s
     SPIN_FREED char *file = NULL;
     int64_t frame;
 
+    if (spin_image_is_drawn(path))
+        return spin_drawn_image_check(path, width, height, digest);
     SPIN_TRY(find_video(path, &file, &frame));
     if (file)
         return check_video_frame(file, frame, width, height, digest);
@@ -283,6 +290,8 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
     int64_t frame;
 
     *rgb = NULL;
+    if (spin_image_is_drawn(path))
+        return spin_drawn_image_read(path, background, width, height, rgb);
     SPIN_TRY(find_video(path, &file, &frame));
     if (file)
         return spin_video_read(file, frame, NULL, width, height, rgb);

@@ -10,6 +10,10 @@
  * After an interruption, the same call continues from these files. If the format stores 4D splats,
  * two trainings are needed: the first trains frames with tracks, which are kept as
  * clip.tracks.spin; the second trains 4D splats that are made from these frames.
+ *
+ * Frames with opacities but without a data set are retrained on renders of themselves if the format
+ * stores 4D splats, or with --data renders. What stands still is then stored once, in
+ * clip.static.spin; clip.import.spin is kept, as the images are drawn from it.
  */
 #include <sys/stat.h>
 
@@ -18,8 +22,10 @@
 #include "io/output.h"
 #include "io/pattern.h"
 #include "io/ranks.h"
+#include "render/draw_renders.h"
 #include "render/player.h"
 #include "run/data_hint.h"
+#include "run/settle.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
 
@@ -31,6 +37,7 @@ struct convert {
     /* Path of the bundle to retrain, or to export if it is not retrained. If the input is a bundle,
      * this is the input itself. */
     char *import;
+    char *settled; /* path of the clip with its static rows stored once */
     /* Path of the data set that was found beside the run; NULL if none was found or the user named
      * one. */
     char *beside;
@@ -39,6 +46,8 @@ struct convert {
     bool is_trained; /* `import` was already retrained, with any method */
     /* Whether `import` was trained with tracks, so that 4D splats can be made of its frames. */
     bool is_tracks;
+    bool renders; /* the clip is retrained on renders of itself */
+    bool settles; /* its static rows are stored once before that, as its frames share no rows */
     spin_json *report;
 };
 
@@ -113,6 +122,7 @@ static spin_status name_all(struct convert *c)
         SPIN_TRY(spin_exporter_check_name(named, c->output));
     n = stem_length(c->output, ending != NULL);
     SPIN_TRY(append_text(c->output, n, ".spin", &c->bundle));
+    SPIN_TRY(append_text(c->output, n, ".static.spin", &c->settled));
     if (stores_4d(c->to))
         SPIN_TRY(append_text(c->output, n, ".tracks.spin", &c->tracks));
     c->imports = !spin_bundle_looks_like(o->input);
@@ -192,6 +202,11 @@ static spin_status add_report(struct convert *c, const char *key, char *text)
     return status;
 }
 
+static bool asks_renders(const struct spin_convert_options *o)
+{
+    return o->data && strcmp(o->data, "renders") == 0 && !spin_path_exists(o->data);
+}
+
 static spin_status import_from(struct convert *c, const char *data)
 {
     const struct spin_convert_options *o = c->o;
@@ -199,7 +214,7 @@ static spin_status import_from(struct convert *c, const char *data)
                                          .output = c->import,
                                          .from = o->from,
                                          .data = data,
-                                         .data_from = o->data_from,
+                                         .data_from = asks_renders(o) ? NULL : o->data_from,
                                          .n_frames = o->n_frames,
                                          .force = true};
     char *text = NULL;
@@ -215,6 +230,8 @@ static spin_status import_run(struct convert *c)
     const struct spin_convert_options *o = c->o;
     spin_status status;
 
+    if (asks_renders(o))
+        return import_from(c, NULL);
     if (!o->data && !o->no_retrain)
         c->beside = spin_data_beside(o->input);
     if (!c->beside)
@@ -235,7 +252,19 @@ static spin_status import_run(struct convert *c)
  * splats from its frames, which requires that these were trained with tracks. */
 static bool retrains(const struct convert *c)
 {
-    return c->has_data && !c->o->no_retrain && (!c->is_trained || (c->tracks && c->is_tracks));
+    return (c->has_data || c->renders) && !c->o->no_retrain &&
+           (!c->is_trained || (c->tracks && c->is_tracks));
+}
+
+/* Returns whether to retrain the clip on renders of itself: by default if there is no data set and
+ * the format stores 4D splats. */
+static bool retrains_on_renders(const struct convert *c, const struct spin_bundle *b)
+{
+    bool fits = b->meta.n_frames > 1 && b->meta.four_d.n == 0 && !c->is_trained &&
+                !(SPIN_COL_ATTRIBUTES & ~b->meta.columns);
+
+    return fits && !c->o->no_retrain &&
+           (asks_renders(c->o) || (!c->has_data && !c->o->data_from && c->tracks));
 }
 
 /* Opens the bundle, finds what it contains and checks that it can be processed. */
@@ -247,10 +276,16 @@ static spin_status inspect_bundle(struct convert *c)
 
     SPIN_TRY(spin_bundle_open(c->import, &bundle));
     SPIN_TRY(spin_bundle_data_path(&bundle, &data));
-    c->has_data = c->o->data || (data && spin_path_exists(data));
+    c->has_data = (c->o->data && !asks_renders(c->o)) || (data && spin_path_exists(data));
     c->is_tracks = spin_bundle_is_trained_by_tracks(&bundle);
     c->is_trained = spin_bundle_is_trained(&bundle) || spin_bundle_is_trained_4d(&bundle) ||
                     bundle.refined.columns;
+    c->renders = retrains_on_renders(c, &bundle);
+    c->settles = c->renders && !bundle.meta.identity;
+    if (asks_renders(c->o) && !c->renders && !c->o->no_retrain)
+        return spin_unsupported("'%s' cannot be retrained on renders of itself: this needs two or "
+                                "more frames with opacities that were not retrained",
+                                c->o->input);
     if (retrains(c)) {
         SPIN_TRY(check_preset(c));
         SPIN_TRY(check_bundle(c));
@@ -261,6 +296,34 @@ static spin_status inspect_bundle(struct convert *c)
     return SPIN_OK;
 }
 
+/* Renders have no exposure, and need no values of each frame: those would learn the flicker. */
+static void set_recipe(struct spin_retrain_options *o)
+{
+    if (o->method != SPIN_METHOD_4D) {
+        o->residual = SPIN_RESIDUAL_SOURCE;
+        o->dynamic_residual = false;
+    }
+    o->learn_exposure = SPIN_EXPOSURE_OFF;
+    o->antialias = false;
+}
+
+/* Returns the importer and its options for renders, see spin_clip_options; or NULL. */
+static const char *renders_from(const struct spin_convert_options *o)
+{
+    return asks_renders(o) ? o->data_from : NULL;
+}
+
+/* Stores the static rows of the clip once. */
+static spin_status settle_clip(struct convert *c)
+{
+    struct spin_settled s;
+
+    SPIN_TRY(spin_settle(c->import, renders_from(c->o), NULL, c->settled, true, &s));
+    spin_log(0, "of %.0f splats per frame, %.0f are static and stored once, and %.0f are dynamic",
+             s.n_before, s.n_static, s.n_dynamic);
+    return SPIN_OK;
+}
+
 /* Retrains the bundle `input` and writes the result to `output`. Resumes an unfinished training of
  * this output; if that had other options, --force starts again from the beginning. If `rows` is
  * true, 4D splats are trained, otherwise frames. */
@@ -268,7 +331,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
 {
     const struct spin_convert_options *o = c->o;
     struct spin_retrain_options retrain;
-    bool own_data = !c->imports && input == c->import;
+    bool own_data = !c->imports && !c->renders && input == c->import;
     SPIN_FREED char *part = NULL;
     char *text = NULL;
     spin_status status;
@@ -279,10 +342,16 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     retrain.tracks |= retrain.method == SPIN_METHOD_TRACKS;
     retrain.antialias &= !c->tracks; /* viewers render files of 4D splats without antialiasing */
     retrain.iterations = o->iterations > 0 ? o->iterations : retrain.iterations;
+    if (c->renders)
+        set_recipe(&retrain);
     retrain.input = input;
     retrain.output = output;
     retrain.data = own_data ? o->data : NULL;
     retrain.data_from = own_data ? o->data_from : NULL;
+    if (c->renders && input == c->import) {
+        retrain.data = "renders";
+        retrain.data_from = renders_from(o);
+    }
     retrain.device = o->device;
     retrain.n_threads = o->n_threads;
     retrain.force = o->force;
@@ -301,12 +370,15 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
  * unless the clip is already trained. */
 static spin_status retrain_clip(struct convert *c)
 {
+    const char *input = c->settles ? c->settled : c->import;
     bool frames = !c->is_trained;
 
+    if (c->settles)
+        SPIN_TRY(settle_clip(c));
     if (!c->tracks)
-        return retrain_as(c, c->import, c->bundle, false);
+        return retrain_as(c, input, c->bundle, false);
     if (frames)
-        SPIN_TRY(retrain_as(c, c->import, c->tracks, false));
+        SPIN_TRY(retrain_as(c, input, c->tracks, false));
     spin_log(0, "'%s' stores 4D splats: training 4D splats from the frames", c->to);
     return retrain_as(c, frames ? c->tracks : c->import, c->bundle, true);
 }
@@ -328,15 +400,34 @@ static spin_status export_bundle(struct convert *c, const char *bundle)
     return add_report(c, "export", text);
 }
 
+/* Measures the clip in views that no training has used, and its flicker beside that of the source.
+ */
+static spin_status measure_clip(struct convert *c)
+{
+    struct spin_eval_options eval = {.input = c->bundle,
+                                     .temporal = true,
+                                     .image_scale = 1,
+                                     .device = c->o->device,
+                                     .n_threads = c->o->n_threads};
+    char *text = NULL;
+
+    SPIN_TRY(spin_eval(&eval, &text));
+    return add_report(c, "eval", text);
+}
+
 /* Renames the imported clip to the final bundle if it was not retrained; otherwise removes it,
  * since the retrained clip includes it. */
 static spin_status keep_or_remove_import(struct convert *c, bool retrained)
 {
-    if (!c->imports || spin_rank() > 0)
+    if (spin_rank() > 0)
+        return SPIN_OK;
+    if (retrained && c->settles)
+        remove(c->settled);
+    if (!c->imports)
         return SPIN_OK;
     if (!retrained && rename(c->import, c->bundle) != 0)
         return spin_fail(SPIN_E_IO, "cannot rename '%s' to '%s'", c->import, c->bundle);
-    if (retrained)
+    if (retrained && !c->renders)
         remove(c->import);
     return SPIN_OK;
 }
@@ -359,7 +450,12 @@ static spin_status run_convert(struct convert *c)
         SPIN_TRY(import_run(c));
     SPIN_TRY(inspect_bundle(c));
     trains = retrains(c);
-    if (trains)
+    if (c->renders)
+        spin_log(0,
+                 "%sretraining on renders of the clip itself, in about ten seconds of processor "
+                 "time per frame; --no-retrain skips this",
+                 asks_renders(c->o) ? "" : "no data set is known (--data names one): ");
+    else if (trains)
         spin_log(0, "retraining on the images of the data set; --no-retrain skips this, and Ctrl-C "
                     "stops with a checkpoint");
     else if (o->preset || o->iterations > 0)
@@ -383,6 +479,8 @@ static spin_status run_convert(struct convert *c)
     if (status != SPIN_OK && status != SPIN_E_CANCELLED && trains)
         return spin_fail_context(status, "the retrained clip is kept in '%s'", c->bundle);
     SPIN_TRY(status);
+    if (c->renders)
+        SPIN_TRY(measure_clip(c));
     SPIN_TRY(keep_or_remove_import(c, trains));
     spin_json_set_string(c->report, "bundle", c->imports || trains ? c->bundle : c->import);
     spin_json_set_string(c->report, "output", c->output);
@@ -393,14 +491,17 @@ static spin_status run_convert(struct convert *c)
 spin_status spin_convert(const struct spin_convert_options *o, char **report)
 {
     SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
+    SPIN_LEAVES(spin_renders_end) int renders = spin_renders_begin(o->n_threads);
     struct convert c = {.o = o, .report = spin_json_object()};
     spin_status status;
 
     (void)inputs;
+    (void)renders;
     *report = NULL;
     spin_json_set_null(c.report, "import");
     spin_json_set_null(c.report, "retrain");
     spin_json_set_null(c.report, "rows");
+    spin_json_set_null(c.report, "eval");
     status = run_convert(&c);
     if (status == SPIN_OK)
         status = spin_json_finish(json_incref(c.report), report);
@@ -409,6 +510,7 @@ spin_status spin_convert(const struct spin_convert_options *o, char **report)
     free(c.bundle);
     free(c.tracks);
     free(c.import);
+    free(c.settled);
     free(c.beside);
     return status;
 }

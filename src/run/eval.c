@@ -8,6 +8,7 @@
 #include "io/image.h"
 #include "io/output.h"
 #include "io/ranks.h"
+#include "render/draw_renders.h"
 #include "run/run.h"
 #include "run/training.h"
 
@@ -303,10 +304,12 @@ spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_com
                               struct spin_eval_report *report)
 {
     SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
+    SPIN_LEAVES(spin_renders_end) int renders = spin_renders_begin(o->n_threads);
     struct eval e = {.o = o, .compare = compare, .report = report};
     spin_status status;
 
     (void)inputs;
+    (void)renders;
     memset(report, 0, sizeof *report);
     status = run_eval(&e);
     spin_player_close(&e.player);

@@ -10,6 +10,7 @@
 #include "io/file.h"
 #include "io/output.h"
 #include "io/ranks.h"
+#include "render/draw_renders.h"
 #include "render/player.h"
 #include "run/share_splats.h"
 #include "run/training.h"
@@ -449,10 +450,12 @@ static spin_status run_export(struct export *x)
 spin_status spin_export_clip(const struct spin_export_options *o, struct spin_export_report *report)
 {
     SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
+    SPIN_LEAVES(spin_renders_end) int renders = spin_renders_begin(o->n_threads);
     struct export x = {.o = o, .report = report, .output = o->output, .checks = o->check};
     spin_status status;
 
     (void)inputs;
+    (void)renders;
     memset(report, 0, sizeof *report);
     status = run_export(&x);
     if (x.renderer)

@@ -9,6 +9,7 @@
 #include "io/output.h"
 #include "io/json.h"
 #include "io/ranks.h"
+#include "render/draw_renders.h"
 #include "run/former_previews.h"
 #include "run/run.h"
 #include "run/training.h"
@@ -742,10 +743,12 @@ static void close_all(struct run *r)
 spin_status spin_train(const struct spin_retrain_options *o, struct spin_retrain_report *report)
 {
     SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin();
+    SPIN_LEAVES(spin_renders_end) int renders = spin_renders_begin(o->n_threads);
     struct run r;
     spin_status status;
 
     (void)inputs;
+    (void)renders;
     memset(&r, 0, sizeof r);
     memset(report, 0, sizeof *report);
     r.checkpoint.saved = -1;

@@ -6,6 +6,7 @@
 #include "scene/data_path.h"
 #include "scene/foreign.h"
 #include "scene/probe.h"
+#include "scene/renders.h"
 
 spin_status spin_range_select(const struct spin_range *range, const struct spin_frame_info *info,
                               int n, int **index, int *n_index)
@@ -102,13 +103,28 @@ static spin_status count_taught(const struct spin_clip_options *o, struct spin_c
     return SPIN_OK;
 }
 
+/* Returns whether the data set is to be drawn from the input itself: "--data renders", or
+ * "--data-from renders:..." without --data. */
+static bool draws_itself(const struct spin_clip_options *o)
+{
+    const char *name = spin_renders.name, *from = o->data_from;
+    size_t n = strlen(name);
+
+    if (o->data)
+        return strcmp(o->data, name) == 0 && !spin_path_exists(o->data);
+    return from && strncmp(from, name, n) == 0 && (!from[n] || from[n] == ':');
+}
+
 static spin_status open_views(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     char *path = NULL;
     const char *from = o->data_from;
     spin_status status = SPIN_OK;
 
-    if (o->data) {
+    if (draws_itself(o)) {
+        SPIN_TRY(spin_path_absolute(o->input, &path));
+        from = from ? from : spin_renders.name;
+    } else if (o->data) {
         SPIN_TRY(spin_foreign_missing(o->data));
         SPIN_TRY(spin_path_absolute(o->data, &path));
     } else {
@@ -223,6 +239,8 @@ static spin_status set_near(struct spin_clip *clip)
     spin_status status;
     int f = 0;
 
+    if (clip->views.view[0].camera.z_near > 0) /* drawn images have the near plane of the camera */
+        return SPIN_OK;
     while (f < meta->n_frames && meta->frame[f].n == 0)
         f++;
     if (f == meta->n_frames)

@@ -5,6 +5,7 @@
 #include "base/base.h"
 #include "io/image.h"
 #include "scene/probe.h"
+#include "scene/renders.h"
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
@@ -158,7 +159,9 @@ spin_status spin_views_open(const char *path, const char *from, struct spin_view
     memset(out, 0, sizeof *out);
     if (from)
         SPIN_TRY_OUT(parse_spec(from, &spec));
-    SPIN_TRY_OUT(spin_importer_find(path, spec.text, true, &importer));
+    importer = &spin_renders;
+    if (!spin_renders_reads(path, spec.text))
+        SPIN_TRY_OUT(spin_importer_find(path, spec.text, true, &importer));
     SPIN_TRY_OUT(check_spec(importer, &spec));
     SPIN_TRY_OUT(importer->views(path, &values, out));
     SPIN_TRY_OUT(sort_views(out));

@@ -1,0 +1,23 @@
+/* Images that are drawn when they are read, instead of being decoded from a file. Their path is the
+ * path of a bundle, followed by "#draw=" and what to draw. The functions of io/image.h read them
+ * like other images. */
+#pragma once
+
+#include "spin.h"
+
+#define SPIN_DRAWN_MARK "#draw="
+
+/* Draws the image over the background (NULL: black) to interleaved 8-bit RGB, allocated with
+ * malloc. rgb: NULL: only sets the size. */
+typedef spin_status (*spin_draw_image_fn)(const char *path, const float background[3], int *width,
+                                          int *height, uint8_t **rgb);
+/* Sets the function that draws all such images; NULL: there is none. */
+void spin_drawn_images_set(spin_draw_image_fn draw);
+
+bool spin_image_is_drawn(const char *path);
+spin_status spin_drawn_image_read(const char *path, const float background[3], int *width,
+                                  int *height, uint8_t **rgb);
+/* Sets `digest` to that of the path and of the size of the bundle. */
+struct spin_digest;
+spin_status spin_drawn_image_check(const char *path, int *width, int *height,
+                                   struct spin_digest *digest);
