@@ -96,6 +96,7 @@ struct export
     struct spin_page_space space;
     double size; /* size of the scene, see spin_initial_view_middle(); 0: not known yet */
     struct spin_initial_view view;
+    bool looks_at_subject; /* the clip has no cameras, and `view` shows what moves */
     struct version version[2];
     int n_versions;
     struct spin_splats source;
@@ -351,6 +352,8 @@ static spin_status write_clip(struct export *x)
     spin_json_set_number(j, "fovy", x->view.fovy_deg);
     spin_json_set_number(j, "aspect", x->view.aspect);
     spin_json_set_number(j, "near", x->view.z_near);
+    if (x->view.keep > 0)
+        spin_json_set_number(j, "keep", x->view.keep);
     spin_json_set(
         j, "background",
         spin_json_numbers((const double[3]){(double)b[0], (double)b[1], (double)b[2]}, 3));
@@ -508,6 +511,17 @@ static spin_status write_titles(struct export *x)
     return write_text(x, "\">\n<style>\n");
 }
 
+/* Without cameras, looks for a view that shows what moves. */
+static spin_status find_subject(struct export *x)
+{
+    static const double origin[3] = {0};
+
+    if (x->job->views || spin_plugin_value(x->job->values, "camera", NULL))
+        return SPIN_OK;
+    spin_initial_view_first(NULL, 0, false, origin, 1, &x->view);
+    return spin_initial_view_subject(x->job, 1280, 720, &x->view, &x->looks_at_subject);
+}
+
 static spin_status begin_export(struct export *x, const struct spin_export_job *job)
 {
     x->job = job;
@@ -515,6 +529,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     SPIN_TRY(add_versions(x));
     SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
     SPIN_TRY(spin_initial_view_later_middle(job, x->space.centre, &x->size));
+    SPIN_TRY(find_subject(x));
     SPIN_TRY(open_files(x));
     SPIN_TRY(write_text(x, spin_html_head));
     SPIN_TRY(write_titles(x));
@@ -530,8 +545,10 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
 
     if (x->size == 0)
         SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->size));
-    spin_initial_view_first(x->job->views, row, false, x->space.centre, x->size, &x->view);
-    SPIN_TRY(spin_initial_view_chosen(x->job, row, x->space.centre, x->size, &x->view));
+    if (!x->looks_at_subject) {
+        spin_initial_view_first(x->job->views, row, false, x->space.centre, x->size, &x->view);
+        SPIN_TRY(spin_initial_view_chosen(x->job, row, x->space.centre, x->size, &x->view));
+    }
     SPIN_TRY(spin_page_bounds_from(x->job->values, x->size, &x->space.bounds));
     for (int i = 0; i < x->n_versions; i++)
         x->version[i].group.space = x->space;

@@ -72,8 +72,9 @@ function camera() {
     const w = canvas.width, h = canvas.height, tan = Math.tan(clip.fovy * Math.PI / 360);
     // The window shows the whole image of the first camera. If the window is taller than this
     // image, the image is enlarged and cropped at its sides, as far as is needed to leave no empty
-    // space above and below the scene.
-    const focal = Math.min(h / 2 / tan, Math.max(w / 2 / (tan * clip.aspect), h / 2 / orbit.tall));
+    // space above and below the scene, but not so far that the subject is cropped.
+    const crop = Math.min(h / 2 / orbit.tall, w / 2 / (clip.keep ?? 0));
+    const focal = Math.min(h / 2 / tan, Math.max(w / 2 / (tan * clip.aspect), crop));
     return { eye: add(target, out, distance), right, down: cross(forward, right), forward, focal };
 }
 

@@ -1,7 +1,6 @@
 #include "exporters/lib/camera_path.h"
 
 #include "base/base.h"
-#include "geometry/viewpoints.h"
 #include "io/file.h"
 #include "math/covariance.h"
 
@@ -194,25 +193,13 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
  * camera is in front of all splats if no such place is found. */
 static spin_status look_at_subject(struct spin_camera_path *d)
 {
-    const struct spin_export_job *job = d->job;
-    SPIN_LEAVES(spin_viewpoints_close) struct spin_viewpoints placed = {0};
-    struct spin_viewpoints_options o = {.width = d->lens.width, .height = d->lens.height};
-    double distance = 0;
-    spin_status status;
+    static const double origin[3] = {0};
 
-    spin_initial_view_first(NULL, 0, false, placed.centre, 1, &d->look);
-    o.fovy_deg = d->look.fovy_deg;
-    status = spin_viewpoints_open(&o, job->n_frames, job->again, job->context, &placed);
-    if (status != SPIN_OK)
-        return status == SPIN_E_UNSUPPORTED ? SPIN_OK : status;
-    for (int c = 0; c < 3; c++) {
-        d->look.eye[c] = placed.front[c];
-        d->look.target[c] = placed.centre[c];
-        distance += pow(placed.front[c] - placed.centre[c], 2);
-    }
-    d->look.z_near = fmin(SPIN_NEAR, 0.05 * sqrt(distance));
-    d->lens.z_near = d->look.z_near;
-    d->looked = true;
+    spin_initial_view_first(NULL, 0, false, origin, 1, &d->look);
+    SPIN_TRY(
+        spin_initial_view_subject(d->job, d->lens.width, d->lens.height, &d->look, &d->looked));
+    if (d->looked)
+        d->lens.z_near = d->look.z_near;
     return SPIN_OK;
 }
 

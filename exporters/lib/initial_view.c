@@ -4,6 +4,7 @@
 
 #include "base/base.h"
 #include "exporters/lib/path_file.h"
+#include "geometry/viewpoints.h"
 
 #define FRONT_FOVY_DEG 50.0
 #define DEGREES 57.29577951308232 /* per radian */
@@ -267,6 +268,19 @@ static spin_status read_camera(const char *path, struct spin_camera *out)
     return SPIN_OK;
 }
 
+/* Sets *out to the camera that --camera names: a number of the data set, or a file. */
+static spin_status parse_camera(const char *text, const struct spin_views *views, int row,
+                                struct spin_camera *own, const struct spin_camera **out)
+{
+    char *end;
+    long number = strtol(text, &end, 10);
+
+    if (end != text && *end == '\0' && number >= 0 && number <= INT_MAX)
+        return find_camera(views, row, (int)number, out);
+    *out = own;
+    return read_camera(text, own);
+}
+
 static spin_status set_up(const struct spin_plugin_values *values, double up[3])
 {
     int axis = -1;
@@ -286,22 +300,51 @@ spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
     const char *text = spin_plugin_value(job->values, "camera", NULL);
     const struct spin_camera *camera = NULL;
     struct spin_camera own;
-    char *end = NULL;
 
-    if (text) {
-        long number = strtol(text, &end, 10);
-
-        if (end != text && *end == '\0' && number >= 0 && number <= INT_MAX) {
-            SPIN_TRY(find_camera(job->views, row, (int)number, &camera));
-        } else {
-            SPIN_TRY(read_camera(text, &own));
-            camera = &own;
-        }
+    if (text)
+        SPIN_TRY(parse_camera(text, job->views, row, &own, &camera));
+    for (int c = 0; c < 3 && camera && !job->views; c++)
+        out->up[c] = -camera->w2c[4 + c];
+    SPIN_TRY(set_up(job->values, out->up));
+    if (camera)
         set_camera(camera, middle, size, out);
-        for (int c = 0; c < 3 && !job->views; c++)
-            out->up[c] = -camera->w2c[4 + c];
-        if (job->views)
-            set_reach(job->views, row, out);
-    }
-    return set_up(job->values, out->up);
+    if (camera && job->views)
+        set_reach(job->views, row, out);
+    return SPIN_OK;
+}
+
+/* A camera nearer to the subject than this, in radii of the subject, shows only a part of it. */
+#define LEAST_RADII 1.6
+
+spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
+                                      struct spin_initial_view *out, bool *found)
+{
+    SPIN_LEAVES(spin_viewpoints_close) struct spin_viewpoints placed = {0};
+    struct spin_viewpoints_options o = {
+        .width = width, .height = height, .fovy_deg = out->fovy_deg};
+    double distance = 0;
+    spin_status status;
+
+    *found = false;
+    if (!job->again)
+        return SPIN_OK;
+    SPIN_TRY(set_up(job->values, out->up));
+    memcpy(o.up, out->up, sizeof o.up);
+    status = spin_viewpoints_open(&o, job->n_frames, job->again, job->context, &placed);
+    if (status != SPIN_OK)
+        return status == SPIN_E_UNSUPPORTED ? SPIN_OK : status;
+    for (int c = 0; c < 3; c++)
+        distance += pow(placed.front[c] - placed.centre[c], 2);
+    distance = sqrt(distance);
+    if (distance < LEAST_RADII * placed.radius)
+        return SPIN_OK;
+    memcpy(out->eye, placed.front, sizeof out->eye);
+    memcpy(out->target, placed.centre, sizeof out->target);
+    out->z_near = fmin(SPIN_NEAR, 0.05 * distance);
+    out->keep = placed.radius / sqrt(fmax(distance * distance - placed.radius * placed.radius,
+                                          0.01 * distance * distance));
+    out->reach[0] = distance / 10;
+    out->reach[1] = placed.room ? fmax(placed.distance, distance) : 3 * distance;
+    *found = true;
+    return SPIN_OK;
 }

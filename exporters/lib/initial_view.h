@@ -14,6 +14,9 @@ struct spin_initial_view {
      * walls. */
     double reach[2];
     double z_near; /* near plane, as in struct spin_camera, but never 0 */
+    /* Tangent of the angle between the optical axis and the edge of the subject, which narrow
+     * windows must not cut off; 0: the subject is not known. */
+    double keep;
 };
 
 /* Sets `middle` to the median of each coordinate of the splats' centres, and *size to half the
@@ -52,6 +55,13 @@ bool spin_initial_view_is_blank(const float *image, size_t n, const float backgr
  * and y points down. */
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
+
+/* Without a data set: aims the view at what moves or, without motion, at the densest part of the
+ * scene, from a place without a wall before the lens. Uses the view's field of view, and its `up`
+ * unless --up is given. width, height: of the image, in pixels. *found: false if no such place was
+ * found; the view is then unchanged. Must be called before the first frame is exported. */
+spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
+                                      struct spin_initial_view *out, bool *found);
 
 /* Changes the view as the job's options demand: --camera, the number of a camera of the data set or
  * a file with a camera path, and --up, the axis of the world that points up. */

@@ -626,6 +626,68 @@ static void test_chosen(void)
     ok(choose(&views, NULL, "w", &got) == SPIN_E_USAGE, "--up w: %s", spin_last_error());
 }
 
+/* A small ball that moves from frame to frame in front of a large wall at z = 9. */
+static spin_status read_ball(void *context, int f, const struct spin_splats **out)
+{
+    enum { WALL = 4000, BALL = 400 };
+    struct spin_splats *s = context;
+
+    *out = s;
+    SPIN_TRY(spin_splats_reserve(s, WALL + BALL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    for (size_t i = 0; i < WALL + BALL; i++) {
+        bool wall = i < WALL;
+        double u = (double)(i * 7919 % 1000) / 1000, v = (double)(i * 104729 % 997) / 997;
+
+        s->means[3 * i] = (float)(wall ? 8 * u - 4 : 0.4 * u + 0.25 * f);
+        s->means[3 * i + 1] = (float)(wall ? 8 * v - 4 : 0.4 * v - 1);
+        s->means[3 * i + 2] = (float)(wall ? 9 : 5 + 0.4 * (double)(i % 20) / 20);
+        for (size_t c = 0; c < 4; c++)
+            s->quats[4 * i + c] = c == 0;
+        for (size_t c = 0; c < 3; c++) {
+            s->log_scales[3 * i + c] = (float)log(wall ? 0.1 : 0.03);
+            s->sh[3 * i + c] = (float)(u - v);
+        }
+        s->logit_opacities[i] = 3;
+    }
+    return SPIN_OK;
+}
+
+/* Without cameras, the view shows what moves. */
+static void test_subject(void)
+{
+    const char *pairs[] = {NULL, NULL, NULL}, *up[] = {"up", "y", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_splats s = {0};
+    struct spin_export_job job = {
+        .n_frames = 8, .values = &values, .again = read_ball, .context = &s};
+    static const double origin[3] = {0}, ball[3] = {1.075, -0.8, 5.2};
+    struct spin_initial_view got;
+    double off = 0, away = 0;
+    bool found;
+
+    spin_initial_view_first(NULL, 0, false, origin, 1, &got);
+    if (!ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found,
+            "a view of what moves"))
+        return;
+    for (int c = 0; c < 3; c++) {
+        off += pow(got.target[c] - ball[c], 2);
+        away += pow(got.eye[c] - ball[c], 2);
+    }
+    ok(sqrt(off) < 0.4, "it looks at the ball: %g beside its path", sqrt(off));
+    ok(sqrt(away) > 0.5 && got.eye[2] < 8.8, "from outside the ball, in front of the wall: %g, %g",
+       sqrt(away), got.eye[2]);
+    ok(got.keep > 0.02 && got.keep < 1 && got.up[1] == -1 && got.reach[0] < sqrt(away) &&
+           got.reach[1] >= sqrt(away),
+       "and knows how wide the subject is: %g", got.keep);
+    values.pairs = up;
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && got.up[1] == 1,
+       "--up y turns it");
+    job.again = NULL;
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && !found,
+       "frames that cannot be read twice");
+    spin_splats_free(&s);
+}
+
 /* Medians, and the half extent of nine splats in ten, without those that are nowhere. */
 static void test_middle(void)
 {
@@ -701,6 +763,7 @@ TAP_MAIN
     test_curve();
     test_first();
     test_chosen();
+    test_subject();
     test_middle();
     test_pivot();
     spin_splats_free(&splats);

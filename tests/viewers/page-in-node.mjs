@@ -368,7 +368,7 @@ for (const antialias of [false, true]) {
 // Straight ahead and along the axes: one that is wide, one that is high.
 for (const [k, what] of [[0, 'wide'], [1, 'high']]) {
     const c = page.camera(), s = splatsIn(await first.decoded(0, 0)).findIndex((p) => size(sub(p.pos, some[k].pos)) < 1e-3), reach = Math.sqrt(2 * Math.log(255 * some[k].alpha));
-    const ends = corners(page.gl, s, { eye: some[k].pos.map((v, i) => (v - 2 * c.forward[i] - clip.centre[i]) / clip.size), turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }), fragment = page.gl.programs[1][page.gl.FRAGMENT_SHADER];
+    const ends = corners(page.gl, s, { eye: some[k].pos.map((v, i) => (v - 2 * (i === 2) - clip.centre[i]) / clip.size), turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }), fragment = page.gl.programs[1][page.gl.FRAGMENT_SHADER];
     near([0, 1].map((i) => Math.max(...ends.map((e) => e[i])) * [c.width, c.height][i] / 2), [0, 1].map((i) => reach * Math.sqrt((c.focal * some[k].scale[i] / 2) ** 2 + 0.3)), 0.05, `a splat that is ${what} is drawn so`);
     is([fragment.run({ place: [0, 0], colour: [1, 1, 1, 1] }).pixel[3], fragment.run({ place: [3.4, 0], colour: [1, 1, 1, 1] })], [0.99, null], 'nothing hides all behind it; rims end at 1/255');
 }
@@ -393,7 +393,7 @@ for (const [width, height, ratio, fovy = clip.fovy] of [[30, 50, 1], [30, 50, 1,
     is([c.width, c.height], [k * width, k * height], `${width} x ${height}, ${ratio} pixels each`);
     // Of a high window as much as leaves a tenth of what is before its middle above and below.
     const high = clips[0][0].map((s) => sub(s.pos, c.eye)).filter((d) => dot(d, c.forward) > clip.near && Math.abs(dot(d, c.right) / dot(d, c.forward)) < 0.5 * Math.tan(wide / 2)).map((d) => Math.abs(dot(d, unit(cross(c.forward, c.right)))) / dot(d, c.forward)).sort((a, b) => a - b), tall = Math.max(Math.tan(fovy * Math.PI / 360), high[Math.floor(0.9 * high.length)]);
-    ok(Math.min(c.fovy - fovy, width > height ? fovx - wide : 0) > -1e-6 && (width > height ? Math.abs(c.fovy - fovy) < 1e-6 || Math.abs(fovx - wide) < 1e-6 : Math.abs(c.height / 2 / c.focal - Math.min(tall, c.height / c.width * Math.tan(wide / 2))) < 2e-3), 'all of the first picture, and no more than that', `${c.fovy} ${fovx} ${tall}`);
+    ok(Math.min(c.fovy - fovy, width > height ? fovx - wide : 0) > -1e-6 && (width > height ? Math.abs(c.fovy - fovy) < 1e-6 || Math.abs(fovx - wide) < 1e-6 : Math.abs(c.height / 2 / c.focal - Math.min(Math.max(tall, c.height / c.width * (clip.keep ?? 0)), c.height / c.width * Math.tan(wide / 2))) < 2e-3), 'all of the first picture, and no more than that', `${c.fovy} ${fovx} ${tall}`);
     like(p, truth(p, clips[0][0], 3), 'there', 45);
 }
 // Within the scene, so that the near plane cuts and splats reach beside the camera; other axes.
