@@ -411,6 +411,11 @@ def damaged(path):
     meta = json.loads(members.pop("meta.json"))
     for lost in members:
         yield f"without {lost}", zipped({n: m for n, m in members.items() if n != lost}, meta)
+    name = next(n for n in members if n.endswith(".npy"))
+    for at in range(10, 70, 3):
+        for mark in b"('":
+            copy = members[name][:at] + bytes([mark]) + members[name][at + 1:]
+            yield f"{chr(mark)} at {at} of {name}", zipped({**members, name: copy}, meta)
     for where in walk(meta):
         for value in (None, "x", -1, 10**30, [], {}, [[7]], {"path": 3}):
             copy = json.loads(json.dumps(meta))
