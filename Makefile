@@ -127,7 +127,7 @@ NVCC      ?= $(shell command -v nvcc 2>/dev/null)
 NCCL      ?= auto
 ifneq ($(NVCC),)
 HAVE_NCCL := $(if $(filter auto 1,$(NCCL)),$(shell printf '\043if __has_include(<nccl.h>)\nfound\n\043endif\n' | \
-             $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) -I$(dir $(realpath $(NVCC)))../include -E -P -x c++ - 2>/dev/null))
+             $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) -I$(dir $(realpath $(lastword $(NVCC))))../include -E -P -x c++ - 2>/dev/null))
 ifeq ($(NCCL)$(HAVE_NCCL),1)
 $(error NCCL=1 needs nccl.h beside nvcc, or CPPFLAGS=-I/where/it/is)
 endif
