@@ -39,7 +39,8 @@ import numpy as np
 Frame = collections.namedtuple("Frame", "means quats scales opacities sh")
 NO_TRACK = 0xFFFFFFFF
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
-# The exceptions that NumPy, zipfile and json raise for damaged files. NumPy parses headers of arrays as Python.
+# The exceptions that NumPy, zipfile and json raise for damaged files. NumPy parses headers of
+# arrays as Python.
 DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, RuntimeError, SyntaxError,
           tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error)
 
