@@ -285,8 +285,8 @@ static spin_status begin_export(struct export *x)
     job.counts = x->counts;
     job.counts_are_bounds = x->filter.varies && !x->splats_4d;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats were trained with antialiasing, which '%s' files cannot record: "
-                  "enable it in the viewer",
+        spin_warn("these splats were trained with antialiasing, which viewers do not learn from "
+                  "'%s' files: enable it in the viewer",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
