@@ -258,7 +258,9 @@ warns "focal lengths differ" \
 with behind
 warns "a camera with all points behind it" \
     "'$work/behind/sparse/0': all points are behind the camera of image '$second': its pose may be wrong, \
-or in OpenGL's axes"
+or in OpenGL's axes" \
+    "the data set has one image per frame, each of another camera position: this is right for the video of one moving \
+camera; if its 9 images were taken at the same time, put them into a folder for each frame (see colmap in spin-importers(7))"
 
 with renamed
 warns "folders of other names" "'$work/renamed/images': the folders of frames are not named like the cameras of the model: \
