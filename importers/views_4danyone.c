@@ -67,7 +67,7 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
                              name));
     out->name = video;
     return spin_path_is_folder(pictures) ? spin_rig_pictures(m, out, pictures)
-                                         : spin_rig_film(m, out, film, pictures);
+                                         : spin_rig_film(out, film, pictures);
 }
 
 /* ---- The files ------------------------------------------------------------------------------- */

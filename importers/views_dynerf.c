@@ -14,7 +14,7 @@
  * 4DGaussians and Deformable-3DGS. */
 #include <strings.h>
 
-#include "importers/lib/model.h"
+#include "importers/lib/video_rows.h"
 #include "importers/lib/views_check.h"
 #include "io/npy.h"
 #include "io/numbered.h"
@@ -29,6 +29,7 @@ struct frame_image {
 
 struct set {
     struct spin_model base; /* base.path: the folder of the data set */
+    struct spin_offsets offsets;
     struct frame_image *image;
     size_t n, capacity;
     int *video; /* camera numbers of the video files, sorted */
@@ -170,29 +171,56 @@ static spin_status add_frame_folders(struct set *set, const char *frames)
     return SPIN_OK;
 }
 
-/* Adds every frame of every video as an image with a path such as "cam00.mp4#7", for frame 7.
- * Readers of images decode the frame when they open such a path. */
+/* Adds the frames of every video as images with paths such as "cam00.mp4#7", for frame 7. Readers
+ * of images decode the frame when they open such a path. */
 static spin_status add_video_frames(struct set *set, char **names)
 {
+    struct spin_rig_video *video;
+    size_t n = 0;
+
     SPIN_TRY_IN(
         spin_video_start(),
         "there are %zu videos and no frames cam<NN>/images/<number>.png extracted from them",
         set->n_video);
+    SPIN_TRY(spin_model_alloc(&set->base, set->n_video, sizeof *video, (void **)&video));
     for (size_t i = 0; names[i]; i++) {
-        int width, height, camera = spin_camera_number(names[i]);
-        char name[300];
-        const char *file;
-        int64_t n = 0;
-
-        if (camera < 0 || !spin_video_is_name(names[i]))
+        if (spin_camera_number(names[i]) < 0 || !spin_video_is_name(names[i]))
             continue;
-        SPIN_TRY(spin_model_join(&set->base, &file, set->base.path, "%s", names[i]));
-        SPIN_TRY(spin_video_info(file, &width, &height, &n, NULL));
-        for (int64_t f = 0; f < n; f++) {
-            snprintf(name, sizeof name, "%s#%lld", names[i], (long long)f);
-            SPIN_TRY(add_image(set, set->base.path, name, camera, (int)f));
-        }
+        video[n].camera = names[i];
+        SPIN_TRY(spin_model_join(&set->base, &video[n].file, set->base.path, "%s", names[i]));
+        n++;
     }
+    SPIN_TRY(spin_video_rows(&set->base, video, n, &set->offsets));
+    for (size_t i = 0; i < n; i++) {
+        for (size_t k = 0; k < video[i].frames.n_frames; k++)
+            SPIN_TRY(add_image(
+                set, set->base.path, video[i].frames.frame[k].path + strlen(set->base.path) + 1,
+                spin_camera_number(video[i].camera), video[i].frames.frame[k].number));
+    }
+    return SPIN_OK;
+}
+
+/* Adds the offsets of cameras to the frame numbers of their images, and drops those before frame 0.
+ */
+static spin_status shift_images(struct set *set)
+{
+    size_t kept = 0;
+
+    for (size_t i = 0; i < set->n && set->offsets.n > 0; i++) {
+        char name[32];
+        const struct spin_offset *offset;
+
+        snprintf(name, sizeof name, "cam%02d", set->image[i].camera);
+        offset = spin_offsets_of(&set->offsets, name);
+        if (offset && offset->in_seconds)
+            return spin_misuse("the offset of camera '%s' is in seconds, but the frame rate of its "
+                               "images is unknown: give a number of frames",
+                               name);
+        set->image[i].number += offset ? (int)offset->value : 0;
+        if (set->image[i].number >= 0)
+            set->image[kept++] = set->image[i];
+    }
+    set->n = set->offsets.n > 0 ? kept : set->n;
     return SPIN_OK;
 }
 
@@ -220,8 +248,11 @@ static spin_status find_images(struct set *set)
         SPIN_TRY(add_folder(set, images, -1, -1));
     if (set->n == 0)
         SPIN_TRY(add_frame_folders(set, frames));
-    if (set->n == 0 && set->n_video > 0)
+    if (set->n > 0)
+        SPIN_TRY(shift_images(set));
+    else if (set->n_video > 0)
         SPIN_TRY(add_video_frames(set, names));
+    SPIN_TRY(spin_offsets_check(&set->offsets));
     if (set->n == 0)
         return spin_not_found("there are no images cam<NN>/images/<number>.png, "
                               "images/cam<NN>_<number>.png or frames/<number>/images/cam<NN>.png");
@@ -341,13 +372,15 @@ static spin_status read_cameras(struct set *set)
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Checks that each camera has each frame once. Only frames at the end may be missing, since
- * programs that extract frames disagree on the number of frames of a video. */
+/* Checks that no camera has a frame twice, and that more than half of all images exist: otherwise
+ * the numbers of the cameras do not mean the same frames. */
 static spin_status check_rows(struct set *set)
 {
-    size_t n = set->n_cameras * set->n_rows;
+    size_t n = set->n_cameras * set->n_rows, n_there;
     bool *seen;
+    int *camera;
 
+    SPIN_TRY(list_numbers(set, true, &camera, &n_there));
     SPIN_TRY(spin_model_alloc(&set->base, n, sizeof *seen, (void **)&seen));
     for (size_t i = 0; i < set->n; i++) {
         int c = spin_views_index_of(set->camera, set->n_cameras, set->image[i].camera);
@@ -359,11 +392,35 @@ static spin_status check_rows(struct set *set)
                                   set->image[i].number, set->image[i].camera, set->image[i].path);
         *at = true;
     }
-    for (size_t i = 1; i < n; i++) {
-        if (i % set->n_rows != 0 && seen[i] && !seen[i - 1])
-            return spin_not_found("camera %d has frame %d, but frame %d is missing",
-                                  set->camera[i / set->n_rows], set->number[i % set->n_rows],
-                                  set->number[i % set->n_rows - 1]);
+    if (2 * set->n <= n_there * set->n_rows)
+        return spin_malformed("there are %zu images for %zu cameras and %zu frames: the frame "
+                              "numbers of the cameras differ",
+                              set->n, n_there, set->n_rows);
+    return SPIN_OK;
+}
+
+/* Refuses a camera with as many frames as another, but numbered from another number on: their
+ * numbers probably do not mean the same time. */
+static spin_status check_first_numbers(const struct set *set)
+{
+    int first[2] = {0}, count[2] = {0};
+
+    for (size_t c = 0; c < set->n_cameras && set->offsets.n == 0; c++) {
+        int least = INT_MAX, n = 0;
+
+        for (size_t i = 0; i < set->n; i++) {
+            if (set->image[i].camera != set->camera[c])
+                continue;
+            least = set->image[i].number < least ? set->image[i].number : least;
+            n++;
+        }
+        first[c > 0] = least;
+        count[c > 0] = n;
+        if (c > 0 && n > 0 && n == count[0] && least != first[0])
+            return spin_malformed("the images of camera %d begin with frame %d and those of camera "
+                                  "%d with frame %d: if they show the same time, give 'offsets' "
+                                  "(see spin-importers(7))",
+                                  set->camera[0], first[0], set->camera[c], least);
     }
     return SPIN_OK;
 }
@@ -392,18 +449,21 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
         SPIN_TRY(spin_views_add(out, &view));
     }
     if (set->n != set->n_rows * set->n_cameras)
-        spin_warn("'%s': %zu images for %zu cameras and %zu frames: some images are missing",
-                  set->base.path, set->n, set->n_cameras, set->n_rows);
+        spin_warn("'%s': %zu images for %zu cameras and %zu frames: %zu images are missing",
+                  set->base.path, set->n, set->n_cameras, set->n_rows,
+                  set->n_rows * set->n_cameras - set->n);
     return SPIN_OK;
 }
 
 static spin_status read_set(struct set *set, struct spin_views *out)
 {
     SPIN_TRY(read_poses(set));
+    SPIN_TRY(spin_offsets_read(&set->base, &set->offsets));
     SPIN_TRY(find_images(set));
     SPIN_TRY(match_cameras(set));
     SPIN_TRY(list_numbers(set, false, &set->number, &set->n_rows));
     SPIN_TRY(check_rows(set));
+    SPIN_TRY(check_first_numbers(set));
     SPIN_TRY(read_cameras(set));
     return add_views(set, set->base.values, out);
 }
@@ -424,6 +484,7 @@ static const struct spin_plugin_option options[] = {
      "time of frame i of n: a number N for i/N (300 as in 4DGaussians), unit for i/(n-1), count "
      "for i/n, row for i",
      "300"},
+    SPIN_OFFSETS_OPTION,
     {"test", "PLACE", "index of the camera that is held out, -1: none", "0"},
     {NULL, NULL, NULL, NULL},
 };

@@ -1,6 +1,7 @@
 /* The checks that all readers of data sets use. */
 #include "importers/lib/views_check.h"
 
+#include <ctype.h>
 #include <unistd.h>
 
 #include "base/base.h"
@@ -204,22 +205,90 @@ bool spin_views_is_safe_name(const char *name)
     return true;
 }
 
-spin_status spin_views_check_images(const struct spin_views *views, size_t first)
+/* Returns the number of views from index `first` on whose image cannot be read, and sets *missing
+ * to the path of the first of them. */
+static size_t count_missing(const struct spin_views *views, size_t first, const char **missing)
 {
-    const char *missing = NULL;
     size_t n = 0;
 
     for (size_t i = first; i < views->n; i++) {
         if (access(views->view[i].path, R_OK) == 0)
             continue;
         if (n++ == 0)
-            missing = views->view[i].path;
+            *missing = views->view[i].path;
     }
-    if (n > 0)
+    return n;
+}
+
+static spin_status check_images(const struct spin_views *views, size_t first, size_t most)
+{
+    const char *missing = NULL;
+    size_t n = count_missing(views, first, &missing);
+
+    if (n > most)
         return spin_not_found(
             "%s missing, the first is '%s'",
             spin_text_share(n, views->n - first, "image", "is", "are", (char[96]){0}), missing);
     return SPIN_OK;
+}
+
+spin_status spin_views_check_images(const struct spin_views *views, size_t first)
+{
+    return check_images(views, first, 0);
+}
+
+spin_status spin_views_check_most(const struct spin_views *views, size_t first)
+{
+    return check_images(views, first, (views->n - first - 1) / 2);
+}
+
+/* Fails if a frame has no views. Views are sorted by frame. */
+static spin_status check_rows(const struct spin_views *views, size_t first)
+{
+    for (size_t i = first; i < views->n; i++) {
+        int before = i > first ? views->view[i - 1].dataset_frame : -1;
+
+        if (views->view[i].dataset_frame > before + 1)
+            return spin_not_found("there are no images of the frame before frame %d",
+                                  views->view[i].number);
+    }
+    return SPIN_OK;
+}
+
+spin_status spin_views_drop_missing(struct spin_views *views, size_t first)
+{
+    const char *missing = NULL;
+    size_t n = count_missing(views, first, &missing), kept = first, all = views->n - first;
+    SPIN_FREED char *name = NULL;
+
+    if (n == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_strdup(missing, &name));
+    for (size_t i = first; i < views->n; i++) {
+        if (access(views->view[i].path, R_OK) == 0) {
+            views->view[kept++] = views->view[i];
+            continue;
+        }
+        free(views->view[i].path);
+        free(views->view[i].mask);
+    }
+    views->n = kept;
+    SPIN_TRY(check_rows(views, first));
+    spin_warn("%s missing and left out, the first is '%s'",
+              spin_text_share(n, all, "image", "is", "are", (char[96]){0}), name);
+    return SPIN_OK;
+}
+
+int spin_views_number(const char *path)
+{
+    const char *name = spin_path_name(path), *dot = strrchr(name, '.');
+    const char *end = dot && dot > name ? dot : name + strlen(name), *at;
+
+    while (end > name && !isdigit((unsigned char)end[-1]))
+        end--;
+    for (at = end; at > name && isdigit((unsigned char)at[-1]);)
+        at--;
+    return at < end && end - at < 10 ? atoi(at) : -1;
 }
 
 spin_status spin_views_set_numbers(struct spin_views *views, size_t first)

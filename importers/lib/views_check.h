@@ -53,6 +53,16 @@ bool spin_views_is_safe_name(const char *name);
 /* Checks that the image files of the views from index `first` on exist and may be read. */
 spin_status spin_views_check_images(const struct spin_views *views, size_t first);
 
+/* Like spin_views_check_images(), but accepts that less than half of the images are missing.
+ * spin_views_drop_missing() then removes the views without an image, and counts them in a warning.
+ */
+spin_status spin_views_check_most(const struct spin_views *views, size_t first);
+spin_status spin_views_drop_missing(struct spin_views *views, size_t first);
+
+/* Returns the last number in a name without its extension, which identifies a camera or a folder of
+ * frames; -1 if there is none. io/numbered.h reads the frame numbers of files. */
+int spin_views_number(const char *path);
+
 /* Sets the frame numbers of the views from index `first` on from the names of their images, camera
  * by camera. If the names of a camera have no clear numbers, no view gets one: the importer knows
  * the frames of the views, so that numbers only serve to pair frames. */

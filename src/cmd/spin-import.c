@@ -10,6 +10,7 @@
 
 static struct spin_import_options options;
 static struct spin_args_list times;
+static const char *offsets;
 static bool wants_info, wants_list, wants_views;
 
 static const struct spin_args_row rows[] = {
@@ -19,6 +20,8 @@ static const struct spin_args_row rows[] = {
              "multi-view video that the run was trained on"),
     SPIN_ARG("data-from", 0, "NAME", STRING, options.data_from,
              "format of the data set, with options as NAME:KEY=VALUE,... (detected)"),
+    SPIN_ARG("offsets", 0, "LIST", STRING, offsets,
+             "cameras that start later, in frames or seconds, such as cam01=5,cam02=0.2s"),
     SPIN_ARG("pair", 0, "auto|number|order", CHOICE, options.pair,
              "match frames of the run and of the data set by number or by order (auto)"),
     SPIN_ARG_HEADING("Frames"),
@@ -222,9 +225,26 @@ static int check_arguments(void)
         return spin_args_misuse(&command,
                                 "unknown data set format '%s'; --list shows those available",
                                 options.data_from);
+    if (offsets && !options.data)
+        return spin_args_misuse(&command, "--offsets requires --data");
     if (options.n_frames && times.n)
         return spin_args_misuse(&command, "--frames and --times exclude each other");
     return SPIN_EXIT_OK;
+}
+
+/* Appends the option `offsets` of data sets to --data-from. */
+static const char *join_offsets(const char *from)
+{
+    size_t n = (from ? strlen(from) : 0) + strlen(offsets) + 16;
+    char *text = malloc(n);
+
+    if (!text)
+        return from;
+    snprintf(text, n, "%s%soffsets=%s", from ? from : "", from && strchr(from, ':') ? "," : ":",
+             offsets);
+    for (char *at = text + (from ? strlen(from) : 0) + 1; (at = strchr(at, ','));)
+        *at = ';';
+    return text;
 }
 
 static spin_status describe_or_import(char **report, const char **text)
@@ -258,6 +278,8 @@ int main(int argc, char **argv)
     code = check_arguments();
     if (code != SPIN_EXIT_OK)
         return code;
+    if (offsets)
+        options.data_from = join_offsets(options.data_from);
     options.input = spin_args.word;
     options.times = times.doubles;
     options.n_times = times.n;

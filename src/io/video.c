@@ -254,6 +254,28 @@ spin_status spin_video_info(const char *file, int *width, int *height, int64_t *
     return status;
 }
 
+static spin_status read_times(const char *file, double **times, int64_t *n)
+{
+    struct video *v;
+
+    SPIN_TRY(find_video(file, &v));
+    *n = v->index.n;
+    SPIN_TRY(spin_alloc((size_t)*n, sizeof **times, (void **)times));
+    for (int64_t i = 0; i < *n; i++)
+        (*times)[i] = v->index.unit * (double)(v->index.entry[i].pts - v->index.entry[0].pts);
+    return SPIN_OK;
+}
+
+spin_status spin_video_times(const char *file, double **times, int64_t *n)
+{
+    spin_status status;
+
+    pthread_mutex_lock(&mutex);
+    status = read_times(file, times, n);
+    pthread_mutex_unlock(&mutex);
+    return status;
+}
+
 /* ---- Decoding -------------------------------------------------------------------------------- */
 
 static int64_t key_before(const struct video *v, int64_t frame)

@@ -33,6 +33,10 @@ spin_status spin_video_shim(const struct spin_video_shim **shim);
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
                             struct spin_digest *digest);
 
+/* Sets *times to the time of each of *n frames in seconds, counted from the first frame. The caller
+ * frees *times. */
+spin_status spin_video_times(const char *file, double **times, int64_t *n);
+
 /* Functions that receive the frames decoded on the way to the requested frame. */
 struct spin_video_passer {
     void *context;

@@ -141,9 +141,9 @@ static enum spin_video_result list_frames(AVFormatContext *file, int stream_inde
 static const int32_t *display_matrix(const AVStream *stream)
 {
 #if LIBAVFORMAT_VERSION_INT >= AV_VERSION_INT(60, 15, 100)
-    const AVPacketSideData *data = av_packet_side_data_get(stream->codecpar->coded_side_data,
-                                                           stream->codecpar->nb_coded_side_data,
-                                                           AV_PKT_DATA_DISPLAYMATRIX);
+    const AVPacketSideData *data =
+        av_packet_side_data_get(stream->codecpar->coded_side_data,
+                                stream->codecpar->nb_coded_side_data, AV_PKT_DATA_DISPLAYMATRIX);
 
     return data && data->size >= 9 * sizeof(int32_t) ? (const int32_t *)(const void *)data->data
                                                      : NULL;

@@ -153,15 +153,17 @@ spin_status spin_views_open(const char *path, const char *from, struct spin_view
 {
     const struct spin_importer *importer;
     struct spec spec = {0};
+    const char *name;
     struct spin_plugin_values values = {spec.pairs};
     spin_status status;
 
     memset(out, 0, sizeof *out);
     if (from)
         SPIN_TRY_OUT(parse_spec(from, &spec));
+    name = spec.text && *spec.text ? spec.text : NULL;
     importer = &spin_renders;
-    if (!spin_renders_reads(path, spec.text))
-        SPIN_TRY_OUT(spin_importer_find(path, spec.text, true, &importer));
+    if (!spin_renders_reads(path, name))
+        SPIN_TRY_OUT(spin_importer_find(path, name, true, &importer));
     SPIN_TRY_OUT(check_spec(importer, &spec));
     SPIN_TRY_OUT(importer->views(path, &values, out));
     SPIN_TRY_OUT(sort_views(out));

@@ -6,7 +6,8 @@
 #define SPIN_VIEWS_MAX_OPTIONS 8
 
 /* Reads all views of the data set `path`. `from` is the name of the importer, followed by its
- * options, such as "dynerf:time=unit,test=-1"; if it is NULL, the importer is detected. If
+ * options, such as "dynerf:time=unit,test=-1"; if it is NULL or the name is empty, the importer is
+ * detected. If
  * used_from is not NULL, used_from[n_used_from] receives the argument `from` that reads the same
  * views again. */
 spin_status spin_views_open(const char *path, const char *from, struct spin_views *out,
@@ -22,11 +23,11 @@ spin_status spin_views_scale(struct spin_views *views, double image_scale);
 
 /* Finds the row of the data set for each frame of the clip, and stores these rows in
  * dataset_frame_of [meta->n_frames]. If every row has one view, each of another camera, and the
- * source clip has one frame, all views become views of row 0, unless `pair` is "number". `pair` is
- * "number", "order" or "auto"; "" means "auto". "auto" pairs by number if both the clip and the
- * data set have frame numbers. Otherwise it pairs by order if the source clip has as many frames as
- * the data set; if not, it fails, and the message suggests
- * --pair. */
+ * source clip has one frame, all views become views of row 0, unless `pair` is "number".
+ *
+ * `pair` is "number", "order" or "auto"; "" means "auto". "auto" pairs by number if both the clip
+ * and the data set have frame numbers. Otherwise it pairs by order if the source clip has as many
+ * frames as the data set; if not, it fails, and the message suggests --pair. */
 spin_status spin_views_pair(struct spin_views *views, const struct spin_bundle_meta *meta,
                             const char *pair, int *dataset_frame_of);
 

@@ -120,7 +120,43 @@ static void test_pictures(void)
         spin_views_free(&views);
     }
     remove(path_in(folder, "images/01/000001.png"));
-    set_refused(folder, NULL, "has frame 2 where", "a picture missing between");
+    if (set_opens(folder, NULL, &views, "a picture missing between")) {
+        ok(views.n == 3 && views.view[2].camera_id == 0, "is left out");
+        spin_views_free(&views);
+    }
+    remove(path_in(folder, "images/01/000002.png"));
+    make_image(folder, "images/01/000001.png", 8, 6);
+    remove(path_in(folder, "images/01/000000.png"));
+    make_image(folder, "images/01/000002.png", 8, 6);
+    set_refused(folder, NULL, "give 'offsets'", "a camera with as many images, from 1 on");
+    if (set_opens(folder, "4danyone:offsets=1=-1", &views, "an offset as an option")) {
+        ok(views.n == 4 && views.view[1].number == 0 &&
+               strstr(views.view[1].path, "images/01/000001.png"),
+           "moves the images of the camera");
+        spin_views_free(&views);
+    }
+    make_text(folder, "offsets.txt", "# camera, frames\n01: -1\n00 0 # none\n");
+    if (set_opens(folder, NULL, &views, "offsets in a file")) {
+        ok(views.n == 4 && views.view[1].number == 0 && views.view[2].number == 1, "count as well");
+        spin_views_free(&views);
+    }
+    make_text(folder, "offsets.txt", "01 0\n");
+    if (set_opens(folder, NULL, &views, "a camera that starts late")) {
+        ok(views.n == 3 && views.n_dataset_frames == 2 && views.view[2].number == 1,
+           "lacks the first frames");
+        spin_views_free(&views);
+    }
+    make_text(folder, "offsets.txt", "01 one\n");
+    set_refused(folder, NULL, "neither a whole number", "an offset that is none");
+    make_text(folder, "offsets.txt", "01 0.5\n");
+    set_refused(folder, NULL, "neither a whole number", "half a frame");
+    make_text(folder, "offsets.txt", "07 1\n");
+    set_refused(folder, NULL, "no such camera", "an offset of an unknown camera");
+    make_text(folder, "offsets.txt", "01 0.5s\n");
+    set_refused(folder, NULL, "frame rate", "seconds without a frame rate");
+    remove(path_in(folder, "offsets.txt"));
+    remove(path_in(folder, "images/01/000002.png"));
+    make_image(folder, "images/01/000000.png", 8, 6);
     make_image(folder, "images/01/000001.jpg.png", 8, 6);
     make_text(folder, "images/01/000001.jpg", "x");
     set_refused(folder, NULL, "both frame 1", "a frame that is there twice");

@@ -197,10 +197,21 @@ static void test_frames(void)
     }
     set_refused(folder, "colmap:time=name", "'time'", "a time rule of one model");
     remove(path_in(folder, "frame000010/images/b.png"));
-    set_refused(folder, NULL, "1 of 6 images is missing", "a camera that misses a frame");
+    if (set_opens(folder, NULL, &views, "a camera that misses a frame")) {
+        ok(views.n == 5 && views.view[4].dataset_frame == 2 && views.view[4].camera_id == 0,
+           "is read without this image");
+        spin_views_free(&views);
+    }
+    make_image(folder, "frame000010/images/b.png", 8, 6);
+    remove(path_in(folder, "frame000009/images/a.png"));
+    remove(path_in(folder, "frame000009/images/b.png"));
+    set_refused(folder, NULL, "no images of the frame before frame 10", "a frame without images");
+    remove(path_in(folder, "frame000010/images/b.png"));
+    set_refused(folder, NULL, "3 of 6 images are missing", "half of all images");
     make_folder(folder, "frame8");
     set_refused(folder, NULL, "both frame 8", "two folders of one number");
-    set_refused(new_folder(), "colmap", "neither 'sparse' nor frame folders", "an empty folder");
+    set_refused(new_folder(), "colmap", "neither a COLMAP model nor frame folders",
+                "an empty folder");
 }
 
 /* The fixture's binary model with a few bytes changed. */
@@ -393,7 +404,10 @@ static void test_rig(void)
     set_refused(folder, "colmap:time=file", "'time'", "a time rule of the other layout");
     make_frames(folder, "c1", 5, 1);
     remove(path_in(folder, "images/c1/001.png"));
-    set_refused(folder, NULL, "has frame 2 where", "a picture missing between");
+    if (set_opens(folder, NULL, &views, "a picture missing between")) {
+        ok(views.n == 3 && views.view[2].camera_id == 0, "is left out");
+        spin_views_free(&views);
+    }
     make_text(folder, "manifest.json", "[]");
     make_image(folder, "images/c1/001.png", 8, 6);
     set_refused(folder, NULL, "manifest.json", "a manifest that is none");
@@ -469,7 +483,7 @@ static void test_clip(void)
 
     make_folder(clip, "videos/sparse");
     make_text(clip, "cameras.json", "[]");
-    set_refused(clip, "colmap", "neither 'sparse'", "a clip is no model");
+    set_refused(clip, "colmap", "neither a COLMAP model", "a clip is no model");
 }
 
 TAP_MAIN

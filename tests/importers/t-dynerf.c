@@ -280,8 +280,10 @@ static void test_gaps(void)
         spin_views_free(&views);
     }
     make_image(folder, "cam09/images/0003.png", 8, 6);
-    set_refused(folder, NULL, "camera 9 has frame 3, but frame 2 is missing",
-                "a frame missing between");
+    if (set_opens(folder, NULL, &views, "a frame missing between")) {
+        ok(views.n == 6 && views.n_dataset_frames == 4, "is left out");
+        spin_views_free(&views);
+    }
     remove(path_in(folder, "cam09/images/0003.png"));
     make_text(folder, "cam09/images/0001.jpg", "x");
     set_refused(folder, NULL, "are both frame 1", "a frame that is there twice");
@@ -348,6 +350,72 @@ static double read_all_views(struct spin_image_cache *pixels, const struct spin_
     return worst;
 }
 
+/* Makes the video of a camera. Returns false if this FFmpeg cannot. */
+static bool make_video(const char *folder, int camera, int frames, int fps, int dropped)
+{
+    const char *build = getenv("SPIN_BUILD");
+    char command[9000];
+
+    snprintf(
+        command, sizeof command, "'%s/tests/tools/make-video' '%s/cam%02d.mp4' %d %d %d 0 %d %d",
+        build ? build : "build/release", folder, camera, frames, VIDEO_W, VIDEO_H, fps, dropped);
+    return spin_video_start() == SPIN_OK && system(command) == 0;
+}
+
+/* Returns the frame of the video that is the image of a camera in a frame of the data set, or -1.
+ */
+static int frame_of_view(const struct spin_views *views, int frame, int camera)
+{
+    for (size_t i = 0; i < views->n; i++)
+        if (views->view[i].dataset_frame == frame && views->view[i].camera_id == camera)
+            return (int)strtol(strrchr(views->view[i].path, '#') + 1, NULL, 10);
+    return -1;
+}
+
+static void test_rates(void)
+{
+    const char *folder = make_set(3, 0, 0);
+    struct spin_views views;
+
+    if (!make_video(folder, 0, 12, 30, 99) || !make_video(folder, 1, 24, 60, 99)) {
+        skip("videos of different rates", "no FFmpeg, or it cannot encode");
+        return;
+    }
+    if (set_opens(folder, NULL, &views, "videos of 30 and 60 frames per second")) {
+        ok(views.n_dataset_frames == 12 && frame_of_view(&views, 7, 0) == 7 &&
+               frame_of_view(&views, 7, 1) == 14,
+           "are paired by time, at the lower rate");
+        spin_views_free(&views);
+    }
+    make_video(folder, 0, 10, 25, 99);
+    make_video(folder, 1, 12, 30, 99);
+    if (set_opens(folder, NULL, &views, "videos of 25 and 30 frames per second")) {
+        ok(views.n_dataset_frames == 10 && frame_of_view(&views, 4, 1) == 5 &&
+               frame_of_view(&views, 9, 1) == 11,
+           "are paired with the nearest frame");
+        spin_views_free(&views);
+    }
+    if (set_opens(folder, "dynerf:offsets=cam01=0.2s", &views, "a camera that starts later")) {
+        ok(frame_of_view(&views, 4, 1) == -1 && frame_of_view(&views, 5, 1) == 0,
+           "lacks the frames before");
+        spin_views_free(&views);
+    }
+    make_video(folder, 0, 12, 30, 5);
+    make_video(folder, 1, 13, 30, 99);
+    if (set_opens(folder, NULL, &views, "a video that lacks a frame")) {
+        ok(views.n_dataset_frames == 13 && frame_of_view(&views, 5, 0) == -1 &&
+               frame_of_view(&views, 6, 0) == 5 && frame_of_view(&views, 12, 0) == 11 &&
+               frame_of_view(&views, 5, 1) == 5,
+           "is paired by its time stamps");
+        spin_views_free(&views);
+    }
+    make_video(folder, 0, 13, 30, 99);
+    if (set_opens(folder, "dynerf:offsets=cam01=-2", &views, "a camera that starts earlier")) {
+        ok(frame_of_view(&views, 0, 1) == 2 && frame_of_view(&views, 10, 1) == 12, "by two frames");
+        spin_views_free(&views);
+    }
+}
+
 static void test_from_videos(void)
 {
     const char *folder = make_set(3, 0, 0), *build = getenv("SPIN_BUILD");
@@ -406,5 +474,6 @@ TAP_MAIN
     test_gaps();
     test_videos();
     test_from_videos();
+    test_rates();
     each_set("dynerf", test_set);
 }

@@ -133,7 +133,7 @@ for page in man/spin*.1; do
         ;;
     spin-import)
         compare_plugins spin-import --from man/spin-importers.7 "Options of several runs" "4danyone and easyvolcap" \
-            "Numbered files"
+            "Numbered files" "Options of rigs"
         ;;
     spin-export)
         compare_plugins spin-export --to man/spin-exporters.7 "All formats of splats" "Images and video"

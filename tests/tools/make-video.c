@@ -1,5 +1,6 @@
-/* make-video OUT.mp4 FRAMES WIDTH HEIGHT [SEED]: a video to test with, as cameras leave them: key
- * frames only every eighth frame, and frames between them that need what comes later. Frame f is a
+/* make-video OUT.mp4 FRAMES WIDTH HEIGHT [SEED [FPS [DROPPED]]]: a video to test with, as cameras
+ * leave them: key frames only every eighth frame, and frames between them that need what comes
+ * later. The time of frame DROPPED and of later frames is one frame later. Frame f is a
  * flat colour of its own, which tests/io/t-video.c knows, and a white square that wanders. */
 #include <libavcodec/avcodec.h>
 #include <libavformat/avformat.h>
@@ -33,13 +34,14 @@ static void drain(AVCodecContext *codec, AVFormatContext *file, AVStream *stream
 {
     while (avcodec_receive_packet(codec, packet) >= 0) {
         packet->stream_index = stream->index;
+        packet->duration = 1; /* else the last frame may be outside the edit list */
         av_packet_rescale_ts(packet, codec->time_base, stream->time_base);
         if (av_interleaved_write_frame(file, packet) < 0)
             fail("cannot write a packet");
     }
 }
 
-static AVCodecContext *open_codec(int width, int height, int global_header)
+static AVCodecContext *open_codec(int width, int height, int fps, int global_header)
 {
     static const char *const names[] = {"libx264", "mpeg4"};
 
@@ -52,7 +54,7 @@ static AVCodecContext *open_codec(int width, int height, int global_header)
             continue;
         codec->width = width;
         codec->height = height;
-        codec->time_base = (AVRational){1, 30};
+        codec->time_base = (AVRational){1, fps};
         codec->pix_fmt = AV_PIX_FMT_YUV420P;
         codec->gop_size = 8;
         codec->max_b_frames = 2;
@@ -76,7 +78,8 @@ static AVCodecContext *open_codec(int width, int height, int global_header)
 int main(int argc, char **argv)
 {
     int n = argc > 4 ? atoi(argv[2]) : 0, width = argc > 4 ? atoi(argv[3]) : 0,
-        height = argc > 4 ? atoi(argv[4]) : 0, seed = argc > 5 ? atoi(argv[5]) : 0;
+        height = argc > 4 ? atoi(argv[4]) : 0, seed = argc > 5 ? atoi(argv[5]) : 0,
+        fps = argc > 6 ? atoi(argv[6]) : 30, dropped = argc > 7 ? atoi(argv[7]) : n;
     AVFormatContext *file = NULL;
     AVPacket *packet = av_packet_alloc();
     AVFrame *frame = av_frame_alloc();
@@ -85,10 +88,10 @@ int main(int argc, char **argv)
 
     av_log_set_level(AV_LOG_QUIET);
     if (n < 1 || width < 16 || height < 16)
-        fail("expected OUT.mp4 FRAMES WIDTH HEIGHT [SEED]");
+        fail("expected OUT.mp4 FRAMES WIDTH HEIGHT [SEED [FPS [DROPPED]]]");
     if (avformat_alloc_output_context2(&file, NULL, "mp4", argv[1]) < 0)
         fail("this FFmpeg cannot write mp4");
-    codec = open_codec(width, height, file->oformat->flags & AVFMT_GLOBALHEADER);
+    codec = open_codec(width, height, fps, file->oformat->flags & AVFMT_GLOBALHEADER);
     stream = avformat_new_stream(file, NULL);
     if (!stream || avcodec_parameters_from_context(stream->codecpar, codec) < 0 ||
         avio_open(&file->pb, argv[1], AVIO_FLAG_WRITE) < 0 || avformat_write_header(file, NULL) < 0)
@@ -102,7 +105,7 @@ int main(int argc, char **argv)
         if (av_frame_make_writable(frame) < 0)
             fail("not enough memory");
         fill(frame, f, seed);
-        frame->pts = f;
+        frame->pts = f + (f >= dropped);
         if (avcodec_send_frame(codec, frame) < 0)
             fail("cannot encode");
         drain(codec, file, stream, packet);

@@ -1,0 +1,37 @@
+/* When each camera of a rig starts, relative to the clip. */
+#pragma once
+
+#include "importers/lib/model.h"
+
+struct spin_offset {
+    const char *camera;
+    double value;    /* how much later the camera starts */
+    bool in_seconds; /* `value` is in seconds; otherwise in frames */
+    bool used;
+};
+
+struct spin_offsets {
+    struct spin_offset *list; /* [n] */
+    size_t n;
+};
+
+/* Reads option `offsets`: a list such as "cam01=5;cam02=-0.2s", or the name of a file in the data
+ * set, m->path. Without the option, reads offsets.txt if the data set contains it. Each line of a
+ * file is a camera and its offset, such as "cam01 5". */
+spin_status spin_offsets_read(struct spin_model *m, struct spin_offsets *out);
+
+/* Returns the offset of a camera, or NULL if none is given. The camera is named by its folder or
+ * file: the names must be equal without extension, or have the same number. */
+const struct spin_offset *spin_offsets_of(struct spin_offsets *offsets, const char *camera);
+
+/* Fails if there is an offset of a camera that does not exist. */
+spin_status spin_offsets_check(const struct spin_offsets *offsets);
+
+#define SPIN_OFFSETS_OPTION                                                                        \
+    {                                                                                              \
+        "offsets", "LIST|FILE",                                                                    \
+            "cameras that start later, in frames or seconds, such as 'cam01=5;cam02=0.2s', or a "  \
+            "file "                                                                                \
+            "with a camera and its offset per line",                                               \
+            "offsets.txt"                                                                          \
+    }

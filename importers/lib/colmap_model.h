@@ -1,0 +1,47 @@
+/* Reads sparse models of COLMAP, binary or text: cameras, images and points.
+ *
+ * Binary files are little-endian and packed; they are preferred to text files, as in the methods.
+ * A pose is w2c in OpenCV's axes: R(q) p + t. Only pinhole cameras can be rendered: images of a
+ * model with nonzero distortion must be undistorted first. */
+#pragma once
+
+#include "importers/lib/model.h"
+
+struct spin_colmap_lens {
+    int id;
+    struct spin_camera camera; /* intrinsics; the pose is not set */
+};
+
+struct spin_colmap_image {
+    const char *name;
+    double q[4], t[3];
+    int lens_id;
+    size_t place; /* index of the image in the file */
+    struct spin_camera camera;
+};
+
+/* A sparse model: pinhole cameras with their poses. The caller sets `base` and `centre`, zeroes the
+ * rest, and frees `lens` and `image`. */
+struct spin_colmap {
+    struct spin_model *base;
+    bool centre;        /* move principal points to the image centre */
+    const char *sparse; /* folder of the model's files */
+    bool binary;
+    struct spin_colmap_lens *lens;
+    size_t n_lenses;
+    struct spin_colmap_image *image; /* sorted by name */
+    size_t n_images, capacity;
+    double (*point)[3]; /* [n_points] a sample of the model's points: every point_step-th */
+    size_t n_points;
+    uint64_t point_step, n_seen; /* n_seen: number of points read so far */
+    struct spin_splats *all;     /* private: receives all points */
+};
+
+/* Sets m->sparse and m->binary to the model of a folder: in sparse/0, sparse or sparse_, in the
+ * folder itself, or in colmap/sparse/0. m->sparse is NULL if there is none. */
+spin_status spin_colmap_find(struct spin_colmap *m, const char *folder);
+/* Reads the model in m->sparse. Warns if all points are behind a camera. */
+spin_status spin_colmap_read(struct spin_colmap *m);
+
+/* Reads all points of points3D.bin or points3D.txt, at `path`: their positions and colours. */
+spin_status spin_colmap_points(struct spin_model *base, const char *path, struct spin_splats *out);

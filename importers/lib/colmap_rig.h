@@ -1,0 +1,26 @@
+/* Finds the frames of a camera rig whose cameras are in a sparse model of COLMAP. */
+#pragma once
+
+#include "importers/lib/colmap_model.h"
+#include "importers/lib/views_rig.h"
+
+struct spin_colmap_rig {
+    struct spin_rig_camera *camera; /* [n], sorted by name, with their frames */
+    size_t n;                       /* 0: the images of the model are no rig */
+};
+
+/* Finds a rig in the data set `path`, whose images are in the folder `images`. Either the names of
+ * the model's images consist of a camera and a frame number; or each image is a camera, whose
+ * frames are in a folder or a video with the name or the number of the image, or in `images`
+ * itself. */
+spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, const char *images,
+                                 struct spin_colmap_rig *out);
+
+/* Sets *out to the path of the image `name` of the model: if there is no such file, the path of a
+ * file with this name and another or an additional extension, or else the path as it stands. */
+spin_status spin_colmap_picture(struct spin_model *m, const char *folder, const char *name,
+                                const char **out);
+
+/* Whether the name is that of a folder without the images of a single camera or frame, such as
+ * images_2, masks and sparse. */
+bool spin_colmap_is_other(const char *name);

@@ -1,0 +1,50 @@
+#!/bin/sh
+# K: datasets colmap technicolor transforms import layouts
+# Layouts of data sets that layouts.py writes, with what their views are: frames, cameras, images.
+. tests/cli/lib.sh
+
+python3 tests/cli/layouts.py make "$work/sets"
+ok $? "the data sets are written"
+
+while read -r name clip order note; do
+    set=$work/sets/$name
+    [ "$order" = - ] && order=
+    # shellcheck disable=SC2086
+    run "$bin/spin-import" "$work/sets/$clip" --data "$set" $order -o "$work/$name.spin"
+    is "$code" 0 "$name: is imported"
+    [ -z "$note" ] || err_has "$note" "$name: what it lacks is said"
+    run "$bin/spin-import" --info "$work/$name.spin" --views --json
+    python3 tests/cli/layouts.py compare "$work/sets/expected.json" "$work/out" "$set"
+    ok $? "$name: its views are those that Python computes"
+done <<SETS
+multipleview clip --pair=order
+colmap_t clip -
+technicolor clip -
+rig_cameras clip -
+rig_frames clip -
+rig_flat clip -
+rig_all clip -
+missing clip - 1 of 9 images is missing
+still still/frame_0000.ply -
+beside_text still/frame_0000.ply -
+beside_binary still/frame_0000.ply -
+beside_images still/frame_0000.ply -
+no_points still/frame_0000.ply -
+SETS
+
+# A camera that starts a frame late lacks the first image, and its first image belongs to frame 1.
+run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/rig_cameras" --offsets cam02=1 -o "$work/late.spin"
+is "$code" 0 "a camera that starts late is read"
+err_has "1 of 9 images is missing" "its missing image is counted"
+run "$bin/spin-import" --info "$work/late.spin" --views
+out_has "^ *0 *1 .*cam01/0000.png" "the other cameras have frame 0"
+out_has "^ *1 *2 .*cam02/0000.png" "its first image is paired with frame 1"
+is "$(grep -c cam02 "$work/out")" 2 "and its last with no frame"
+run "$bin/spin-import" "$work/sets/clip" --offsets cam02=1 -o "$work/none.spin"
+fails 2 spin-import "--offsets requires --data"
+
+# One image per frame, each of another camera, is said when the clip has several frames.
+run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/still" -o "$work/one.spin"
+is "$code" 0 "a model with as many images as frames is read as a video"
+err_has "one image per frame" "with a warning"
+done_testing
