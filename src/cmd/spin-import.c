@@ -109,6 +109,7 @@ static const char list_text[] =
     "{{#upstream}}                        {{upstream}}\n{{/}}"
     "{{#plugin}}                        plug-in {{plugin}}\n{{/}}{{/}}";
 
+#define VERDICT "{{#verdict}}{{verdict}}\n{{/}}"
 #define FROM "from        {{from}}{{#variant}}, {{variant}}{{/}}\n"
 #define NUMBERS                                                                                    \
     ", numbers {{numbers.0}} to {{numbers.1}}{{^numbered}} (counted){{/}}, "                       \
@@ -256,9 +257,9 @@ static spin_status describe_or_import(char **report, const char **text)
         status = spin_bundle_describe(options.input, report);
     if (status != SPIN_E_NOT_RECOGNISED)
         return status;
-    *text = wants_info        ? FROM RECOGNISED REPORT_TO_SPLATS STATIC REPORT_FROM_BOUNDS
+    *text = wants_info        ? VERDICT FROM RECOGNISED REPORT_TO_SPLATS STATIC REPORT_FROM_BOUNDS
             : spin_args.quiet ? NULL
-                              : FROM REPORT_TO_SPLATS REPORT_FROM_BOUNDS;
+                              : VERDICT FROM REPORT_TO_SPLATS REPORT_FROM_BOUNDS;
     return spin_import(&options, report);
 }
 

@@ -203,6 +203,30 @@ static size_t measure_views(const struct spin_views *views, const int *rows, int
     return n;
 }
 
+/* Whether a point is inside the image of at least one of the views. */
+static bool is_seen(const struct spin_view *view, size_t n, const float *point)
+{
+    for (size_t v = 0; v < n; v++) {
+        const struct spin_camera *c = &view[v].camera;
+        double p[3];
+
+        if (spin_camera_project(c, point, p) && p[0] >= 0 && p[1] >= 0 && p[0] < c->width &&
+            p[1] < c->height)
+            return true;
+    }
+    return false;
+}
+
+/* Returns the share of the points that a view of the data set frame `row` contains. */
+static double share_seen(const struct spin_views *views, int row, const struct spin_splats *s)
+{
+    size_t first, n_views = find_views(views, row, &first), n = 0, n_seen = 0;
+
+    for (size_t i = 0; i < s->n; i += s->n / POINTS + 1, n++)
+        n_seen += is_seen(views->view + first, n_views, s->means + 3 * i);
+    return n > 0 ? (double)n_seen / (double)n : 0;
+}
+
 spin_status spin_camera_shares(const struct spin_views *views, const int *rows, int n_rows,
                                const struct spin_splats *s, struct spin_camera_shares *out)
 {
@@ -218,6 +242,7 @@ spin_status spin_camera_shares(const struct spin_views *views, const int *rows, 
     n = measure_views(views, rows, n_rows, s, look);
     if (n == 0)
         return SPIN_OK;
+    out->seen = share_seen(views, rows[n_rows - 1], s);
     find_limit(look, n, 0, values, &out->in_front, &limit[0]);
     find_limit(look, n, 1, values, &out->inside, &limit[1]);
     for (size_t i = 0; i < n; i++) {

@@ -34,6 +34,7 @@ struct spin_camera_shares {
     struct spin_camera_share *camera; /* [n], one entry for each camera_id */
     size_t n;
     double in_front, inside; /* medians over all views */
+    double seen; /* share of the points that are inside the image of at least one camera */
 };
 
 /* Measures the views of the given data set frames, all with the points of a single frame, since

@@ -443,6 +443,27 @@ static spin_status report_shares(struct import *im, const struct spin_camera_sha
     return SPIN_OK;
 }
 
+/* Adds the conclusion of the check to the report. The limits are those of warn_few_points(). */
+static void report_verdict(struct import *im, const struct spin_camera_shares *s)
+{
+    size_t n_apart = 0;
+    char text[200], share[96];
+
+    for (size_t k = 0; k < s->n; k++)
+        n_apart += s->camera[k].apart;
+    if (s->in_front < 0.5 || s->inside < 0.1)
+        snprintf(text, sizeof text,
+                 "cameras do not fit: %.0f %% of the splats are in front of the median camera, and "
+                 "%.0f %% inside its image",
+                 100 * s->in_front, 100 * s->inside);
+    else if (n_apart > 0)
+        snprintf(text, sizeof text, "%s not fit: the others see %.0f %% of the splats",
+                 spin_text_share(n_apart, s->n, "camera", "does", "do", share), 100 * s->seen);
+    else
+        snprintf(text, sizeof text, "cameras fit: %.0f %% of the splats are seen", 100 * s->seen);
+    spin_json_set_string(im->report, "verdict", text);
+}
+
 static spin_status check_cameras(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -467,8 +488,10 @@ static spin_status check_cameras(struct import *im)
     }
     warn_few_points(spin_json_get(im->report, "cameras"));
     status = spin_camera_shares(&im->views, im->rows, im->meta.n_frames, &im->splats, &shares);
-    if (status == SPIN_OK)
+    if (status == SPIN_OK) {
+        report_verdict(im, &shares);
         status = report_shares(im, &shares);
+    }
     free(shares.camera);
     return status;
 }

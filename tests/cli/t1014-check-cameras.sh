@@ -26,6 +26,7 @@ of_camera() { grep "^camera $1 " "$work/out"; }
 run "$bin/spin-import" --check-cameras "$work/good" --data "$clip" "$clip"
 is "$code" 0 "cameras that are right"
 is "$(wc -l <"$work/err")" 0 "no warning"
+is "$(sed -n 1p "$work/out" | tr -d 0-9)" "cameras fit:  % of the splats are seen" "the first line is the verdict"
 is "$(grep -c '^camera [0-9]' "$work/out")" 8 "a line for every camera, not only for the four that are drawn"
 ! grep -q 'far fewer' "$work/out"
 ok $? "none is far from the others"
@@ -43,6 +44,7 @@ err_has "^warning: camera 12 has [0-9] % of the points in front and 0 % inside i
     "that names it"
 of_camera 12 | grep -q 'far fewer'
 ok $? "its line says so"
+is "$(sed -n 1p "$work/out" | cut -d : -f 1)" "1 of 8 cameras does not fit" "the verdict counts it"
 is "$(grep -c 'far fewer' "$work/out")" 1 "no other line does"
 [ -s "$work/seen/cam_12_frame_00000.png" ]
 ok $? "it is drawn, though it is none of the four"
@@ -63,7 +65,7 @@ ok $? "and drawn"
 variant twice 's/\[3, 7, 12, 19,/[7, 7, 7, 7,/g'
 run "$bin/spin-import" --check-cameras "$work/both" --data "$work/twice" "$clip" --json
 is "$code" 0 "a camera that is there more than once"
-err_has "^warning: '$work/twice/ims/[0-9]*/000008.jpg' and '$work/twice/ims/[0-9]*/000008.jpg' are both camera 7 of frame 8$" \
+err_has "^warning: '$work/twice/ims/[0-9]*/000008.jpg' and '$work/twice/ims/[0-9]*/000008.jpg' are both camera 7 of frame 0$" \
     "is a warning"
 ! grep -q "ims/\([0-9]*/\)000008.jpg' and '$work/twice/ims/\1" "$work/err"
 ok $? "that names two files"
