@@ -160,6 +160,87 @@ static void test_order(void)
     spin_splats_free(&s);
 }
 
+/* A frame of positions between -1 and 1, judged with these options; returns the filter. */
+static struct spin_row_filter judge(const struct spin_export_options *o, struct spin_splats *s)
+{
+    struct spin_row_filter f = begin(o, true);
+
+    make_frame(s, 2000, 0, 11);
+    for (size_t i = 0; i < 3 * s->n; i++)
+        s->means[i] /= 4;
+    ok(n_left(&f, s) < s->n, "drops some rows");
+    return f;
+}
+
+static void test_sphere(double radius)
+{
+    struct spin_export_options o = {.n_threads = 1, .n_crop = 4, .crop = {0.5, -0.5, 0.25, radius}};
+    struct spin_splats s = {0};
+    struct spin_row_filter f = judge(&o, &s);
+    size_t n = 0;
+
+    for (size_t i = 0; i < s.n; i++) {
+        double x = s.means[3 * i] - 0.5, y = s.means[3 * i + 1] + 0.5,
+               z = s.means[3 * i + 2] - 0.25;
+
+        n += f.reason[i] == (sqrt(x * x + y * y + z * z) > radius ? SPIN_ROW_CROP : SPIN_ROW_KEPT);
+    }
+    ok(n == s.n, "--crop: a sphere of radius %g", radius);
+    spin_row_filter_close(&f);
+    spin_splats_free(&s);
+}
+
+/* RMS distance of a row to its three nearest neighbours. */
+static double spacing(const struct spin_splats *s, size_t i)
+{
+    double least[3] = {INFINITY, INFINITY, INFINITY};
+
+    for (size_t k = 0; k < s->n; k++) {
+        double square = 0;
+
+        for (size_t c = 0; c < 3; c++)
+            square += pow((double)s->means[3 * i + c] - (double)s->means[3 * k + c], 2);
+        for (int m = 0; m < 3 && k != i; m++)
+            if (square < least[m]) {
+                double other = least[m];
+
+                least[m] = square;
+                square = other;
+            }
+    }
+    return sqrt((least[0] + least[1] + least[2]) / 3);
+}
+
+static int by_double(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+
+    return (x > y) - (x < y);
+}
+
+static void test_floaters(double factor)
+{
+    static double of[2000], sorted[2000];
+    struct spin_export_options o = {.n_threads = 1, .floaters = factor};
+    struct spin_splats s = {0};
+    struct spin_row_filter f = judge(&o, &s);
+    size_t n = 0;
+
+    for (size_t i = 0; i < s.n; i++)
+        sorted[i] = of[i] = spacing(&s, i);
+    qsort(sorted, s.n, sizeof *sorted, by_double);
+    for (size_t i = 0; i < s.n; i++) {
+        const float *scale = s.log_scales + 3 * i;
+        double reach = 3 * exp(fmax(fmax(scale[0], scale[1]), scale[2]));
+
+        n += f.reason[i] ==
+             (of[i] > factor * sorted[1000] && of[i] > reach ? SPIN_ROW_FLOATERS : SPIN_ROW_KEPT);
+    }
+    ok(n == s.n, "--floaters %g: %zu of %zu rows", factor, n, s.n);
+    spin_row_filter_close(&f);
+    spin_splats_free(&s);
+}
+
 static void test_threads(void)
 {
     struct spin_export_options o = {.n_threads = 1, .min_opacity = 0.3}, many = o;
@@ -183,5 +264,9 @@ TAP_MAIN
     test_reasons();
     test_limits();
     test_order();
+    test_sphere(0.5);
+    test_sphere(0.75);
+    test_floaters(1.25);
+    test_floaters(1.5);
     test_threads();
 }
