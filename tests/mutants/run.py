@@ -52,6 +52,7 @@ import time
 
 sys.dont_write_bytecode = True
 import faults as generator  # noqa: E402
+import relink  # noqa: E402
 import scope as scopes  # noqa: E402
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -66,7 +67,7 @@ BUILD = "build/release"
 PRODUCT = ("src/", "importers/", "exporters/")
 ENDINGS = (".c", ".h", ".def", ".cu")
 # A header that more objects than this include would cost minutes per fault.
-MOST_OBJECTS = 40
+MOST_OBJECTS = 12
 RUN_COMMANDS = ("tests/cli/", "tests/cmd/")  # the other rooms need programs of their own only
 KEYS = {"name", "file", "nth", "old", "new", "tests", "reason"}
 say_lock = threading.Lock()
@@ -477,17 +478,28 @@ def copy_build(source, tree):
 
 def make_trees(n):
     """Tree 0, which never has a fault, and n others."""
-    files = listed_files()
-    trees = [os.path.join(WORK, str(i)) for i in range(n + 1)]
-    for i, tree in enumerate(trees):
-        if os.path.exists(tree + ".fault"):  # left by an interrupted run
-            shutil.rmtree(tree)
-        copy_tree(tree, files)
-        copy_build(trees[0] if i else ROOT, tree)
-        code, out = build(tree, {"all", "test-bins"})
-        if code != 0:
-            raise Mistake("the tree does not build without a fault:\n" + out[-2000:])
+    code, out = build(ROOT, {"all", "test-bins"})
+    if code != 0:
+        raise Mistake("the tree does not build without a fault:\n" + out[-2000:])
+    files, commands = listed_files(), relink.read_commands(ROOT, BUILD)
+    trees = [relink.Tree(os.path.join(WORK, str(i)), ROOT, BUILD, commands) for i in range(n + 1)]
+    for tree in trees:
+        copy_tree(tree.path, files)
+        tree.link_farm()
     return trees
+
+
+def make_real_tree(tree):
+    """A copy of sources and build, for faults in files that only make compiles: CUDA, scripts, pages, shims."""
+    path = tree.path + ".real"
+    if os.path.exists(path + ".fault"):  # left by an interrupted run
+        shutil.rmtree(path)
+    copy_tree(path, listed_files())
+    copy_build(ROOT, path)
+    code, out = build(path, {"all", "test-bins"})
+    if code != 0:
+        raise Mistake("a copy of the tree does not build:\n" + out[-2000:])
+    return path
 
 
 def key_of(files):
@@ -559,43 +571,74 @@ class Inserted:
 
 class Judge:
     def __init__(self, trees, scope, memory):
-        self.clean, self.scope, self.memory, self.lock = trees[0], scope, memory, threading.Lock()
+        self.clean, self.scope, self.memory, self.lock, self.real = trees[0].path, scope, memory, threading.RLock(), {}
 
     def try_fault(self, tree, trial):
         """What became of it: killed, survived or mistake; and how that was seen."""
-        tests = self.memory.order(trial.file, trial.tests)
         objects = self.scope.objects_of(trial.file)
         if trial.kind != "semantic" and len(objects) > MOST_OBJECTS:
             return "mistake", "%d objects would be compiled" % len(objects)
+        if trial.file.endswith((".c", ".h", ".def")) and objects and \
+                all(BUILD + "/" + o in tree.commands for o in objects):
+            return self.try_relinked(tree, trial, objects)
+        return self.try_made(self.real_tree(tree), trial, objects)
+
+    def real_tree(self, tree):
+        with self.lock:
+            if tree.path not in self.real:
+                self.real[tree.path] = make_real_tree(tree)
+            return self.real[tree.path]
+
+    def try_relinked(self, tree, trial, objects):
+        path = os.path.join(tree.path, trial.file)
+        whole = read(trial.file)
+        try:
+            with open(path, "w") as f:
+                f.write(trial.change(whole))
+            code, out = tree.compile(objects)
+            if code != 0:
+                return "mistake", "does not compile:\n" + out[-1500:]
+            return self.try_tests(tree.path, trial, lambda test, _: tree.link_for(test[0], read(test[0]), binary(test)))
+        finally:
+            with open(path, "w") as f:
+                f.write(whole)
+            tree.restore()
+
+    def try_made(self, tree, trial, objects):
+        built = set()
+
+        def prepare(test, after):
+            if targets_of(tree, [test]) <= built:
+                return 0, ""
+            more = targets_of(tree, [test] + self.next_programs(after))
+            built.update(more)
+            return build(tree, more, trial.kind != "semantic")
+
         with Inserted(tree, trial, objects):
             code, out = check(tree, trial.file)
             if code != 0:
                 return "mistake", "is not of its language:\n" + out[-1500:]
-            spent, passed, built = 0, [], set()
-            for i, test in enumerate(tests):
-                if trial.kind != "semantic" and spent > MOST_SECONDS:
-                    break
-                if not targets_of(tree, [test]) <= built:
-                    more = targets_of(tree, [test] + self.next_programs(tests[i + 1:]) if i else [test])
-                    code, out = build(tree, more, trial.kind != "semantic")
-                    if code != 0:
-                        return "mistake", "does not build:\n" + out[-1500:]
-                    built |= more
-                start = time.time()
-                why, used = run_test(tree, test, self.memory.limit(test))
-                spent += used
-                if not why:
-                    passed.append(label(test))
-                    self.memory.timed(test, time.time() - start)
-                elif self.passes_without(test):
-                    self.memory.killed(trial.file, test)
-                    return "killed", "%s: %s" % (label(test), why)
-        return "survived", "passed: " + " ".join(passed)
+            return self.try_tests(tree, trial, prepare)
 
-    def next_programs(self, tests):
-        """The tests to build together with the second one and later ones: a call of make takes as long as a link."""
-        programs = [t for t in tests if binary(t) and not t[0].startswith(RUN_COMMANDS)]
-        return programs[:2]
+    def try_tests(self, tree, trial, prepare):
+        spent, passed = 0, []
+        tests = self.memory.order(trial.file, trial.tests)
+        for i, test in enumerate(tests):
+            if trial.kind != "semantic" and spent > MOST_SECONDS:
+                break
+            code, out = prepare(test, tests[i + 1:])
+            if code != 0:
+                return "mistake", "does not build:\n" + out[-1500:]
+            start = time.time()
+            why, used = run_test(tree, test, self.memory.limit(test))
+            spent += used
+            if not why:
+                passed.append(label(test))
+                self.memory.timed(test, time.time() - start)
+            elif self.passes_without(test):
+                self.memory.killed(trial.file, test)
+                return "killed", "%s: %s" % (label(test), why)
+        return "survived", "passed: " + " ".join(passed)
 
     def passes_without(self, test):
         with self.lock:
@@ -671,7 +714,7 @@ def judge_all(slots, words):
     start = time.time()
     trees = make_trees(min(JOBS, len(slots)))
     memory = Memory(os.path.join(WORK, "memory.json"), key_of(listed_files()))
-    judge = Judge(trees, scopes.Scope(trees[0], BUILD), memory)
+    judge = Judge(trees, scopes.Scope(ROOT, BUILD), memory)
     say("%d faults, %d trees after %.0f s" % (len(slots), len(trees) - 1, time.time() - start))
     report = Report(len(slots))
 
