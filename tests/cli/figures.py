@@ -326,7 +326,8 @@ def check_bundle(name, source, stages):
     with zipfile.ZipFile(bundle) as z:
         has_table = "trained/table.npy" in z.namelist()
     for stage in stages:
-        ok(j[stage]["options"] == told_options(meta[stage]), "%s: settings of %s" % (name, stage))
+        ok(j[stage]["options"] == told_options(meta[stage]) and j[stage]["antialias"] == meta[stage].get("antialias", False),
+           "%s: settings of %s" % (name, stage))
         n = stages[stage]
         ok(j[stage]["splats"] == {"min": min(n), "mean": np.mean(n), "max": max(n)}, "%s: splats of %s" % (name, stage),
            j[stage]["splats"], n)

@@ -11,7 +11,8 @@ is "$code" 0 "trains tracks"
 
 run "$bin/spin-retrain" "$work/in.spin" -o "$work/no.spin" --method 4d
 fails 1 spin-retrain "a clip that was not trained"
-err_has "--method 4d needs a clip that was trained with --method tracks" "and it says what it begins with"
+err_has "^spin-retrain: cannot retrain '.*in.spin': --method 4d needs a clip that was trained with --method tracks" \
+    "and it says what it begins with"
 nothing_at "$work/no" "and nothing is left"
 run "$bin/spin-retrain" "$work/in.spin" -o "$work/network.spin" --preset paper --levels 2 --hash-log2 8 \
     --finest-resolution 16 --hidden 8 --iterations 1 --scale 0.2 --device cpu

@@ -351,7 +351,8 @@ class Source:
             call = self.kind(i) == "word" and self.is_(i + 1, "(")
             if not (call and (SILENT_CALLS.match(word) or RELEASING_CALLS.match(word))):
                 self.add("delete", i, last, ";")
-            self.exchange(i, last)
+            if not (call and RELEASING_CALLS.match(word)):
+                self.exchange(i, last)
 
     def exchange(self, i, last):
         """Two statements in the other order, if the second one names what the first one assigns to."""
