@@ -3,6 +3,9 @@
 #include "base/base.h"
 #include "math/rng.h"
 
+/* Cells of which a smaller share moves flicker. */
+#define LEAST_SHARE 0.3f
+
 enum {
     STARTS = 30,  /* starts of the search for the densest ball */
     SHIFTS = 12,  /* steps of the search from one start */
@@ -89,6 +92,49 @@ static spin_status find_reach(const struct spin_voxels *v, const double from[3],
 }
 
 /* ---- The splats of the subject --------------------------------------------------------------- */
+
+/* Sets *share to an array with the share of the opaque area of each cell that moves. */
+static spin_status find_moving_shares(const struct spin_voxels *v, float **share)
+{
+    SPIN_FREED float *all = NULL;
+
+    SPIN_TRY(spin_alloc(v->n, sizeof *all, (void **)&all));
+    SPIN_TRY(spin_alloc(v->n, sizeof **share, (void **)share));
+    for (size_t i = 0; i < v->n_splats; i++) {
+        double at[3];
+        size_t cell;
+
+        position_of(v, i, at);
+        cell = spin_voxels_find(v, at);
+        if (cell == SIZE_MAX)
+            continue;
+        all[cell] += (float)spin_voxels_area(v, &v->splat[i]);
+        if (spin_voxels_moves(v, &v->splat[i]))
+            (*share)[cell] += (float)spin_voxels_area(v, &v->splat[i]);
+    }
+    for (size_t i = 0; i < v->n; i++)
+        (*share)[i] /= all[i] > 0 ? all[i] : 1;
+    return SPIN_OK;
+}
+
+/* Multiplies the weights by the square of the share of their cell that moves: of a wall that
+ * flickers, only some splats seem to move. */
+static spin_status weigh_by_share(const struct spin_voxels *v, struct spin_subject *s)
+{
+    SPIN_FREED float *share = NULL;
+
+    SPIN_TRY(find_moving_shares(v, &share));
+    for (size_t i = 0; i < s->n; i++) {
+        double at[3];
+        size_t cell;
+
+        position_of(v, s->splat[i], at);
+        cell = spin_voxels_find(v, at);
+        s->weight[i] *=
+            cell == SIZE_MAX || share[cell] < LEAST_SHARE ? 0 : (double)(share[cell] * share[cell]);
+    }
+    return SPIN_OK;
+}
 
 /* Lists the splats that move, or all splats. Large splats that move are flicker of walls and
  * background. */
@@ -222,6 +268,7 @@ spin_status spin_subject_find(const struct spin_voxels *v, uint64_t seed, struct
     SPIN_TRY(find_reach(v, middle, &around));
     SPIN_TRY(list_splats(v, true, s));
     weigh_by_sight(v, middle, s);
+    SPIN_TRY(weigh_by_share(v, s));
     s->moves = is_enough(s);
     if (!s->moves)
         SPIN_TRY(list_splats(v, false, s));

@@ -6,7 +6,7 @@
 
 #define LOWEST (-0.1)      /* directions below this sine of the elevation are not used */
 #define WALL_DEPTH 0.7     /* optical depth of a wall */
-#define FREE_SHARE 0.04    /* largest share of covered rays of a free view */
+#define FREE_SHARE 0.03    /* largest share of covered rays of a free view */
 #define INWARDS 0.93       /* factor on the distance of a camera that is not free */
 #define LEAST_DISTANCE 1.2 /* smallest distance of a camera, in radii of the subject */
 #define MOST_DISTANCE                                                                              \
@@ -184,13 +184,14 @@ static void find_room(struct placing *p)
 
     if (n_walls - first <= n / 4 || (!p->subject->moves && share_within(p, middle / 2) < 0.02))
         return;
-    p->out->radius = fmin(p->out->radius, 0.5 * middle);
-    while (first < n_walls && wall[first] <= 1.5 * p->out->radius)
+    while (first < n_walls && wall[first] <= p->out->radius)
         first++;
     n_far = n_walls - first;
     p->out->room = n_far > n / 4;
-    if (p->out->room)
-        p->far = fmin(p->far, 1.15 * wall[first + n_far / 2]);
+    if (!p->out->room)
+        return;
+    p->out->radius = fmin(p->out->radius, 0.4 * middle);
+    p->far = fmin(p->far, wall[first + n_far / 2]);
 }
 
 /* ---- Places ---------------------------------------------------------------------------------- */
@@ -204,15 +205,16 @@ static bool is_covered(const struct placing *p, const double eye[3], const doubl
     return spin_voxels_depth(p->v, p->v->opacity, eye, along, SAMPLES) > -log(0.7);
 }
 
-/* Returns the share of the rays of a probe that are covered within a third of the way to the
- * centre, plus half the share of those in the middle that are covered before the subject. */
-static double covered_share(const struct placing *p, const double eye[3])
+/* Returns the share of the rays of a probe, towards `aim`, that are covered within a third of the
+ * distance from the centre, plus half the share of those in the middle that are covered before the
+ * subject. */
+static double covered_share(const struct placing *p, const double eye[3], const double aim[3])
 {
     double axis[3][3], away = distance_to(eye, p->out->centre);
     double before = fmax(0.05 * p->out->radius, away - 1.1 * p->out->radius);
     double near = 0, middle = 0;
 
-    find_axes(eye, p->out->centre, p->out->up, axis);
+    find_axes(eye, aim, p->out->up, axis);
     for (int y = 0; y < DOWN; y++)
         for (int x = 0; x < ACROSS; x++) {
             double u = p->half[0] * (2.0 * x / (ACROSS - 1) - 1), ray[3];
@@ -235,7 +237,7 @@ static bool free_view(const struct placing *p, double eye[3])
     for (int k = 0; k < TRIES; k++) {
         if (distance_to(eye, centre) <= LEAST_DISTANCE * p->out->radius)
             return false;
-        if (covered_share(p, eye) < FREE_SHARE)
+        if (covered_share(p, eye, centre) < FREE_SHARE)
             return true;
         for (int c = 0; c < 3; c++)
             eye[c] = centre[c] + INWARDS * (eye[c] - centre[c]);
@@ -243,18 +245,18 @@ static bool free_view(const struct placing *p, double eye[3])
     return false;
 }
 
-/* Finds the place for a camera in a direction, at `scale` times the largest distance. Without a
- * room, a wall near the centre is a part of the subject that stands still. */
+/* Finds the place for a camera in a direction, at `scale` times the largest distance. A wall
+ * near the centre is a part of the subject that stands still. */
 static bool find_place(const struct placing *p, const double direction[3], double scale,
                        double eye[3])
 {
     double radius = p->out->radius, wall = wall_distance(p, 0.3 * radius, direction);
 
-    if (!p->out->room && wall < 1.3 * radius)
+    if (wall < 1.3 * radius)
         wall = wall_distance(p, radius, direction);
     if (wall < 1.3 * radius)
         return false;
-    add_scaled(p->out->centre, scale * (isfinite(wall) ? 0.9 * wall : p->far), direction, eye);
+    add_scaled(p->out->centre, scale * (isfinite(wall) ? 0.85 * wall : p->far), direction, eye);
     return free_view(p, eye);
 }
 
@@ -317,7 +319,7 @@ static double circle_distance(const struct placing *p, double sine)
     for (int k = 0; k < AZIMUTHS; k++) {
         find_azimuth(p, k, sine, 1, eye);
         add_scaled(eye, -1, p->out->centre, unit);
-        least = fmin(least, 0.9 * wall_distance(p, p->out->room ? 0.3 * radius : radius, unit));
+        least = fmin(least, 0.85 * wall_distance(p, radius, unit));
     }
     return fmax(least, LEAST_DISTANCE * radius);
 }
@@ -330,7 +332,7 @@ static int count_covered(const struct placing *p, double sine, double distance)
         double eye[3];
 
         find_azimuth(p, k, sine, distance, eye);
-        n += covered_share(p, eye) >= FREE_SHARE;
+        n += covered_share(p, eye, p->out->centre) >= FREE_SHARE;
     }
     return n;
 }
@@ -485,7 +487,10 @@ static void add_camera(struct placing *p, const double eye[3], bool test)
         double aim[3], gain;
 
         find_aim(p, p->out->n, k, aim);
-        gain = distance_to(aim, eye) < 0.5 * p->out->radius ? -1 : gain_of(p, eye, aim, false);
+        gain =
+            distance_to(aim, eye) < 0.5 * p->out->radius || covered_share(p, eye, aim) >= FREE_SHARE
+                ? -1
+                : gain_of(p, eye, aim, false);
         if (gain <= 1.001 * most) /* rounding must not decide */
             continue;
         most = gain;

@@ -2,18 +2,19 @@
 
 #include "base/base.h"
 #include "math/activate.h"
+#include "math/covariance.h"
 
 #define NEEDED (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum { MOST_SPLATS = 100000 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Returns the product of the two largest scales times pi. */
+/* Returns the integral of a Gaussian over the plane of its two largest scales. */
 static double cross_section(const float scale[3])
 {
     double least = (double)fminf(scale[0], fminf(scale[1], scale[2]));
 
-    return M_PI * exp((double)scale[0] + (double)scale[1] + (double)scale[2] - least);
+    return 2 * M_PI * exp((double)scale[0] + (double)scale[1] + (double)scale[2] - least);
 }
 
 static bool is_finite(const struct spin_splats *s, size_t i)
@@ -25,6 +26,24 @@ static bool is_finite(const struct spin_splats *s, size_t i)
     return finite;
 }
 
+/* Sets the two longest axes, each one standard deviation long. */
+static void set_axes(const float quat[4], const float scale[3], struct spin_voxel_splat *out)
+{
+    const double q[4] = {(double)quat[0], (double)quat[1], (double)quat[2], (double)quat[3]};
+    size_t shortest = scale[0] < scale[1] ? 0 : 1, n = 0;
+    double r[9];
+
+    spin_matrix_of_quat(q, r);
+    shortest = scale[2] < scale[shortest] ? 2 : shortest;
+    for (size_t k = 0; k < 3; k++) {
+        if (k == shortest)
+            continue;
+        for (size_t c = 0; c < 3; c++)
+            out->axis[n][c] = (float)(exp((double)scale[k]) * r[3 * c + k]);
+        n++;
+    }
+}
+
 static struct spin_voxel_splat make_splat(const struct spin_splats *s, size_t i, int frame)
 {
     size_t n_sh = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
@@ -34,6 +53,7 @@ static struct spin_voxel_splat make_splat(const struct spin_splats *s, size_t i,
     out.opacity = (float)spin_sigmoid_of((double)s->logit_opacities[i]);
     out.area = (float)((double)out.opacity * cross_section(scale));
     out.largest = expf(fmaxf(scale[0], fmaxf(scale[1], scale[2])));
+    set_axes(s->quats + 4 * i, scale, &out);
     for (size_t c = 0; c < 3; c++) {
         out.at[c] = s->means[3 * i + c];
         out.rgb[c] = fminf(fmaxf(0.5f + 0.28209479f * s->sh[n_sh * i + c], 0), 1);
@@ -137,6 +157,16 @@ void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3])
     }
 }
 
+/* Returns the cell of part k of a splat: of its centre, or of an end of one of its axes. */
+static size_t cell_of_part(const struct spin_voxels *v, const struct spin_voxel_splat *s, int k)
+{
+    double at[3], side = k == 0 ? 0 : k % 2 ? 1 : -1;
+
+    for (int c = 0; c < 3; c++)
+        at[c] = (double)s->at[c] + side * (double)s->axis[k > 2][c];
+    return spin_voxels_find(v, at);
+}
+
 static size_t cell_of(const struct spin_voxels *v, const struct spin_voxel_splat *s)
 {
     const double at[3] = {(double)s->at[0], (double)s->at[1], (double)s->at[2]};
@@ -170,7 +200,7 @@ double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_spl
 }
 
 /* Adds the splats of sampled frame f, or of all frames if f is -1, to a field, each with its area
- * times colour channel `channel`; -1: times 1. */
+ * times colour channel `channel`, or the squared length of the colour for 3; -1: times 1. */
 static void add_mass(const struct spin_voxels *v, int f, int channel, float *field)
 {
     for (size_t i = 0; i < v->n_splats; i++) {
@@ -183,6 +213,24 @@ static void add_mass(const struct spin_voxels *v, int f, int channel, float *fie
         if (channel == 3)
             area *= s->rgb[0] * s->rgb[0] + s->rgb[1] * s->rgb[1] + s->rgb[2] * s->rgb[2];
         field[cell] += channel < 0 || channel == 3 ? area : area * s->rgb[channel];
+    }
+}
+
+/* Adds all splats to a field. Those that are larger than a cell, such as floaters before a lens,
+ * extend over several cells. */
+static void add_extents(const struct spin_voxels *v, float *field)
+{
+    for (size_t i = 0; i < v->n_splats; i++) {
+        const struct spin_voxel_splat *s = &v->splat[i];
+        int n = (double)s->largest < 0.5 * v->cell ? 1 : 5;
+        double most = (double)s->opacity * v->cell * v->cell;
+
+        for (int k = 0; k < n; k++) {
+            size_t cell = cell_of_part(v, s, k);
+
+            if (cell != SIZE_MAX)
+                field[cell] += s->count * (float)fmin((double)s->area / n, most);
+        }
     }
 }
 
@@ -231,7 +279,7 @@ static spin_status make_extinctions(struct spin_voxels *v)
 
     SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->opacity));
     SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->walls));
-    add_mass(v, -1, -1, v->opacity);
+    add_extents(v, v->opacity);
     for (size_t i = 0; i < v->n; i++) {
         v->opacity[i] /= volume * (float)v->n_frames;
         v->walls[i] = wall_mass(v, i) / volume;

@@ -12,8 +12,9 @@ typedef spin_status (*spin_voxel_read_fn)(void *context, int frame, const struct
 
 struct spin_voxel_splat {
     float at[3], rgb[3];
-    float opacity, area; /* area: opacity times the cross-section from the largest side */
+    float opacity, area; /* area: opacity times the integral over the largest side */
     float largest;       /* largest standard deviation */
+    float axis[2][3];    /* the two longest axes of the ellipsoid */
     float count;         /* number of splats that this one stands for, in large frames */
     int frame;           /* sampled frame, 0..n_frames - 1 */
 };

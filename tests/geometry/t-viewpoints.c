@@ -16,6 +16,7 @@ struct scene {
     double scale; /* of the twin */
     bool turned;  /* the twin: y up */
     bool moves;
+    bool flickers; /* a part of the room changes its colour in every frame */
     struct spin_splats splats;
 };
 
@@ -70,8 +71,11 @@ static spin_status read_frame(void *context, int f, const struct spin_splats **o
 
     *out = &s->splats;
     SPIN_TRY(spin_splats_reserve(&s->splats, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
-    for (size_t i = 0; i + BODY < n; i++)
+    for (size_t i = 0; i + BODY < n; i++) {
         put_room(s, i);
+        if (s->flickers && uniform(20 + (uint64_t)f, i) < 0.15)
+            s->splats.sh[3 * i] += 2;
+    }
     for (size_t i = 0; i < BODY; i++)
         put_body(s, i, f);
     return SPIN_OK;
@@ -121,9 +125,9 @@ static int count_blind(struct scene *s, const struct spin_viewpoints *p, int bod
     return blind;
 }
 
-static void check_room(void)
+static void check_room(bool flickers)
 {
-    struct scene s = {.room = true, .bodies = 1, .scale = 1, .moves = true};
+    struct scene s = {.room = true, .bodies = 1, .scale = 1, .moves = true, .flickers = flickers};
     struct spin_viewpoints p = {0};
     int outside = 0, n_seen;
 
@@ -142,7 +146,7 @@ static void check_room(void)
     }
     ok(outside == 0, "no camera is outside the room or below its floor: %d", outside);
     ok(count_blind(&s, &p, 0, &n_seen) == 0, "every camera has the ball in its image");
-    ok(p.few_moving == 0 && p.few_static < 0.15, "three or more see all that moves: %g, %g",
+    ok(p.few_moving == 0 && p.few_static < 0.5, "three or more see all that moves: %g, %g",
        p.few_moving, p.few_static);
     ok(p.free_circle && p.front[2] > p.centre[2] - RADIUS - 0.5 && p.front[2] < p.centre[2] &&
            p.front[1] < p.centre[1],
@@ -239,7 +243,8 @@ static void check_refusals(void)
 
 TAP_MAIN
 {
-    check_room();
+    check_room(false);
+    check_room(true);
     check_two_bodies();
     check_subject(true);
     check_subject(false);
