@@ -208,6 +208,8 @@ static spin_status read_column(const struct run *run, int key, int frame, float 
     spin_array_to_f32(a, first, count, out);
     if (a->n_dims == 3)
         spin_npz_forget(&run->npz, a, first, count);
+    for (uint64_t i = 0; keys[key].column == 2 && i < count; i++)
+        out[i] = spin_finite_log_scale(out[i]);
     bad = spin_finite_missing(out, (size_t)count);
     if (bad > 0)
         return spin_malformed(

@@ -4,6 +4,7 @@
  * kinds of files are supported: points without colours, which yield positions only; points with
  * colours, which yield positions and RGB; and Gaussians in SuperSplat's compressed layout. */
 #include <ctype.h>
+#include <float.h>
 #include <strings.h>
 
 #include "formats/compressed_ply.h"
@@ -21,7 +22,10 @@ struct clip {
     int sh_degree;      /* largest SH degree of all frames; -1: points */
     const char **names; /* vertex properties of the first frame except f_rest_*; NULL-terminated */
     size_t n_names;
-    bool warned_scale, warned_opacity, warned_extra; /* warnings that were already printed */
+    /* warnings that were already printed */
+    bool warned_scale, warned_opacity, warned_extra, warned_dropped;
+    bool strict;     /* refuse values that are not finite */
+    double shift[3]; /* subtracted from the positions of all frames */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -284,6 +288,8 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
         if (strcasecmp(ply->comment[i], "SplatRenderMode: 2dgs") == 0)
             spin_warn("'%s': trained as 2D splats (SplatRenderMode: 2dgs), drawn as flat 3D splats",
                       ply->path);
+    if (c->kind == GAUSSIANS && c->gaussians.flat)
+        spin_note(sequence, "flat splats (2DGS) are drawn as thin 3D splats");
     if (spin_ply_has(c->vertex, "filter_3D")) {
         spin_note(
             sequence,
@@ -340,6 +346,64 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
     return SPIN_OK;
 }
 
+/* The middle of a coordinate, and the range of its central 90 %. */
+struct spread {
+    double middle, range;
+};
+
+static spin_status find_spread(const struct spin_ply *ply, const struct spin_ply_element *e, int c,
+                               struct spread *out)
+{
+    const char name[2] = {(char)('x' + c), '\0'};
+    size_t n = (size_t)e->count;
+    SPIN_FREED float *value = NULL;
+
+    SPIN_TRY(spin_alloc(n, sizeof *value, (void **)&value));
+    spin_ply_column(ply, e, spin_ply_find(e, name), value, 1);
+    for (size_t i = n; i-- > 0;)
+        if (!isfinite(value[i]))
+            value[i] = value[--n];
+    if (n == 0)
+        return SPIN_OK;
+    qsort(value, n, sizeof *value, spin_by_float);
+    out->middle = (double)value[n / 2];
+    out->range = (double)(value[n - 1 - n / 20] - value[n / 20]);
+    return SPIN_OK;
+}
+
+/* Chooses the shift of a clip whose positions are far from 0: floats would round them to steps of
+ * more than a millionth of the scene's extent. If the file itself has floats, only warns. */
+static spin_status choose_shift(struct clip *clip, const struct spin_ply *ply,
+                                const struct spin_ply_element *e)
+{
+    struct spin_sequence_info *sequence = clip->base.sequence;
+    bool wide = ply->ascii || e->property[spin_ply_find(e, "x")].type == SPIN_PLY_F64;
+    double extent = 0, farthest = 0;
+    struct spread s[3] = {0};
+
+    for (int c = 0; c < 3; c++) {
+        SPIN_TRY(find_spread(ply, e, c, &s[c]));
+        extent = fmax(extent, s[c].range);
+        farthest = fmax(farthest, fabs(s[c].middle));
+    }
+    if (farthest < (extent > 0 ? 1 : 1024) ||
+        FLT_EPSILON * farthest <= (wide ? 2e-6 : 1e-5) * extent)
+        return SPIN_OK;
+    if (!wide) {
+        spin_warn("'%s': positions are up to %g from 0, where floats have steps of %.2g: store "
+                  "them as doubles, or closer to 0",
+                  ply->path, farthest, (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
+        return SPIN_OK;
+    }
+    for (int c = 0; c < 3; c++)
+        sequence->shift[c] = clip->shift[c] = round(s[c].middle);
+    spin_note(sequence,
+              "positions are stored relative to %.15g, %.15g, %.15g, since floats have steps of "
+              "%.2g there; spin-export adds these coordinates again, unless --relative is given",
+              clip->shift[0], clip->shift[1], clip->shift[2], (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
+    return SPIN_OK;
+}
+
 static spin_status open_frame(struct clip *clip, size_t i)
 {
     struct spin_sequence_info *sequence = clip->base.sequence;
@@ -353,6 +417,8 @@ static spin_status open_frame(struct clip *clip, size_t i)
         clip->kind = c.kind;
         SPIN_TRY(keep_names(clip, c.vertex));
         note_writer(ply, &c, sequence);
+        if (c.kind != COMPRESSED)
+            SPIN_TRY(choose_shift(clip, ply, c.vertex));
     } else {
         SPIN_TRY(compare_names(clip, ply, &c));
         if (c.sh_degree != clip->sh_degree)
@@ -406,6 +472,7 @@ static spin_status open_clip(void *self, const char *path)
     struct clip *clip = self;
 
     clip->sh_degree = -1;
+    clip->strict = spin_model_option(&clip->base, "strict") != NULL;
     SPIN_TRY(find_files(clip, path));
     if (clip->files.n_frames > INT_MAX)
         return spin_unsupported("'%s' contains too many files", path);
@@ -446,6 +513,21 @@ static void warn_activated(struct clip *clip, const char *path, const struct spi
     }
 }
 
+/* Drops single splats whose values are not finite, with a warning for the first frame that has
+ * any. */
+static void drop_rows(struct clip *clip, const char *path, unsigned columns,
+                      struct spin_splats *out)
+{
+    size_t n;
+    char text[48];
+
+    spin_drop_nonfinite(columns, out, &n);
+    if (n > 0 && !clip->warned_dropped)
+        spin_warn("'%s': %s with values that are not finite dropped (--strict refuses the file)",
+                  path, spin_text_count((long long)n, "splat", text));
+    clip->warned_dropped = clip->warned_dropped || n > 0;
+}
+
 static spin_status read_points(const struct content *c, const struct spin_ply *ply,
                                unsigned columns, struct spin_splats *out)
 {
@@ -471,6 +553,7 @@ static spin_status ply_frame(void *self, int frame, double time, unsigned column
     if (frame < 0 || (size_t)frame >= clip->files.n_frames)
         return spin_not_found("there is no frame %d", frame);
     SPIN_TRY(spin_model_ply(&clip->base, clip->files.frame[frame].path));
+    memcpy(clip->base.ply.shift, clip->shift, sizeof clip->shift);
     SPIN_TRY(inspect(ply, &c));
     if (c.kind != clip->kind || c.vertex->count != clip->files.frame[frame].n ||
         c.sh_degree > clip->sh_degree)
@@ -484,14 +567,24 @@ static spin_status ply_frame(void *self, int frame, double time, unsigned column
         return spin_compressed_read(&c.packed, columns, out);
     if (c.kind != GAUSSIANS)
         return read_points(&c, ply, columns, out);
-    SPIN_TRY(spin_gs_ply_read(&c.gaussians, columns, 0, out));
+    spin_gs_ply_load(&c.gaussians, columns, 0, out);
+    if (!clip->strict)
+        drop_rows(clip, ply->path, columns, out);
+    SPIN_TRY(spin_ply_check(ply, columns, 0, out->n, out));
     for (size_t i = 0; i < out->n && (columns & SPIN_COL_QUATS); i++)
         spin_quat_normalise(out->quats + 4 * i);
     warn_activated(clip, ply->path, out, columns);
     return SPIN_OK;
 }
 
-static const struct spin_plugin_option options[] = {SPIN_FILE_SEQUENCE_OPTION, {0}};
+static const struct spin_plugin_option options[] = {
+    SPIN_FILE_SEQUENCE_OPTION,
+    {"strict", NULL,
+     "refuse files with splats whose values are not finite (default: up to 1 in "
+     "1,000 are dropped)",
+     NULL},
+    {0},
+};
 
 SPIN_MODEL_IMPORTER(
     ply, struct clip, open_clip, spin_model_close,

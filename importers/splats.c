@@ -35,6 +35,7 @@ struct clip {
     const double *turn; /* rotation to the training's axes, for files that do not record their axes;
                            NULL: none */
     struct spin_file_sequence files;
+    double shift[3]; /* GLB: subtracted from the translations of all nodes */
     int n_frames, sh_degree;
     int *numbers;   /* [n_frames] */
     double *times;  /* [n_frames] */
@@ -450,6 +451,33 @@ static const struct spin_plugin_option gltf_options[] = {
     {0},
 };
 
+/* Translations of nodes from here on are far from 0, as those of georeferenced tiles. */
+#define FAR 1024.0
+
+/* Makes the placements of a scene far from 0 relative to the node of the first file that is there,
+ * since floats cannot hold the sums of translations and positions. */
+static void shift_nodes(struct clip *clip)
+{
+    struct spin_gs_glb_scene *scene = &clip->opened.scene;
+    struct spin_sequence_info *sequence = clip->base.sequence;
+
+    for (size_t c = 0; c < 3 && clip->n_frames == 0 && scene->n_pieces > 0; c++) {
+        double at = scene->piece[0].placement.shift[c];
+
+        if (fabs(at) >= FAR)
+            clip->shift[c] = round(at);
+        /* The half turn from the axes of glTF negates x and y. */
+        sequence->shift[c] = clip->turn && c < 2 ? -clip->shift[c] : clip->shift[c];
+    }
+    for (size_t i = 0; i < scene->n_pieces; i++)
+        for (size_t c = 0; c < 3; c++)
+            scene->piece[i].placement.shift[c] -= clip->shift[c];
+    if (clip->shift[0] != 0 || clip->shift[1] != 0 || clip->shift[2] != 0)
+        clip->opened.note[3] = "positions are stored relative to the first node, which is far from "
+                               "0; spin-export adds its coordinates again, unless --relative is "
+                               "given";
+}
+
 /* Opens a scene, or a clip whose frames an animation switches on and off. */
 static spin_status open_glb(struct clip *clip)
 {
@@ -465,6 +493,7 @@ static spin_status open_glb(struct clip *clip)
         out->note[1] = "animations that move or fade nodes are ignored";
     if (out->scene.others)
         out->note[2] = "meshes that are not splats are ignored";
+    shift_nodes(clip);
     return SPIN_OK;
 }
 

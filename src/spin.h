@@ -344,6 +344,9 @@ struct spin_sequence_info {
     bool counts_frames;
     char variant[128]; /* variant of the format, for --info */
     char notes[1024];  /* for the user: one line for each assumption or loss; "" if none */
+    /* Coordinates that frame() has subtracted from all positions, which are too far from 0 for
+     * floats; 0 for most runs. */
+    double shift[3];
 };
 
 struct spin_importer {

@@ -123,6 +123,9 @@ struct spin_export_options {
     double max_scale;
     double scale;        /* above 0; 0: 1 */
     double translate[3]; /* applied after the scale */
+    /* Do not add the coordinates that the import subtracted from positions far from 0. Exporters
+     * that render, and web pages, never add them. */
+    bool relative;
 };
 
 spin_status spin_export(const struct spin_export_options *o, char **report);

@@ -99,6 +99,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
              "move the scene, after --scale and before --up and --rotate of an exporter",
              .parse = parse_translate),
+    SPIN_ARG("relative", 0, NULL, FLAG, options.relative,
+             "do not add the coordinates that the import subtracted, see --info"),
     SPIN_ARG_HEADING("Data set, for exporters that render"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,

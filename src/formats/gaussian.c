@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "base/number.h"
 #include "math/scene_rotation.h"
 
 float spin_opacity_logit(float opacity)
@@ -103,6 +104,40 @@ void spin_splats_place(const struct spin_splats *from, unsigned columns,
             place_sh(from->sh + 3 * (size_t)n_from * i, n_from, &turn,
                      out->sh + 3 * (size_t)n_out * to, n_out);
     }
+}
+
+/* Whether all values of a row are finite. */
+static bool is_finite_row(const float *const all[5], const size_t width[5], unsigned columns,
+                          size_t i)
+{
+    for (int p = 0; p < 5; p++)
+        if ((columns & 1u << p) && spin_finite_missing(all[p] + i * width[p], width[p]) > 0)
+            return false;
+    return true;
+}
+
+void spin_drop_nonfinite(unsigned columns, struct spin_splats *s, size_t *n_dropped)
+{
+    const size_t width[5] = {3, 4, 3, 1, 3 + spin_n_rest(s->sh_degree)};
+    float *const all[5] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
+    const float *const read[5] = {all[0], all[1], all[2], all[3], all[4]};
+    size_t bad = 0, kept = 0;
+
+    *n_dropped = 0;
+    for (size_t i = 0; i < s->n; i++)
+        bad += !is_finite_row(read, width, columns, i);
+    if (bad == 0 || bad > s->n / 1000)
+        return;
+    for (size_t i = 0; i < s->n; i++) {
+        if (!is_finite_row(read, width, columns, i))
+            continue;
+        for (int p = 0; p < 5 && kept < i; p++)
+            if (columns & 1u << p)
+                memcpy(all[p] + kept * width[p], all[p] + i * width[p], width[p] * sizeof(float));
+        kept++;
+    }
+    s->n = kept;
+    *n_dropped = bad;
 }
 
 spin_status spin_check_finite(const char *what, const float *values, size_t n, size_t width)

@@ -16,6 +16,13 @@ struct spin_gaussian {
     float colour[3];
 };
 
+/* Log scale of a splat without thickness, whose scale is 0: that of the smallest scale that files
+ * of plain scales yield. Other values, also those that are not finite, are returned as they are. */
+static inline float spin_finite_log_scale(float log_scale)
+{
+    return log_scale == -INFINITY ? -87.498f : log_scale;
+}
+
 /* Finite logits +-30 replace +-infinity, which are the logits of opacity 1 and 0. The sigmoid of 30
  * is within 1e-13 of 1, and rounds to 1 as a float. */
 #define SPIN_LOGIT_LIMIT 30.0f
@@ -75,6 +82,9 @@ void spin_splats_place(const struct spin_splats *from, unsigned columns,
                        const struct spin_placement *placement, size_t first,
                        struct spin_splats *out);
 
+/* Drops rows with values that are not finite from all `columns`, if these rows are at most one in
+ * 1,000; *n_dropped receives their number. Otherwise the columns stay unchanged. */
+void spin_drop_nonfinite(unsigned columns, struct spin_splats *s, size_t *n_dropped);
 /* Returns SPIN_E_MALFORMED if any of values [n][width] is NaN or infinite. The message contains
  * `what` and the first row with such a value, but not the path of the file. */
 spin_status spin_check_finite(const char *what, const float *values, size_t n, size_t width);

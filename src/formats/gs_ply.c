@@ -1,5 +1,6 @@
 #include "formats/gs_ply.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "math/sh.h"
@@ -158,6 +159,11 @@ spin_status spin_gs_ply_degree(const struct spin_ply *ply, const struct spin_ply
         ply->path, *n_rest);
 }
 
+static bool is_third_scale(const struct spin_gs_ply *file, const struct column *c)
+{
+    return file->flat && c->part == SPIN_COL_LOG_SCALES && c->place == 2;
+}
+
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out)
 {
     const struct spin_ply_element *e;
@@ -166,13 +172,11 @@ spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out
 
     SPIN_TRY(spin_ply_vertices(ply, &e));
     *out = (struct spin_gs_ply){.ply = ply, .vertex = e};
-    if (spin_ply_has(e, "scale_0") && spin_ply_has(e, "scale_1") && !spin_ply_has(e, "scale_2"))
-        return spin_unsupported(
-            "'%s': element 'vertex' has no property 'scale_2': flat splats (2DGS) are not "
-            "supported",
-            ply->path);
+    out->flat =
+        spin_ply_has(e, "scale_0") && spin_ply_has(e, "scale_1") && !spin_ply_has(e, "scale_2");
     for (size_t i = 0; i < n; i++) {
-        if (column[i].part == 0 || spin_ply_has(e, column[i].name))
+        if (column[i].part == 0 || spin_ply_has(e, column[i].name) ||
+            is_third_scale(out, column + i))
             continue;
         out->colours = column[i].part == SPIN_COL_SH && spin_ply_has_colours(e);
         if (!out->colours)
@@ -260,8 +264,21 @@ spin_status spin_ply_check(const struct spin_ply *ply, unsigned columns, size_t 
     return spin_fail_context(spin_check_columns(what, columns, first, n, s), "'%s'", ply->path);
 }
 
-spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, size_t first,
-                             struct spin_splats *out)
+/* The thickness of a flat splat, as a share of its smaller side. */
+#define THIN 1e-3f
+
+static void finish_scales(const struct spin_gs_ply *file, float *log_scale, size_t n)
+{
+    for (size_t i = 0; i < n; i++, log_scale += 3) {
+        for (size_t c = 0; c < 3; c++)
+            log_scale[c] = spin_finite_log_scale(log_scale[c]);
+        if (file->flat)
+            log_scale[2] = fminf(log_scale[0], log_scale[1]) + logf(THIN);
+    }
+}
+
+void spin_gs_ply_load(const struct spin_gs_ply *file, unsigned columns, size_t first,
+                      struct spin_splats *out)
 {
     const size_t step[5] = {3, 4, 3, 1, 3 * (size_t)spin_sh_count(out->sh_degree)};
     float *const all[5] = {out->means, out->quats, out->log_scales, out->logit_opacities, out->sh};
@@ -276,8 +293,9 @@ spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, s
     if (sh && file->sh_degree < out->sh_degree)
         memset(sh, 0, n * step[4] * sizeof *sh);
     n_columns = list_columns(file->n_rest, file->sh_degree, column);
-    for (size_t i = 0; i < n_columns && file->colours; i++)
-        if (column[i].part == SPIN_COL_SH && column[i].place < 3)
+    for (size_t i = 0; i < n_columns; i++)
+        if ((file->colours && column[i].part == SPIN_COL_SH && column[i].place < 3) ||
+            is_third_scale(file, &column[i]))
             column[i].part = 0;
     read_columns(file->ply, file->vertex, column, n_columns, part_row, step);
     if (sh && file->colours) {
@@ -288,5 +306,13 @@ spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, s
     }
     for (size_t i = 0; part_row[3] && i < n; i++)
         part_row[3][i] = spin_finite_logit(part_row[3][i]);
-    return spin_ply_check(file->ply, columns, first, n, out);
+    if (part_row[2])
+        finish_scales(file, part_row[2], n);
+}
+
+spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, size_t first,
+                             struct spin_splats *out)
+{
+    spin_gs_ply_load(file, columns, first, out);
+    return spin_ply_check(file->ply, columns, first, (size_t)file->vertex->count, out);
 }

@@ -48,6 +48,7 @@ struct spin_gs_ply {
     /* 0 to 3; if a file has degree 4, this is 3, and its coefficients of degree 4 are not read. */
     int sh_degree;
     bool colours; /* the file has red, green and blue instead of f_dc_* */
+    bool flat;    /* the file has no scale_2 (2DGS): the splats are thin along their third axis */
 };
 
 /* True if the vertices have any property that is specific to Gaussians. */
@@ -57,8 +58,12 @@ bool spin_gs_ply_any(const struct spin_ply_element *vertex);
 spin_status spin_gs_ply_find(const struct spin_ply *ply, struct spin_gs_ply *out);
 /* Reads all rows of the file into *out, from row `first` on. The columns of *out must be reserved
  * with at least the file's SH degree; coefficients above the file's degree become 0. Infinite
- * logits, from writers that stored an opacity of exactly 0 or 1, become finite; other values that
- * are not finite are an error. Rotations are not normalised. */
+ * logits, from writers that stored an opacity of exactly 0 or 1, become finite, and so do log
+ * scales of -infinity, which are scales of 0; other values that are not finite are an error.
+ * Rotations are not normalised. spin_gs_ply_load() is the same without the check for such values.
+ */
+void spin_gs_ply_load(const struct spin_gs_ply *file, unsigned columns, size_t first,
+                      struct spin_splats *out);
 spin_status spin_gs_ply_read(const struct spin_gs_ply *file, unsigned columns, size_t first,
                              struct spin_splats *out);
 

@@ -557,6 +557,12 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name)
     return -1;
 }
 
+/* Returns the shift of a property: that of x, y or z, or 0. */
+static double shift_of(const struct spin_ply *ply, const struct spin_ply_property *p)
+{
+    return p->name[0] >= 'x' && p->name[0] <= 'z' && !p->name[1] ? ply->shift[p->name[0] - 'x'] : 0;
+}
+
 /* Read records first .. first + n - 1 of a column, in an element whose records have equal size. */
 static void read_packed(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct spin_ply_target *t, uint64_t first, uint64_t n)
@@ -564,25 +570,27 @@ static void read_packed(const struct spin_ply *ply, const struct spin_ply_elemen
     const struct spin_ply_property *p = &e->property[t->property];
     const unsigned char *at = ply->map.data + e->data_offset + first * e->stride + p->offset;
     float *out = t->out + first * t->step;
+    double shift = shift_of(ply, p);
 
-    if (p->type == SPIN_PLY_F32 && !ply->big_endian) {
+    if (p->type == SPIN_PLY_F32 && !ply->big_endian && shift == 0) {
         for (uint64_t i = 0; i < n; i++)
             out[i * t->step] = bits_to_float((uint32_t)load_bytes(at + i * e->stride, 4, false));
         return;
     }
     for (uint64_t i = 0; i < n; i++)
-        out[i * t->step] = (float)load_value(at + i * e->stride, p->type, ply->big_endian);
+        out[i * t->step] =
+            (float)(load_value(at + i * e->stride, p->type, ply->big_endian) - shift);
 }
 
 static void read_parsed(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct spin_ply_target *t)
 {
-    const double *value = ply->ascii_values;
+    const double *value = ply->ascii_values, shift = shift_of(ply, &e->property[t->property]);
 
     for (const struct spin_ply_element *before = ply->element; before != e; before++)
         value += before->count * before->n_properties;
     for (uint64_t i = 0; i < e->count; i++)
-        t->out[i * t->step] = (float)value[i * e->n_properties + (size_t)t->property];
+        t->out[i * t->step] = (float)(value[i * e->n_properties + (size_t)t->property] - shift);
 }
 
 /* Read a column of an element that also has lists, by walking through all properties of every
@@ -591,13 +599,15 @@ static void read_walking(const struct spin_ply *ply, const struct spin_ply_eleme
                          const struct spin_ply_target *t)
 {
     uint64_t at = e->data_offset, size = 0;
+    double shift = shift_of(ply, &e->property[t->property]);
 
     for (uint64_t i = 0; i < e->count; i++) {
         for (size_t p = 0; p < e->n_properties; p++, at += size) {
             const unsigned char *here = ply->map.data + at;
 
             if ((int)p == t->property)
-                t->out[i * t->step] = (float)load_value(here, e->property[p].type, ply->big_endian);
+                t->out[i * t->step] =
+                    (float)(load_value(here, e->property[p].type, ply->big_endian) - shift);
             if (!property_bytes(ply, &e->property[p], here, ply->map.size - at, &size))
                 return; /* the file has changed since it was opened */
         }

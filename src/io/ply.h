@@ -45,6 +45,9 @@ struct spin_ply {
     uint64_t extra_bytes; /* number of bytes after the last record */
     double *ascii_values; /* private: [records of all elements][properties] */
     bool borrowed;        /* private: the caller owns `map` */
+    /* Subtracted, before values are rounded to floats, from the properties x, y and z. 0 when the
+     * file is opened; set it to read positions far from 0 accurately. */
+    double shift[3];
 };
 
 /* Read the header, and check that the body has the length that the header requires. */

@@ -31,6 +31,7 @@ struct export
     struct spin_splats splats, received;
     struct spin_row_filter filter;
     struct spin_scene_move move;
+    struct spin_export_options moved;  /* the options, with a shifted --crop */
     struct spin_decimation decimation; /* set if --decimate is given */
     /* path of the current output: the final path, or a temporary one of --decimate */
     const char *output;
@@ -394,6 +395,28 @@ static void warn_of_background(const struct export *x)
         spin_warn("--background has no effect: this export renders no images");
 }
 
+/* Whether the output has the coordinates of the bundle, not those of the run. */
+static bool is_relative(const struct export *x)
+{
+    return x->o->relative || x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0;
+}
+
+/* Makes --crop relative to the shift of the bundle. */
+static void shift_crop(struct export *x)
+{
+    const double *shift = x->clip.bundle.meta.shift;
+
+    if (x->o->relative || x->o->n_crop == 0)
+        return;
+    x->moved = *x->o;
+    for (int c = 0; c < 3; c++) {
+        x->moved.crop[c] -= shift[c];
+        if (x->o->n_crop == 6)
+            x->moved.crop[3 + c] -= shift[c];
+    }
+    x->o = &x->moved;
+}
+
 static spin_status run_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
@@ -404,6 +427,7 @@ static spin_status run_export(struct export *x)
                                   .range = o->range,
                                   .as_trained = true};
     struct spin_decimate_goal goal;
+    static const double none[3] = {0};
 
     if (o->decimate)
         SPIN_TRY(spin_decimate_parse(o->decimate, &goal));
@@ -417,8 +441,9 @@ static spin_status run_export(struct export *x)
             "--background none: the output of '%s' has no alpha channel; use --to images", o->to);
     c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
-    SPIN_TRY(spin_row_filter_open(&x->filter, o, &x->clip, x->exporter->needs_renderer));
-    spin_scene_move_open(&x->move, o);
+    shift_crop(x);
+    SPIN_TRY(spin_row_filter_open(&x->filter, x->o, &x->clip, x->exporter->needs_renderer));
+    spin_scene_move_open(&x->move, o, is_relative(x) ? none : x->clip.bundle.meta.shift);
     x->clip.bundle.nonfinite_reported = true; /* the row filter reports non-finite rows */
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));

@@ -113,6 +113,8 @@ static spin_status open_data(struct import *im)
         drop_data(im);
         status = SPIN_OK;
     }
+    if (im->data && status == SPIN_OK)
+        spin_views_shift(&im->views, im->sequence.shift);
     if (im->data && *im->views.notes)
         spin_note(&im->sequence, "%s", im->views.notes);
     if (im->data && !o->data)
@@ -683,10 +685,9 @@ static void count_splats(struct import *im, const int *read, int n_read)
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    /* The importer's counts do not apply if the bundle stores 4D splats, since rounding may drop
-     * some of these. */
-    bool stored = im->keeps_4d && im->stores;
-    bool known = t->counts && !stored && (!t->continuous || t->n_frames == 1);
+    /* The counts of the importer do not apply to a bundle: nonfinite values, or the rounding of
+     * 4D splats, may have dropped some. */
+    bool known = t->counts && !im->stores && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
     for (int k = 0; k < n; k++) {
@@ -967,6 +968,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(check_times(im));
     SPIN_TRY(attach_data(im));
     SPIN_TRY(check_cameras(im));
+    memcpy(meta->shift, im->sequence.shift, sizeof meta->shift);
     if (im->sequence.fps > 0)
         meta->fps = im->sequence.fps;
     snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);

@@ -1,13 +1,17 @@
 #include "run/scene_move.h"
 
+#include <float.h>
+
 #include "base/base.h"
 
-void spin_scene_move_open(struct spin_scene_move *m, const struct spin_export_options *o)
+void spin_scene_move_open(struct spin_scene_move *m, const struct spin_export_options *o,
+                          const double *shift)
 {
-    const double *by = o->translate;
+    double *by = m->translate;
 
     m->scale = o->scale > 0 ? o->scale : 1;
-    m->translate = by;
+    for (int c = 0; c < 3; c++)
+        by[c] = m->scale * shift[c] + o->translate[c];
     m->moves = m->scale != 1 || by[0] != 0 || by[1] != 0 || by[2] != 0;
 }
 
@@ -23,6 +27,28 @@ static void move_places(const struct spin_scene_move *m, float *place, size_t n)
 {
     for (size_t i = 0; i < 3 * n; i++)
         place[i] = (float)(m->scale * (double)place[i] + m->translate[i % 3]);
+}
+
+/* Warns if floats cannot hold the translated positions to 1e-5 of the extent of the first frame. */
+static void warn_coarse(struct spin_scene_move *m, const float *place, size_t n)
+{
+    double extent = 0, farthest = 0;
+
+    for (size_t c = 0; c < 3; c++) {
+        float low = INFINITY, high = -INFINITY;
+
+        for (size_t i = 0; i < n; i++) {
+            low = fminf(low, place[3 * i + c]);
+            high = fmaxf(high, place[3 * i + c]);
+        }
+        extent = fmax(extent, m->scale * (double)(high - low));
+        farthest = fmax(farthest, fabs(m->translate[c]));
+    }
+    if (n > 1 && !m->warned && FLT_EPSILON * farthest > 1e-5 * extent)
+        spin_warn("positions are up to %g from 0, where floats have steps of %.2g: %s", farthest,
+                  (double)(nextafterf((float)farthest, INFINITY) - (float)farthest),
+                  "export closer to 0, with --relative or another --translate");
+    m->warned = m->warned || n > 1;
 }
 
 static void move_scales(const struct spin_scene_move *m, float *log_scale, size_t n)
@@ -56,6 +82,7 @@ spin_status spin_scene_move_frame(struct spin_scene_move *m, const struct spin_s
         return SPIN_OK;
     SPIN_TRY(mark_all((*splats)->n, &mark));
     SPIN_TRY(spin_splats_select(*splats, mark, &m->splats));
+    warn_coarse(m, m->splats.means, m->splats.n);
     spin_scene_move_rows(m, &m->splats);
     *splats = &m->splats;
     return SPIN_OK;
@@ -71,6 +98,7 @@ spin_status spin_scene_move_4d(struct spin_scene_move *m, const struct spin_spla
     spin_splats_4d_free(to);
     SPIN_TRY(mark_all((*splats_4d)->n, &mark));
     SPIN_TRY(spin_splats_4d_select(*splats_4d, mark, to));
+    warn_coarse(m, to->centres, to->n);
     move_places(m, to->centres, to->n);
     move_scales(m, to->log_scales, to->n);
     for (size_t i = 0; i < 3 * to->n * (size_t)to->degree; i++)

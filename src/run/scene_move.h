@@ -8,14 +8,16 @@
 struct spin_scene_move {
     bool moves; /* false: the options leave the scene unchanged */
     double scale;
-    const double *translate;   /* [3], applied after the scale */
+    double translate[3];       /* applied after the scale; contains the shift of the clip */
+    bool warned;               /* the warning about coarse positions was printed */
     struct spin_splats splats; /* copy of the frame that was transformed last */
     struct spin_splats_4d splats_4d;
     struct spin_views views; /* the views of the clip with transformed cameras */
 };
 
-/* Initialises m from the options, which must outlive m. */
-void spin_scene_move_open(struct spin_scene_move *m, const struct spin_export_options *o);
+/* Initialises m from the options. `shift` [3] is added to positions before the options apply. */
+void spin_scene_move_open(struct spin_scene_move *m, const struct spin_export_options *o,
+                          const double *shift);
 void spin_scene_move_close(struct spin_scene_move *m);
 
 /* Scales and translates these splats in place. */

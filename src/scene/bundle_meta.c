@@ -211,6 +211,17 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
     return SPIN_OK;
 }
 
+static spin_status read_shift(struct spin_bundle_meta *meta, const spin_json *root)
+{
+    const spin_json *list = spin_json_get(root, "shift");
+
+    for (size_t c = 0; list && c < 3; c++)
+        if (spin_json_length(list) != 3 ||
+            !spin_json_number(spin_json_at(list, c), &meta->shift[c]) || !isfinite(meta->shift[c]))
+            return spin_meta_fail("shift", "three numbers");
+    return SPIN_OK;
+}
+
 spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const char *format = spin_json_string(spin_json_get(root, "format"));
@@ -235,6 +246,7 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
         return spin_malformed("meta.json: 'static_columns' lists a column that 'columns' does not");
     SPIN_TRY(read_4d(meta, root));
     SPIN_TRY(read_number(root, "fps", &meta->fps));
+    SPIN_TRY(read_shift(meta, root));
     if (meta->fps < 0)
         return spin_meta_fail("fps", "a number above 0");
     SPIN_TRY(read_data(meta, root));
@@ -303,6 +315,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     spin_json_set_bool(root, "numbered", meta->numbered);
     spin_json_set(root, "columns", spin_column_names(meta->columns));
     spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
+    if (meta->shift[0] != 0 || meta->shift[1] != 0 || meta->shift[2] != 0)
+        spin_json_set(root, "shift", spin_json_numbers(meta->shift, 3));
     if (meta->fps > 0)
         spin_json_set_number(root, "fps", meta->fps);
     if (meta->identity)

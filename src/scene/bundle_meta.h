@@ -15,7 +15,8 @@ struct spin_bundle_meta {
     int *source_index;             /* [n_frames] position of the frame in the whole source clip */
     /* number of frames of the source clip, before --range selected some of them */
     int n_source_frames;
-    double fps; /* frames per second; 0: the source does not specify it */
+    double shift[3]; /* coordinates to add to all positions; see struct spin_sequence_info */
+    double fps;      /* frames per second; 0: the source does not specify it */
     /* true: frame numbers come from the source; false: frames are counted */
     bool numbered;
     unsigned columns, static_columns;

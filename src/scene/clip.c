@@ -143,6 +143,7 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     if (!spin_path_exists(path) && !o->needs_views && !o->data)
         return spin_not_found("the data set '%s' does not exist", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
+    spin_views_shift(&clip->views, clip->bundle.meta.shift);
     clip->has_views = true;
     if (o->n_test_cameras > 0)
         SPIN_TRY(count_taught(o, clip));

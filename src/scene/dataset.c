@@ -232,6 +232,16 @@ spin_status spin_views_scale(struct spin_views *views, double image_scale)
     return SPIN_OK;
 }
 
+void spin_views_shift(struct spin_views *views, const double shift[3])
+{
+    for (size_t i = 0; i < views->n; i++) {
+        double *w = views->view[i].camera.w2c;
+
+        for (int r = 0; r < 3; r++)
+            w[4 * r + 3] += w[4 * r] * shift[0] + w[4 * r + 1] * shift[1] + w[4 * r + 2] * shift[2];
+    }
+}
+
 /* ---- Pairing --------------------------------------------------------------------------------- */
 
 const struct spin_view *spin_views_row(const struct spin_views *views, int row)

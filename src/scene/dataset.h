@@ -21,6 +21,10 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
  * width and height are halved and rounded. */
 spin_status spin_views_scale(struct spin_views *views, double image_scale);
 
+/* Moves all cameras by -shift, as the positions of the clip were (see struct
+ * spin_sequence_info). */
+void spin_views_shift(struct spin_views *views, const double shift[3]);
+
 /* Finds the row of the data set for each frame of the clip, and stores these rows in
  * dataset_frame_of [meta->n_frames]. If every row has one view, each of another camera, and the
  * source clip has one frame, all views become views of row 0, unless `pair` is "number".

@@ -439,6 +439,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
         meta->source_index[f] = from->source_index[spin_plan_index(output->plan, f)];
     }
     meta->n_source_frames = from->n_source_frames;
+    memcpy(meta->shift, from->shift, sizeof meta->shift);
     meta->fps = from->fps;
     meta->numbered = from->numbered;
     meta->columns = from->columns;

@@ -57,4 +57,35 @@ printf '\377\376{\0}\0' >"$work/blender/transforms_train.json"
 run "$bin/spin-import" "$work/three/f_0000_v2.ply" --data "$work/blender" -o "$work/u.spin"
 fails 1 spin-import "UTF-16"
 err_has "UTF-16" "is named"
+
+# ---- Positions far from 0 ------------------------------------------------------------------------
+
+{
+    printf 'ply\nformat ascii 1.0\nelement vertex 4\n'
+    printf 'property double %s\n' x y z
+    printf 'property float %s\n' f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
+    printf 'end_header\n'
+    for y in 5411932.001 5411932.002 5411933.003 5411934.125; do
+        echo "448262.5 $y 120 0 0 0 1 -3 -3 -3 1 0 0 0"
+    done
+} >"$work/utm.ply"
+places() { # the y coordinates of a binary PLY with one splat a row of 17 floats
+    python3 -c 'import struct, sys
+b = open(sys.argv[1], "rb").read(); at = b.index(b"end_header\n") + 11
+print(*["%.6f" % struct.unpack_from("<f", b, at + 68 * i + 4)[0] for i in range(4)])' "$1"
+}
+run "$bin/spin-import" "$work/utm.ply" -o "$work/utm.spin"
+is "$code" 0 "UTM coordinates"
+out_has "relative to 448263, 5411933, 120\|relative to 44826[23], 541193[23], 120" "the shift is named"
+run "$bin/spin-export" -q "$work/utm.spin" --to ply -o "$work/near.ply" --translate -448262,-5411932,-120
+is "$code" 0 "an export closer to 0"
+is "$(places "$work/near.ply")" "0.001000 0.002000 1.003000 2.125000" "has the digits of the file"
+run "$bin/spin-export" "$work/utm.spin" --to ply -o "$work/far.ply"
+is "$code" 0 "an export with the shift undone"
+err_has "steps of 0\.[0-9]*" "the steps of floats are named"
+is "$(places "$work/far.ply" | cut -c1-7)" 5411932 "and the coordinates are those of the file"
+run "$bin/spin-export" "$work/utm.spin" --to ply -o "$work/relative.ply" --relative
+is "$code" 0 "a relative export"
+grep -q 'steps of' "$work/err"
+is $? 1 "needs no warning"
 done_testing

@@ -92,7 +92,6 @@ static void test_strict(void)
         {"x y f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3", "'z'"},
         {"x y z f_dc_0 f_dc_1 f_dc_2 scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3", "'opacity'"},
         {"x y z f_dc_0 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3", "'f_dc_1'"},
-        {"x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 rot_0 rot_1 rot_2 rot_3", "2DGS"},
     };
     static const char names[] =
         "rot_3 rot_2 rot_1 rot_0 z y x f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2";
