@@ -12,9 +12,9 @@ COMMANDS = "spin4d spin-import spin-retrain spin-export spin-eval".split()
 NAMES = re.compile(r"\b(spin4d|spin-(?:import|retrain|export|eval))\b")
 
 
-def read_commands(root, build):
+def read_commands(root, build, env):
     """Output -> command of the compiler, as words, of every object and program."""
-    out = subprocess.run(["make", "-nB", "--no-print-directory", "CONFIG=release", "CUDA=0", "all", "test-bins"], cwd=root,
+    out = subprocess.run(["make", "-nB", "--no-print-directory", "CONFIG=release", "CUDA=0", "all", "test-bins"], cwd=root, env=env,
                          stdout=subprocess.PIPE, stderr=subprocess.DEVNULL).stdout.decode(errors="replace")
     found = {}
     for line in out.replace("\\\n", " ").splitlines():
