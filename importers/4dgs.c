@@ -27,9 +27,12 @@ static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, 
     sequence->time_first = 0;
     sequence->time_last = (double)before(info->duration);
     sequence->half_open = true;
-    snprintf(sequence->variant, sizeof sequence->variant,
-             "gaussian-birth, %zu splats, SH degree %d, %g s", n, m->splats_4d.sh_degree,
+    snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu splats, SH degree %d, %g s",
+             info->keyframes ? "keyframe-delta" : "gaussian-birth", n, m->splats_4d.sh_degree,
              info->duration);
+    if (info->keyframes)
+        spin_note(sequence, "a splat that changes is imported as one 4D splat for each of its "
+                            "states");
     spin_note(sequence,
               "a splat is visible while its weight is at least %g, the threshold in the file",
               info->cutoff);
@@ -57,8 +60,7 @@ static spin_status open_4dgs(void *self, const char *path)
     return spin_fail_reading(status, m->path);
 }
 
-SPIN_MODEL_IMPORTER(
-    4dgs, struct spin_model, open_4dgs, spin_model_close,
-    .summary = ".4dgs files, version 1, with the temporal model gaussian-birth: 4D splats",
-    .upstream = "avala-ai/4dgs 30f5d0f", .probe = fourdgs_probe, .frame = spin_model_slice,
-    .splats_4d = spin_model_splats_4d)
+SPIN_MODEL_IMPORTER(4dgs, struct spin_model, open_4dgs, spin_model_close,
+                    .summary = ".4dgs files, version 1: 4D splats (gaussian-birth, keyframe-delta)",
+                    .upstream = "avala-ai/4dgs 30f5d0f", .probe = fourdgs_probe,
+                    .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)

@@ -1,11 +1,8 @@
 #include "formats/4dgs.h"
 
-#include "base/base.h"
+#include "formats/4dgs_states.h"
 #include "formats/gaussian.h"
-#include "formats/planes.h"
 #include "io/file.h"
-#include "io/gzip.h"
-#include "io/zstd.h"
 #include "math/sh.h"
 
 #define MAGIC                                                                                      \
@@ -13,14 +10,13 @@
     "4DGS1\r\n"
 #define MAGIC_BYTES 8
 #define MODEL "gaussian-birth"
+#define STATES "keyframe-delta"
 #define SCHEME "uniform-v1"
 #define NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 /* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
  * splats share a position. Therefore, files that unpack to far more than 32 times their size are
  * refused as decompression bombs. */
 #define ROW_BYTES 34
-#define RATIO 32
-#define SLACK (1u << 20)
 
 enum {
     HEADER = 1,
@@ -29,35 +25,12 @@ enum {
     WINDOWS,
     CHUNK,
     SH_BAND = 7,
+    INDEX,
     SOUND = 9,
     CAMERA = 10,
     DELTA_CHUNK = 16,
     SOUND_SOURCE,
     OBJECT_TRACK = 37,
-};
-
-enum {
-    POSITION,
-    SCALE,
-    LARGEST,
-    ROTATION,
-    COLOUR,
-    OPACITY,
-    MOTION,
-    MU,
-    SIGMA,
-    FLAGS,
-    WINDOW,
-    N_ATTRIBUTES
-};
-
-static const struct {
-    const char *name;
-    int channels;
-} attributes[N_ATTRIBUTES] = {
-    {"position", 3}, {"scale", 3},   {"rotation_index", 1}, {"rotation", 3},
-    {"color", 3},    {"opacity", 1}, {"motion", 3},         {"mu_t", 1},
-    {"sigma_t", 1},  {"flags", 1},   {"window_index", 1},
 };
 
 enum {
@@ -84,88 +57,39 @@ struct reader {
     size_t n_windows;
     uint64_t n; /* number of splats in the chunks read so far */
     size_t n_chunks;
-    size_t first, n_in_chunk; /* first row and number of rows of the current chunk */
-    unsigned bands;           /* bit k: SH band k + 1 of the current chunk was read */
-    int32_t *steps[N_ATTRIBUTES];
+    size_t first, n_in_chunk;       /* first row and number of rows of the current chunk */
+    unsigned bands;                 /* bit k: SH band k + 1 of the current chunk was read */
+    struct spin_4dgs_states states; /* for keyframe-delta */
+    int32_t *steps[SPIN_4DGS_N_ATTRIBUTES];
 };
-
-/* ---- Bytes ----------------------------------------------------------------------------------- */
-
-/* The unread bytes of a record. Reading past the end sets `cut` and returns zeros from then on. */
-struct cursor {
-    const unsigned char *at;
-    size_t left;
-    bool cut;
-};
-
-static const unsigned char *read_bytes(struct cursor *c, uint64_t n)
-{
-    const unsigned char *at = c->at;
-
-    if (n > c->left) {
-        c->cut = true;
-        c->left = 0;
-        return NULL;
-    }
-    c->at += n;
-    c->left -= (size_t)n;
-    return at;
-}
-
-static uint64_t read_number(struct cursor *c, int bytes)
-{
-    const unsigned char *at = read_bytes(c, (uint64_t)bytes);
-    uint64_t value = 0;
-
-    for (int b = 0; at && b < bytes; b++)
-        value |= (uint64_t)at[b] << (8 * b);
-    return value;
-}
-
-static double read_double(struct cursor *c)
-{
-    uint64_t bits = read_number(c, 8);
-    double value;
-
-    memcpy(&value, &bits, sizeof value);
-    return value;
-}
-
-static struct cursor read_block(struct cursor *c, int length_bytes)
-{
-    uint64_t n = read_number(c, length_bytes);
-    const unsigned char *at = read_bytes(c, n);
-
-    return (struct cursor){at ? at : (const unsigned char *)"", at ? (size_t)n : 0, false};
-}
-
-static bool text_equals(const struct cursor *text, const char *word)
-{
-    return text->left == strlen(word) && memcmp(text->at, word, text->left) == 0;
-}
 
 /* Returns the number of characters of a text to print with "%.*s": at most 80. */
-static int length_of(const struct cursor *text) { return text->left < 80 ? (int)text->left : 80; }
+static int length_of(const struct spin_4dgs_cursor *text)
+{
+    return text->left < 80 ? (int)text->left : 80;
+}
 
 /* ---- Records that occur once ----------------------------------------------------------------- */
 
-static spin_status read_header(struct reader *r, struct cursor *c)
+static spin_status read_header(struct reader *r, struct spin_4dgs_cursor *c)
 {
-    struct cursor model;
+    struct spin_4dgs_cursor model;
     unsigned degree;
 
-    read_block(c, 4);
-    read_block(c, 4);
-    r->info->duration = read_double(c);
-    r->n_said = read_number(c, 8);
-    r->info->cutoff = read_double(c);
-    model = read_block(c, 4);
-    read_bytes(c, 48);
-    degree = (unsigned)read_number(c, 1);
+    spin_4dgs_block(c, 4);
+    spin_4dgs_block(c, 4);
+    r->info->duration = spin_4dgs_double(c);
+    r->n_said = spin_4dgs_number(c, 8);
+    r->info->cutoff = spin_4dgs_double(c);
+    model = spin_4dgs_block(c, 4);
+    spin_4dgs_bytes(c, 48);
+    degree = (unsigned)spin_4dgs_number(c, 1);
     if (c->cut)
         return SPIN_OK;
-    if (!text_equals(&model, MODEL))
-        return spin_unsupported("header: temporal model '%.*s', expected '" MODEL "'",
+    r->info->keyframes = spin_4dgs_is(&model, STATES);
+    if (!spin_4dgs_is(&model, MODEL) && !r->info->keyframes)
+        return spin_unsupported("header: temporal model '%.*s', expected '" MODEL "' or '" STATES
+                                "'",
                                 length_of(&model), (const char *)model.at);
     if (!(r->info->duration > 0) || !isfinite(r->info->duration))
         return spin_malformed("header: the duration is %g, expected above 0", r->info->duration);
@@ -178,25 +102,25 @@ static spin_status read_header(struct reader *r, struct cursor *c)
     return SPIN_OK;
 }
 
-static spin_status read_quantization(struct reader *r, struct cursor *c)
+static spin_status read_quantization(struct reader *r, struct spin_4dgs_cursor *c)
 {
-    struct cursor scheme = read_block(c, 4);
+    struct spin_4dgs_cursor scheme = spin_4dgs_block(c, 4);
     double sum = 0;
 
-    if (!c->cut && !text_equals(&scheme, SCHEME))
+    if (!c->cut && !spin_4dgs_is(&scheme, SCHEME))
         return spin_unsupported("quantization: scheme '%.*s', expected '" SCHEME "'",
                                 length_of(&scheme), (const char *)scheme.at);
     for (int k = 0; k < 3; k++)
-        sum += fabs(r->origin[k] = read_double(c));
+        sum += fabs(r->origin[k] = spin_4dgs_double(c));
     for (int k = 0; k < N_STEPS; k++)
-        sum += fabs(r->step[k] = read_double(c));
+        sum += fabs(r->step[k] = spin_4dgs_double(c));
     return isfinite(sum) ? SPIN_OK
                          : spin_malformed("quantization: the origin or a step is not finite");
 }
 
-static spin_status read_windows(struct reader *r, struct cursor *c)
+static spin_status read_windows(struct reader *r, struct spin_4dgs_cursor *c)
 {
-    uint64_t n = read_number(c, 4);
+    uint64_t n = spin_4dgs_number(c, 4);
 
     if (c->cut || n > c->left / 16)
         return spin_malformed("window table: too short: %llu windows in %zu bytes",
@@ -206,7 +130,7 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
     r->n_windows = (size_t)n;
     SPIN_TRY(spin_alloc(r->n_windows, 2 * sizeof *r->window, (void **)&r->window));
     for (size_t i = 0; i < 2 * r->n_windows; i++) {
-        r->window[i] = read_double(c);
+        r->window[i] = spin_4dgs_double(c);
         if (isnan(r->window[i]))
             return spin_malformed("window table: the start or end of window %zu is NaN", i / 2);
     }
@@ -214,96 +138,18 @@ static spin_status read_windows(struct reader *r, struct cursor *c)
 }
 
 /* Verifies the checksum of the index. The index itself is not used. */
-static spin_status read_footer(const struct reader *r, struct cursor *c, size_t at)
+static spin_status read_footer(const struct reader *r, struct spin_4dgs_cursor *c, size_t at)
 {
-    uint64_t start = read_number(c, 8);
+    uint64_t start = spin_4dgs_number(c, 8);
     uint32_t crc;
 
-    read_number(c, 8);
-    crc = (uint32_t)read_number(c, 4);
+    spin_4dgs_number(c, 8);
+    crc = (uint32_t)spin_4dgs_number(c, 4);
     if (c->cut || start == 0 || crc == 0)
         return SPIN_OK;
     if (start > at || spin_crc32(0, r->file + start, at - (size_t)start) != crc)
         return spin_malformed("footer: the checksum of the index is wrong");
     return SPIN_OK;
-}
-
-/* ---- Streams --------------------------------------------------------------------------------- */
-
-/* Allocates *out and decompresses exactly n_out bytes into it. */
-static spin_status decompress(unsigned codec, const struct cursor *packed, uint64_t n_out,
-                              unsigned char **out)
-{
-    size_t n = 0;
-
-    SPIN_TRY(spin_alloc((size_t)n_out + 1, 1, (void **)out));
-    if (codec == 1)
-        return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
-    SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
-    return n == n_out ? SPIN_OK
-                      : spin_malformed("the zlib data do not unpack to %llu bytes",
-                                       (unsigned long long)n_out);
-}
-
-enum { RAW, DIFFERENCE, CONSTANT, N_MODES };
-
-struct stream {
-    unsigned attribute, symbol, mode, codec, channels;
-    uint64_t n;
-    struct cursor packed;
-};
-
-static struct stream read_stream_head(struct cursor *c)
-{
-    struct stream s;
-
-    s.attribute = (unsigned)read_number(c, 1);
-    s.symbol = (unsigned)read_number(c, 1);
-    s.mode = (unsigned)read_number(c, 1);
-    s.codec = (unsigned)read_number(c, 1);
-    s.channels = (unsigned)read_number(c, 1);
-    s.n = read_number(c, 4);
-    s.packed = read_block(c, 8);
-    return s;
-}
-
-/* Decodes the symbols of a stream to integers. `out` has the shape [n][channels]. */
-static spin_status decode_symbols(const struct stream *s, const unsigned char *planes,
-                                  size_t n_symbols, int32_t *out)
-{
-    size_t width = s->channels;
-
-    for (size_t i = 0; i < s->n * width; i++) {
-        int64_t v = spin_unzigzag(spin_plane_symbol(planes, (int)s->symbol, n_symbols,
-                                                    s->mode == CONSTANT ? i % width : i));
-
-        v += s->mode == DIFFERENCE && i >= width ? out[i - width] : 0;
-        if (v < INT32_MIN || v > INT32_MAX)
-            return spin_malformed("a value in row %zu does not fit in 32 bits", i / width);
-        out[i] = (int32_t)v;
-    }
-    return SPIN_OK;
-}
-
-/* Allocates *out with the shape [n][channels], and reads the integers of n splats into it. */
-static spin_status read_stream(const struct stream *s, size_t n, int channels, int32_t **out)
-{
-    size_t n_symbols = (s->mode == CONSTANT ? 1 : n) * (size_t)channels;
-    SPIN_FREED unsigned char *planes = NULL;
-
-    if (s->codec > 1)
-        return spin_unsupported("codec %u is not supported, expected 0 (deflate) or 1 (zstd)",
-                                s->codec);
-    if (s->n != n || s->channels != (unsigned)channels)
-        return spin_malformed("%llu x %u values, expected %zu x %d", (unsigned long long)s->n,
-                              s->channels, n, channels);
-    if (s->mode >= N_MODES || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
-        return spin_malformed("symbols of %u bytes and mode %u, expected 1, 2 or 4 "
-                              "bytes and mode 0, 1 or 2",
-                              s->symbol, s->mode);
-    SPIN_TRY(spin_alloc(n * (size_t)channels, sizeof **out, (void **)out));
-    SPIN_TRY(decompress(s->codec, &s->packed, (uint64_t)n_symbols * s->symbol, &planes));
-    return decode_symbols(s, planes, n_symbols, *out);
 }
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
@@ -363,42 +209,49 @@ static void fill_row(const struct reader *r, size_t k, const double interval[2])
 {
     const struct spin_splats_4d *s = r->splats;
     int32_t *const *steps = r->steps;
-    const double *window = r->window + 2 * steps[WINDOW][k];
-    bool never_fades = steps[FLAGS][k] & NEVER_FADES;
-    double sigma = exp(steps[SIGMA][k] * r->step[STEP_SIGMA]);
+    const double *window = r->window + 2 * steps[SPIN_4DGS_WINDOW][k];
+    bool never_fades = steps[SPIN_4DGS_FLAGS][k] & NEVER_FADES;
+    double sigma = exp(steps[SPIN_4DGS_SIGMA][k] * r->step[STEP_SIGMA]);
     double v = motion_step(r, never_fades ? window[1] - window[0]
                                           : sqrt(-2 * log(r->info->cutoff)) * sigma);
-    const int32_t *colour = steps[COLOUR] + 3 * k;
+    const int32_t *colour = steps[SPIN_4DGS_COLOUR] + 3 * k;
     size_t i = r->first + k, n_sh = 3 + spin_n_rest(s->sh_degree);
 
     for (size_t c = 0; c < 3; c++) {
         double bin = c == 1 ? colour[0] : (double)colour[0] + colour[c == 0 ? 1 : 2];
 
         s->centres[3 * i + c] =
-            (float)(r->origin[c] + steps[POSITION][3 * k + c] * r->step[STEP_POSITION]);
-        s->log_scales[3 * i + c] = (float)(steps[SCALE][3 * k + c] * r->step[STEP_SCALE]);
-        s->paths[3 * i + c] = (float)(steps[MOTION][3 * k + c] * v);
+            (float)(r->origin[c] + steps[SPIN_4DGS_POSITION][3 * k + c] * r->step[STEP_POSITION]);
+        s->log_scales[3 * i + c] = (float)(steps[SPIN_4DGS_SCALE][3 * k + c] * r->step[STEP_SCALE]);
+        s->paths[3 * i + c] = (float)(steps[SPIN_4DGS_MOTION][3 * k + c] * v);
         s->sh[n_sh * i + c] = (float)((clamp(bin * r->step[STEP_COLOUR], 0, 1) - 0.5) / SPIN_SH_C0);
     }
-    decode_rotation(steps[ROTATION] + 3 * k, steps[LARGEST][k], r->step[STEP_ROTATION],
-                    s->quats + 4 * i);
+    decode_rotation(steps[SPIN_4DGS_ROTATION] + 3 * k, steps[SPIN_4DGS_LARGEST][k],
+                    r->step[STEP_ROTATION], s->quats + 4 * i);
     s->logit_opacities[i] =
-        spin_opacity_logit((float)clamp(steps[OPACITY][k] * r->step[STEP_OPACITY], 0, 1));
-    s->times[i] = (float)(steps[MU][k] * (never_fades ? r->step[STEP_TIME] : time_step(r, sigma)));
+        spin_opacity_logit((float)clamp(steps[SPIN_4DGS_OPACITY][k] * r->step[STEP_OPACITY], 0, 1));
+    s->times[i] =
+        (float)(steps[SPIN_4DGS_MU][k] * (never_fades ? r->step[STEP_TIME] : time_step(r, sigma)));
     s->sigmas[i] = never_fades ? SPIN_FOREVER : (float)fmin(sigma, (double)SPIN_FOREVER);
     s->cuts[2 * i] = round_down(fmax(window[0], interval[0]));
     s->cuts[2 * i + 1] = round_down(fmin(window[1], interval[1]));
 }
 
+static spin_status check_row(const struct reader *r, size_t k)
+{
+    if (r->steps[SPIN_4DGS_WINDOW][k] < 0 || (size_t)r->steps[SPIN_4DGS_WINDOW][k] >= r->n_windows)
+        return spin_malformed("'window_index' is %d in row %zu, but there are %zu windows",
+                              r->steps[SPIN_4DGS_WINDOW][k], k, r->n_windows);
+    if (r->steps[SPIN_4DGS_LARGEST][k] < 0 || r->steps[SPIN_4DGS_LARGEST][k] > 3)
+        return spin_malformed("'rotation_index' is %d in row %zu, expected 0 to 3",
+                              r->steps[SPIN_4DGS_LARGEST][k], k);
+    return SPIN_OK;
+}
+
 static spin_status read_rows(struct reader *r, const double interval[2])
 {
     for (size_t k = 0; k < r->n_in_chunk; k++) {
-        if (r->steps[WINDOW][k] < 0 || (size_t)r->steps[WINDOW][k] >= r->n_windows)
-            return spin_malformed("'window_index' is %d in row %zu, but there are %zu windows",
-                                  r->steps[WINDOW][k], k, r->n_windows);
-        if (r->steps[LARGEST][k] < 0 || r->steps[LARGEST][k] > 3)
-            return spin_malformed("'rotation_index' is %d in row %zu, expected 0 to 3",
-                                  r->steps[LARGEST][k], k);
+        SPIN_TRY(check_row(r, k));
         fill_row(r, k, interval);
     }
     return SPIN_OK;
@@ -406,52 +259,45 @@ static spin_status read_rows(struct reader *r, const double interval[2])
 
 static void free_steps(struct reader *r)
 {
-    for (int a = 0; a < N_ATTRIBUTES; a++) {
+    for (int a = 0; a < SPIN_4DGS_N_ATTRIBUTES; a++) {
         free(r->steps[a]);
         r->steps[a] = NULL;
     }
 }
 
 /* Reads the streams of a chunk, which may be in any order. Skips unknown attributes. */
-static spin_status read_streams(struct reader *r, struct cursor *c, const double interval[2])
+static spin_status read_streams(struct reader *r, struct spin_4dgs_cursor *c,
+                                const double interval[2])
 {
     while (c->left > 0) {
-        struct stream s = read_stream_head(c);
+        struct spin_4dgs_stream s = spin_4dgs_stream_head(c);
 
         if (c->cut)
             return spin_malformed("a stream extends beyond the chunk");
-        if (s.attribute >= N_ATTRIBUTES)
+        if (s.attribute >= SPIN_4DGS_N_ATTRIBUTES)
             continue;
         if (r->steps[s.attribute])
-            return spin_malformed("stream '%s' occurs twice", attributes[s.attribute].name);
-        SPIN_TRY_IN(read_stream(&s, r->n_in_chunk, attributes[s.attribute].channels,
-                                &r->steps[s.attribute]),
-                    "stream '%s'", attributes[s.attribute].name);
+            return spin_malformed("stream '%s' occurs twice",
+                                  spin_4dgs_attributes[s.attribute].name);
+        SPIN_TRY_IN(spin_4dgs_stream_read(&s, r->n_in_chunk,
+                                          spin_4dgs_attributes[s.attribute].channels,
+                                          &r->steps[s.attribute]),
+                    "stream '%s'", spin_4dgs_attributes[s.attribute].name);
     }
-    for (int a = 0; a < N_ATTRIBUTES; a++)
+    for (int a = 0; a < SPIN_4DGS_N_ATTRIBUTES; a++)
         if (!r->steps[a])
-            return spin_malformed("stream '%s' is missing", attributes[a].name);
+            return spin_malformed("stream '%s' is missing", spin_4dgs_attributes[a].name);
     return read_rows(r, interval);
 }
 
-/* Reads the streams of a chunk. If the chunk has a codec, all of its streams together were
- * compressed once more, and are decompressed first. */
-static spin_status read_chunk_block(struct reader *r, struct cursor *block,
-                                    const struct cursor *codec, uint64_t bytes,
+static spin_status read_chunk_block(struct reader *r, struct spin_4dgs_cursor *block,
+                                    const struct spin_4dgs_cursor *codec, uint64_t bytes,
                                     const double interval[2])
 {
     SPIN_FREED unsigned char *plain = NULL;
 
-    if (codec->left == 0 && bytes == block->left)
-        return read_streams(r, block, interval);
-    if (codec->left == 0 || bytes > SLACK + (uint64_t)RATIO * block->left)
-        return spin_malformed("%zu bytes cannot unpack to %llu bytes", block->left,
-                              (unsigned long long)bytes);
-    if (!text_equals(codec, "deflate") && !text_equals(codec, "zstd"))
-        return spin_unsupported("codec '%.*s' is not supported, expected 'deflate' or 'zstd'",
-                                length_of(codec), (const char *)codec->at);
-    SPIN_TRY(decompress(text_equals(codec, "zstd"), block, bytes, &plain));
-    return read_streams(r, &(struct cursor){plain, (size_t)bytes, false}, interval);
+    SPIN_TRY(spin_4dgs_open(block, codec, bytes, &plain));
+    return read_streams(r, block, interval);
 }
 
 /* Checks that the current chunk had all SH bands of the file's degree. */
@@ -464,20 +310,20 @@ static spin_status end_chunk(const struct reader *r)
 }
 
 /* Counts the splats of a chunk. In the second pass, when memory is reserved, reads them as well. */
-static spin_status read_chunk(struct reader *r, struct cursor *c)
+static spin_status read_chunk(struct reader *r, struct spin_4dgs_cursor *c)
 {
     double interval[2];
-    struct cursor codec, block;
+    struct spin_4dgs_cursor codec, block;
     uint64_t bytes, n;
     spin_status status;
 
-    interval[0] = read_double(c);
-    interval[1] = read_double(c);
-    read_number(c, 4);
-    n = read_number(c, 4);
-    codec = read_block(c, 4);
-    bytes = read_number(c, 8);
-    block = read_block(c, 8);
+    interval[0] = spin_4dgs_double(c);
+    interval[1] = spin_4dgs_double(c);
+    spin_4dgs_number(c, 4);
+    n = spin_4dgs_number(c, 4);
+    codec = spin_4dgs_block(c, 4);
+    bytes = spin_4dgs_number(c, 8);
+    block = spin_4dgs_block(c, 8);
     if (c->cut)
         return SPIN_OK;
     r->n += n;
@@ -500,11 +346,12 @@ static spin_status read_chunk(struct reader *r, struct cursor *c)
 
 /* Reads an SH band: all coefficients of red, then green, then blue. The codes 0..255 stand for
  * -4..4. */
-static spin_status read_band(struct reader *r, struct cursor *c)
+static spin_status read_band(struct reader *r, struct spin_4dgs_cursor *c)
 {
     const struct spin_splats_4d *s = r->splats;
-    size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)read_number(c, 1), width = 2 * b + 1;
-    struct stream stream = read_stream_head(c);
+    size_t n_sh = 3 + spin_n_rest(s->sh_degree), b = (size_t)spin_4dgs_number(c, 1),
+           width = 2 * b + 1;
+    struct spin_4dgs_stream stream = spin_4dgs_stream_head(c);
     SPIN_FREED int32_t *codes = NULL;
     spin_status status;
 
@@ -515,7 +362,7 @@ static spin_status read_band(struct reader *r, struct cursor *c)
                               "degree %d of the file",
                               b, s->sh_degree);
     r->bands |= 1u << (b - 1);
-    status = read_stream(&stream, r->n_in_chunk, (int)(3 * width), &codes);
+    status = spin_4dgs_stream_read(&stream, r->n_in_chunk, (int)(3 * width), &codes);
     for (size_t k = 0; status == SPIN_OK && k < 3 * width * r->n_in_chunk; k++) {
         size_t row = k / (3 * width), channel = k / width % 3, m = k % width;
 
@@ -529,9 +376,60 @@ static spin_status read_band(struct reader *r, struct cursor *c)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
+/* ---- Keyframes and deltas -------------------------------------------------------------------- */
+
+static spin_status read_state_record(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c,
+                                     size_t at)
+{
+    struct spin_4dgs_states *states = &r->states;
+
+    states->sh_degree = r->splats->sh_degree;
+    states->most_rows = (SPIN_4DGS_SLACK + (uint64_t)SPIN_4DGS_RATIO * r->size) / ROW_BYTES;
+    return opcode == CHUNK         ? spin_4dgs_states_keyframe(states, c, at)
+           : opcode == DELTA_CHUNK ? spin_4dgs_states_delta(states, c, at)
+           : opcode == SH_BAND     ? spin_4dgs_states_band(states, c)
+                                   : spin_4dgs_states_index(states, c);
+}
+
+/* Sets the integers of attribute a for all rows of the states. */
+static spin_status gather_steps(struct reader *r, int a)
+{
+    const struct spin_4dgs_states *states = &r->states;
+    size_t width = (size_t)spin_4dgs_attributes[a].channels, from = 0;
+
+    for (int k = 0; k < a; k++)
+        from += (size_t)spin_4dgs_attributes[k].channels;
+    SPIN_TRY(spin_alloc(states->n_rows, width * sizeof(int32_t), (void **)&r->steps[a]));
+    for (size_t i = 0; i < states->n_rows; i++)
+        memcpy(r->steps[a] + width * i, states->row[i].splat.bin + from, width * sizeof(int32_t));
+    return SPIN_OK;
+}
+
+/* Makes each splat of the states a 4D splat, which is cut to the time until it changes. */
+static spin_status fill_states(struct reader *r)
+{
+    struct spin_4dgs_states *states = &r->states;
+    struct spin_splats_4d *s = r->splats;
+    size_t n_rest = spin_n_rest(s->sh_degree), n_sh = 3 + n_rest;
+
+    SPIN_TRY(spin_4dgs_states_end(states, r->info->duration, r->n_said));
+    SPIN_TRY(spin_splats_4d_reserve(s, states->n_rows, 1, s->sh_degree, SPIN_4D_CUTS));
+    s->least_weight = r->info->cutoff;
+    for (int a = 0; a < SPIN_4DGS_N_ATTRIBUTES; a++)
+        SPIN_TRY(gather_steps(r, a));
+    for (size_t i = 0; i < states->n_rows; i++) {
+        SPIN_TRY(check_row(r, i));
+        fill_row(r, i, states->row[i].interval);
+        for (size_t k = 0; k < n_rest; k++)
+            s->sh[n_sh * i + 3 + k] = (float)(states->row[i].splat.sh[k] * 8 / 255.0 - 4);
+    }
+    return SPIN_OK;
+}
+
 /* Reads a record in the first or second pass over the file. The first pass reads the records that
  * occur once and counts the splats; the second pass reads the splats. */
-static spin_status read_record(struct reader *r, unsigned opcode, struct cursor *c, size_t at)
+static spin_status read_record(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c,
+                               size_t at)
 {
     bool first_pass = !r->splats->centres, once = opcode <= WINDOWS;
 
@@ -542,6 +440,16 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
             return spin_malformed("record %02x precedes the header", opcode);
         r->seen |= 1u << opcode;
     }
+    if (r->info->keyframes && opcode != HEADER)
+        switch (opcode) {
+        case CHUNK:
+        case DELTA_CHUNK:
+        case SH_BAND:
+        case INDEX:
+            return read_state_record(r, opcode, c, at);
+        default:
+            break;
+        }
     switch (opcode) {
     case HEADER:
         return first_pass ? read_header(r, c) : SPIN_OK;
@@ -556,11 +464,12 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
     case SH_BAND:
         return read_band(r, c);
     case DELTA_CHUNK:
-        return spin_unsupported("delta chunks (model 'keyframe-delta') are not supported");
+        return spin_malformed("record 10 is a delta chunk, which the model '" MODEL
+                              "' does not have");
     case OBJECT_TRACK:
-        read_bytes(c, 5);
-        return read_number(c, 4) == 0 ? SPIN_OK
-                                      : spin_unsupported("object tracks are not supported");
+        spin_4dgs_bytes(c, 5);
+        return spin_4dgs_number(c, 4) == 0 ? SPIN_OK
+                                           : spin_unsupported("object tracks are not supported");
     case CAMERA:
         r->info->camera = true;
         return SPIN_OK;
@@ -572,16 +481,16 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct cursor 
 
 static spin_status read_records(struct reader *r)
 {
-    struct cursor file = {r->file + MAGIC_BYTES, r->size - 2 * MAGIC_BYTES, false};
+    struct spin_4dgs_cursor file = {r->file + MAGIC_BYTES, r->size - 2 * MAGIC_BYTES, false};
     unsigned opcode = 0;
 
     r->n = 0;
     while (file.left > 0) {
         size_t at = (size_t)(file.at - r->file);
-        struct cursor record;
+        struct spin_4dgs_cursor record;
 
-        opcode = (unsigned)read_number(&file, 1);
-        record = read_block(&file, 8);
+        opcode = (unsigned)spin_4dgs_number(&file, 1);
+        record = spin_4dgs_block(&file, 8);
         if (file.cut)
             return spin_malformed("record %02x at byte %zu extends beyond the file", opcode, at);
         SPIN_TRY(read_record(r, opcode, &record, at));
@@ -605,12 +514,14 @@ static spin_status read_all(struct reader *r)
     if (r->seen != all)
         return spin_malformed("record '%s' is missing",
                               !(r->seen & 1u << QUANTIZATION) ? "quantization" : "window table");
+    if (r->info->keyframes)
+        return fill_states(r);
     if (r->n != r->n_said)
         return spin_malformed("the chunks contain %llu splats, the header declares %llu",
                               (unsigned long long)r->n, (unsigned long long)r->n_said);
     if (r->n == 0)
         return spin_malformed("the file contains no splats");
-    if (r->n * ROW_BYTES > SLACK + (uint64_t)RATIO * r->size)
+    if (r->n * ROW_BYTES > SPIN_4DGS_SLACK + (uint64_t)SPIN_4DGS_RATIO * r->size)
         return spin_malformed("%zu bytes cannot contain %llu splats", r->size,
                               (unsigned long long)r->n);
     SPIN_TRY(
@@ -629,5 +540,6 @@ spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4
     status = read_all(&r);
     free_steps(&r);
     free(r.window);
+    spin_4dgs_states_free(&r.states);
     return status;
 }

@@ -18,6 +18,13 @@
  * byte each, the number of elements in 4 bytes, and the compressed length in 8 bytes. A text is a
  * 4-byte length followed by its characters.
  *
+ * In files of the model keyframe-delta, chunks are keyframes with an id for each splat, and
+ *
+ *     10  delta chunk    changes of splats, births and deaths since another chunk
+ *
+ * changes some splats; each interval of time between two chunks is a state. A splat becomes one 4D
+ * splat for each time that it is changed.
+ *
  * A splat is visible while three conditions hold: the time is within the splat's entry of the
  * window table, the time is within the interval of the splat's chunk, and the splat's Gaussian
  * window is at or above the cutoff. The quantisation steps of a splat's velocity and centre in time
@@ -31,10 +38,11 @@ struct spin_4dgs {
     double cutoff;   /* splats are not drawn while their Gaussian window is below this value */
     /* `sound`: the file contains sound; `camera`: the file contains a camera path. */
     bool sound, camera;
+    bool keyframes; /* the temporal model is keyframe-delta */
 };
 
 /* Reads a whole file that is in memory. The caller must call spin_splats_4d_finish() on the splats.
  * The ends of windows, which are doubles in the file, are rounded down to floats. Files with
- * keyframe-delta models or object tracks are refused. Error messages do not contain the path. */
+ * object tracks are refused. Error messages do not contain the path. */
 spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4dgs *out,
                            struct spin_splats_4d *splats);

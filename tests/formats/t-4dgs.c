@@ -456,7 +456,7 @@ static void test_lies(void)
     refused(make(), "chunks contain 23 splats, the header declares 24",
             "splats that are not there");
     wrong.delta = true;
-    refused(make(), "keyframe-delta", "delta chunks, by name");
+    refused(make(), "is a delta chunk", "a delta chunk in a birth file");
     wrong.track = true;
     refused(make(), "object tracks", "tracks of objects, by name");
     b = make();

@@ -105,6 +105,8 @@ ARRAYS(nodes, A("xyz", MEANS), A("rot", QUATS), A("cov6", COV6), A("opacity", OP
 ARRAYS(rigid, A("xyz", MEANS), A("rot", QUATS), A("cov6", COV6),
        A("scale", SCALES, .bound = "others"), A("opacity", OPACITIES, .bound = "opacity, rgb"),
        A("rgb", BASE, .bound = "opacity, rgb"));
+ARRAYS(states, A("xyz", MEANS), A("opacity", OPACITIES, .bound = "", .abs = 1e-5),
+       A("cov6", COV6, .bound = "", .abs = 1e-6), A("?rgb", BASE, .bound = "", .abs = 1e-5));
 ARRAYS(cloud, A("means", MEANS), A("quats_wxyz", QUATS), A("scales", SCALES),
        A("opacities", OPACITIES), A("sh_dc", SH));
 
@@ -166,6 +168,7 @@ static const struct golden goldens[] = {
     G("scgs", "scgs", "model", nodes, ANY_STILL, .last = 1, .also = {"model/deform/*/deform.pth"}),
     G("shapeofmotion", "shapeofmotion", "checkpoints/last.ckpt", rigid,
       SPIN_COL_LOG_SCALES | SETTLED, .frames = true, .also = {""}),
+    G("4dgs", "4dgs", "", states, ANY_STILL, .seen = {{"visible", 0}}, .unless = "centre"),
     G("stglite", "stglite", "scene.ply", line, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
       .also = {""}),

@@ -50,6 +50,7 @@ TAP_MAIN
     METHOD_PART(freetimegspp);
     METHOD_PART(scgs);
     METHOD_PART(shapeofmotion);
+    METHOD_PART(4dgs);
     METHOD_PART(stglite);
     METHOD_PART(d3dgs);
     METHOD_PART(tc3dgs);
