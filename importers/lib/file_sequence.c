@@ -10,11 +10,13 @@ bool spin_file_has_suffix(const char *name, const char *suffix)
     return spin_text_ends_any_case(name, suffix);
 }
 
-/* Whether a file is a frame: its name ends with `suffix`, and it is neither hidden nor "input.ply",
- * the point cloud from which training started. */
+/* Whether a file is a frame: its name ends with `suffix`, and it is not hidden. It is neither
+ * "input.ply", the point cloud from which training started, nor "environment.sog", the sky of a
+ * streamed SOG. */
 static bool is_frame_name(const char *name, const char *suffix)
 {
-    return name[0] != '.' && spin_file_has_suffix(name, suffix) && strcmp(name, "input.ply") != 0;
+    return name[0] != '.' && spin_file_has_suffix(name, suffix) && strcmp(name, "input.ply") != 0 &&
+           strcmp(name, "environment.sog") != 0;
 }
 
 int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix)

@@ -41,6 +41,13 @@ fails 1 spin-import "two numbers that count"
 err_has "'a_%d_\*.ply' or that of 'a_\*_%d.ply'" "both readings are named"
 is "$(numbers "$work/two" '--pattern a_*_%d.ply')" 10,30 "--pattern chooses one"
 
+mkdir "$work/streamed"
+run "$bin/spin-export" -q "$work/in.spin" --range 0:1 --to splat -o "$work/sky.splat"
+cp "$work/sky.splat" "$work/streamed/environment.sog"
+echo '{}' >"$work/streamed/lod-meta.json"
+run "$bin/spin-import" --info "$work/streamed"
+fails 1 spin-import "the sky of a streamed SOG alone"
+
 # ---- Text ----------------------------------------------------------------------------------------
 
 cp -r fixtures/datasets/blender_mini "$work/blender"
