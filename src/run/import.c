@@ -927,14 +927,51 @@ static spin_status find_pattern_run(struct import *im, const char *pattern)
     return SPIN_OK;
 }
 
+/* If the input, which no importer of runs recognises, is a data set, replaces the error by one that
+ * says what it contains and what to do. */
+static spin_status explain_data_set(const struct import *im, spin_status status)
+{
+    const char *path = im->o->input;
+    const struct spin_importer *importer =
+        status == SPIN_E_NOT_RECOGNISED && !im->o->from && spin_path_is_folder(path)
+            ? spin_importer_guess(path, true)
+            : NULL;
+    SPIN_LEAVES(spin_views_free) struct spin_views views = {0};
+    SPIN_FREED int *camera = NULL;
+    char frames[48], cameras[48];
+    int n = 0;
+
+    if (!importer)
+        return status;
+    SPIN_TRY(spin_views_open(path, NULL, &views, NULL, 0));
+    SPIN_TRY(spin_alloc(views.n, sizeof *camera, (void **)&camera));
+    for (size_t i = 0; i < views.n; i++)
+        camera[i] = views.view[i].camera_id;
+    qsort(camera, views.n, sizeof *camera, spin_by_int);
+    for (size_t i = 0; i < views.n; i++)
+        n += i == 0 || camera[i] != camera[i - 1];
+    return spin_fail(SPIN_E_NOT_RECOGNISED,
+                     "'%s' is a data set (%s) of %s and %s, not a run: give the folder that a "
+                     "method wrote, or points of each frame as PLY, and this folder with --data, "
+                     "see docs/how-to/from-videos.md",
+                     path, importer->name, spin_text_count(n, "camera", cameras),
+                     spin_text_count(views.n_dataset_frames, "frame", frames));
+}
+
 static spin_status find_run(struct import *im)
 {
     const struct spin_import_options *o = im->o;
     const char *pattern;
 
     SPIN_TRY(spin_pattern_split(o->input, &im->below, &pattern));
-    SPIN_TRY(pattern ? find_pattern_run(im, pattern)
-                     : spin_importer_find_run(o->input, o->from, &im->importer, &im->below));
+    if (pattern) {
+        SPIN_TRY(find_pattern_run(im, pattern));
+    } else {
+        spin_status status = spin_importer_find_run(o->input, o->from, &im->importer, &im->below);
+
+        if (status != SPIN_OK)
+            return explain_data_set(im, status);
+    }
     im->input = im->below ? im->below : o->input;
     im->values.pairs = im->pairs ? im->pairs : o->plugin_pairs;
     return spin_plugin_check(im->importer->name, im->importer->options, im->values.pairs);

@@ -43,6 +43,11 @@ is "$(grep -c cam02 "$work/out")" 2 "and its last with no frame"
 run "$bin/spin-import" "$work/sets/clip" --offsets cam02=1 -o "$work/none.spin"
 fails 2 spin-import "--offsets requires --data"
 
+# A data set in place of a run.
+run "$bin/spin-import" "$work/sets/rig_cameras" -o "$work/none.spin"
+is "$code" 1 "a data set is no run"
+err_has "is a data set (colmap) of 3 cameras and 3 frames, not a run: give the folder" "says what it is and what to do"
+
 # One image per frame, each of another camera, is said when the clip has several frames.
 run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/still" -o "$work/one.spin"
 is "$code" 0 "a model with as many images as frames is read as a video"
