@@ -158,10 +158,27 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     return status;
 }
 
+/* Sets *pair to the pairing to use. The recorded one belongs to the recorded data set: another data
+ * set may have other frame numbers, and is paired anew. */
+static spin_status find_pairing(const struct spin_clip_options *o, const struct spin_clip *clip,
+                                const char **pair)
+{
+    SPIN_FREED char *recorded = NULL;
+
+    *pair = o->pair ? o->pair : clip->bundle.meta.pair;
+    if (o->pair || !o->data)
+        return SPIN_OK;
+    SPIN_TRY(spin_bundle_data_path(&clip->bundle, &recorded));
+    if (!recorded || strcmp(recorded, clip->data_path) != 0)
+        *pair = "";
+    return SPIN_OK;
+}
+
 static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;
     SPIN_FREED int *row_of = NULL;
+    const char *pair;
     spin_status status;
 
     SPIN_TRY(spin_alloc((size_t)clip->n_frames, sizeof(int), (void **)&clip->dataset_frame));
@@ -169,8 +186,9 @@ static spin_status pair_rows(const struct spin_clip_options *o, struct spin_clip
         clip->dataset_frame[i] = -1;
     if (!clip->has_views)
         return SPIN_OK;
+    SPIN_TRY(find_pairing(o, clip, &pair));
     SPIN_TRY(spin_alloc((size_t)meta->n_frames, sizeof *row_of, (void **)&row_of));
-    status = spin_views_pair(&clip->views, meta, o->pair ? o->pair : meta->pair, row_of);
+    status = spin_views_pair(&clip->views, meta, pair, row_of);
     for (int i = 0; status == SPIN_OK && i < clip->n_frames; i++)
         clip->dataset_frame[i] = row_of[clip->frame[i]];
     return status;

@@ -10,7 +10,8 @@
 struct spin_clip_options {
     const char *input;
     /* Options --data, --data-from and --pair. If one is NULL, the value that the bundle records is
-     * used. If the bundle records none, the importer is detected, and frames are paired by "auto".
+     * used; the recorded pairing only with the recorded data set. If the bundle records none, the
+     * importer is detected, and frames are paired by "auto".
      */
     const char *data, *data_from, *pair;
     struct spin_range range;

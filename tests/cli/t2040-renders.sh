@@ -32,6 +32,20 @@ for wrong in size=9 up=w cameras=0 colour=1; do
     fails 2 spin-eval "renders:$wrong"
 done
 
+# ---- Pairing -----------------------------------------------------------------------------------
+
+mkdir "$work/five"
+for i in 1 2 3 4 5; do
+    cp "$work/frames/frame_0000$i.ply" "$work/five/frame_$((i + 100008)).ply"
+done
+rename() { for f in "$work"/five/*; do mv "$f" "$(echo "$f" | sed 's/frame_1/frame_0/')"; done; }
+rename
+run "$bin/spin-import" --from ply "$work/five" -o "$work/five.spin"
+run "$bin/spin-import" --from ply "$work/five" -o "$work/paired.spin" --data "$work/five.spin" --pair order
+is "$code" 0 "a bundle is a data set of renders, paired by order"
+run "$bin/spin-eval" "$work/paired.spin" --data $clip --json
+is "$code" 0 "another data set is paired anew, by number"
+
 # ---- One command -------------------------------------------------------------------------------
 
 cd "$work" || exit 1
