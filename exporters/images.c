@@ -74,8 +74,8 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
     return SPIN_OK;
 }
 
-/* Renders an image and writes it to file `name` of the output folder. number: the frame or path
- * number that this name contains. */
+/* Renders an image and writes it to file `name` of the output folder. number: the number in this
+ * name, of a frame or of an image on the camera's path. */
 static spin_status export_picture(struct export *x, char *name, int number, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)

@@ -10,8 +10,8 @@ static int fourdgs_probe(const struct spin_peek *peek)
 }
 
 /* Returns the last time at which splats can be visible. Playback covers [0, duration). Windows in
- * time end at floats, at the latest at `duration` rounded down to a float, and exclude their end,
- * so the result is the float before that one. */
+ * time exclude their end, which is a float and at most `duration` rounded down to a float. The
+ * result is therefore the largest float below that. */
 static float before(double duration)
 {
     float last = (float)duration;

@@ -481,8 +481,8 @@ static int realtime_probe(const struct spin_peek *peek)
 
 /* ---- Shapes ---------------------------------------------------------------------------------- */
 
-/* Returns the median of the Gaussians' largest standard deviations in space, if rotations follow
- * the older convention (`older`) or today's. At most MOST Gaussians are used. */
+/* Returns the median, over at most MOST Gaussians, of the largest standard deviation in space.
+ * Rotations are assumed to follow the older convention if `older` is true, otherwise today's. */
 static double median_extent(const struct rows *rows, bool older)
 {
     enum { MOST = 4096 };

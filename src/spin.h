@@ -418,7 +418,8 @@ struct spin_decimated {
 /* Why spin-export leaves out a splat. If several reasons apply, the first counts. */
 enum spin_row_reason {
     SPIN_ROW_KEPT,
-    /* Options of that name. A splat with a NaN or infinite position passes these four. */
+    /* The next four are options of spin-export. They keep a splat with a NaN or infinite
+     * position. */
     SPIN_ROW_CROP,
     SPIN_ROW_MIN_VIEWS,
     SPIN_ROW_FLOATERS,
@@ -427,7 +428,7 @@ enum spin_row_reason {
     SPIN_ROW_NOT_FINITE,
     SPIN_ROW_NO_ROTATION, /* of length zero */
     SPIN_ROW_TOO_LARGE,   /* --max-scale */
-    /* Options of that name. */
+    /* Options of spin-export. */
     SPIN_ROW_MIN_OPACITY,
     SPIN_ROW_DECIMATE,
     SPIN_ROW_REASONS
@@ -442,7 +443,8 @@ struct spin_export_report {
      * these. */
     uint64_t dropped[SPIN_ROW_REASONS];
     uint64_t left_out, filtered;
-    bool rows_differ; /* some frames keep other rows than the first frame. Not set by exporters. */
+    /* Some frames keep different rows than the first frame. Not set by exporters. */
+    bool rows_differ;
     struct spin_export_check check;
     struct spin_decimated decimated;
     uint64_t images; /* images rendered and written, by exporters that render; else 0 */
@@ -477,7 +479,7 @@ struct spin_export_job {
     /* [n_frames] number of splats of each frame, or an upper bound if some cannot be drawn; NULL:
      * unknown */
     const size_t *counts;
-    bool counts_are_bounds; /* options drop more splats */
+    bool counts_are_bounds; /* true: `counts` are upper bounds, since options drop further splats */
     /* The exporter increases `bytes` and `images` of the report, and sets `frames` if it exports
      * only some of them. left_out and rows_differ are final at end(). May be NULL. */
     struct spin_export_report *report;

@@ -225,9 +225,10 @@ function keysFrom(read, keys, n) {
     }
 }
 
-// Decodes a group from its key frame, or from the last decoded frame, up to frame `frame`. The
-// result has the key frame's values, the frame's differences of the dynamic splats, and the texels
-// of the static splats.
+// Decodes a frame of a version. The frames of its group are decoded in order, beginning after the
+// one that was decoded last, or at the key frame. The result contains the values of the key frame,
+// the differences of the dynamic splats between `frame` and the key frame, and the texels of the
+// static splats.
 async function advance(version, frame) {
     const v = clip.versions[version], columns = SH + v.sh, first = v.first[frame], n = v.shared[frame], still = v.still[frame];
     let g = groups[version];

@@ -187,8 +187,9 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
-/* Adds "identity": true if row i is the same splat in all frames. Adds "data", the path of the data
- * set, unless the scene was rotated: the cameras of the data set then no longer fit. */
+/* Adds "identity", which is true if row i is the same splat in all frames. Adds "data", the path of
+ * the data set, unless the scene was rotated, since the cameras of the data set then no longer
+ * match the splats. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;

@@ -225,7 +225,7 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         out->eye[2] -= away;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
-        /* Less than reach[0], the smallest distance from the target. */
+        /* The near plane must be closer than reach[0], the smallest distance from the target. */
         out->z_near = SPIN_NEAR * fmin(size, 1);
         return;
     }

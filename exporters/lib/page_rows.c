@@ -13,20 +13,21 @@
 #define LEAST_DOT 0.707 /* dot product of two quaternions that are 90 degrees apart */
 enum { CHECKED = 33 };  /* number of evenly spaced ticks at which a row is checked */
 
-/* Shares of an opacity's bound. With w = exp(-z^2/2), the error of a Gaussian window is at most w
- * (height + z middle + z^2 width), and the error of a gate at most (1 - w) gate. Both are shares of
- * the bound; their sum is below 1 for all z. */
+/* The error bound of an opacity is divided among the quantised values of its window. HEIGHT: for
+ * the opacity at the centre; WIDTH: for the centre and again for the sigma; GATE: for the gate.
+ * With w = exp(-z^2/2), the error of the window is at most w (HEIGHT + z WIDTH + z^2 WIDTH) times
+ * the bound, and that of the gate at most (1 - w) GATE times the bound. Their sum is below the
+ * bound for all z. */
 #define HEIGHT 0.5
 #define WIDTH 0.45
 #define GATE 0.3
-/* Shares of a rotation's bound. ENDS: for the error of the rotations at both ends of a piece;
- * RATIO: for the error of the ratio of the lengths of the quaternions at the ends. Between the
- * ends, the error stays within the bound if the rotations at the ends are at most 90 degrees
- * apart. */
+/* Shares of the error bound of a rotation. ENDS: for the rotations at the two ends of a piece.
+ * RATIO: for the ratio of the lengths of the two quaternions. Between the ends, the error stays
+ * within the bound if the rotations at the ends are at most 90 degrees apart. */
 #define ENDS 0.78
 #define RATIO 0.1
-/* Shares of the bound of a colour that changes, for the errors of its mean, of each of its two
- * cosines, and of the phase of both cosines. */
+/* Shares of the error bound of a colour that changes over time: for its mean, for each of its two
+ * cosines, and for the phase of the cosines. */
 #define MEAN 0.4
 #define COSINE 0.2
 #define PHASE 0.2

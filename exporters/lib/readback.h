@@ -9,7 +9,7 @@
 struct spin_readback {
     struct spin_quant_error quant;
     double sizes;     /* largest position error, relative to the largest scale of the splat */
-    double pixels;    /* largest position error in pixels; -1: no camera saw a splat */
+    double pixels;    /* largest position error in pixels; -1: no splat is visible to any camera */
     double bounds;    /* largest error of a side of a frame's bounding box */
     double reach;     /* largest absolute value of a coordinate */
     uint64_t n;       /* number of splats in all frames */

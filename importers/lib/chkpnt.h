@@ -23,7 +23,8 @@ spin_status spin_chkpnt_find(struct spin_model *m, const char *path);
  * is NULL. */
 const char *spin_chkpnt_kind(const struct spin_value *v);
 
-/* Returns, for messages, the name of the method that saves models of n_items items. */
+/* Returns, for messages, the name of the method whose checkpoints contain a model of n_items
+ * items. */
 const char *spin_chkpnt_maker(size_t n_items);
 
 /* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. For a

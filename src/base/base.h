@@ -1,5 +1,5 @@
-/* Includes the headers that most sources in other folders need: some of this folder, and those of
- * the C library for strings, numbers and memory. */
+/* Includes the headers that most sources in other folders need: basic ones of this folder, and
+ * those of the C library for strings, numbers and memory. */
 #pragma once
 
 #include <errno.h>

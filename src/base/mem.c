@@ -264,7 +264,7 @@ enum { GROUP_PATH = 4096 };
 /* Returns how many bytes the process may still allocate according to its control groups: the one in
  * `folder` and its parents. Each group allows its limit minus its usage, where inactive page cache
  * counts as free; the lowest of these numbers is returned, or UINT64_MAX if there is none. The
- * parents end at the mount point, whose path is the first n_top bytes of `folder`. Groups whose
+ * search ends at the mount point, whose path is the first n_top bytes of `folder`. Groups whose
  * files cannot be read, as in a container, are skipped. */
 static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
 {

@@ -181,8 +181,8 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
     return SPIN_OK;
 }
 
-/* Sets the mask where alpha is above 0.5. Loaded over white and over black, the image differs by
- * 1 - alpha. */
+/* Sets the mask where alpha is above 0.5. The difference between the image composited over white
+ * and over black is 1 - alpha. */
 static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     static const float white[3] = {1, 1, 1};

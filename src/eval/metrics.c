@@ -66,8 +66,8 @@ static spin_status show_frame(struct spin_metrics *m, int frame)
     return spin_player_show(m->player, index);
 }
 
-/* Computes the measures of a view from the sums v. regions: also inside and outside the dynamic
- * regions, unless there are too few pixels for a meaningful PSNR. */
+/* Computes the measures of a view from the sums v. If `regions` is true, also computes them inside
+ * and outside the dynamic regions, unless a region has too few pixels for a meaningful PSNR. */
 static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool regions,
                         double n_dynamic, struct spin_quality *q)
 {

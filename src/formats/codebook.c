@@ -346,8 +346,8 @@ static void divide_all(struct clustering *c, size_t n_colours, struct spin_pool 
         }
         p = pop_cluster(c);
         if (p.n_front == 0) {
-            /* With this error, the cluster is taken last from the heap, so that it is not tried
-             * again. */
+            /* An error of 0 moves the cluster to the end of the heap, so that its division is not
+             * tried again. */
             p.error = 0;
             push_cluster(c, p);
             continue;

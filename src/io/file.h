@@ -42,8 +42,8 @@ struct spin_digest spin_map_digest(const struct spin_map *map);
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out);
 
 bool spin_path_exists(const char *path);
-/* Whether the path is in use, if only by a dangling link. Outputs must not replace what is there
- * without --force. */
+/* Whether the path exists, even as a dangling link. Without --force, an output must not replace an
+ * existing path. */
 bool spin_path_is_taken(const char *path);
 bool spin_path_is_folder(const char *path);
 /* *out receives "dir/name", allocated. */

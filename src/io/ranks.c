@@ -20,7 +20,7 @@ struct notice {
 static const struct spin_ranks_shim *shim;
 static int own_rank, n_ranks = 1;
 static bool heard; /* this rank fails only because another rank failed */
-/* spin_ranks_agree() told all ranks of a failure, and each ends by itself. */
+/* spin_ranks_agree() reported a failure to all ranks, and each rank ends by itself. */
 static bool agreed;
 static bool speaker;             /* this rank prints the error message */
 static struct notice last_words; /* static, since MPI may read it after notify() has returned */

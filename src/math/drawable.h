@@ -66,8 +66,9 @@ SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size
     return limit < (double)SPIN_LOG_SCALE_LIMIT ? (float)limit : SPIN_LOG_SCALE_LIMIT;
 }
 
-/* Returns why a splat is omitted. limit: largest allowed log scale. Not omitted are quaternions
- * whose squared length overflows float, and infinite logits, which are opacities of 0 or 1. */
+/* Returns why a splat is omitted. limit: largest allowed log scale. Splats are kept if the squared
+ * length of their quaternion overflows float, or if their logit is infinite, which is an opacity of
+ * 0 or 1. */
 SPIN_FN enum spin_undrawable spin_undrawable(const float place[3], const float q[4],
                                              const float log_scale[3], const float *logit,
                                              const float *sh, size_t n_sh, float limit)

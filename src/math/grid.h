@@ -27,7 +27,7 @@ SPIN_FN uint32_t spin_grid_hash(const uint32_t q[4])
 
 /* Returns 1 if a level has more vertices than rows, so that vertices must share rows by hashing;
  * otherwise the level is dense. The product is computed in 64 bits, since 32 bits would wrap to 0
- * at 2048^3, and the level would be considered dense (docs/method.md 14). */
+ * at 2048^3, and the level would be considered dense. */
 SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
 {
     uint64_t product = 1;

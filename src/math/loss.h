@@ -1,5 +1,5 @@
 /* The derivative of L1, the SSIM window, one pixel of the SSIM map with its derivatives
- * (docs/method.md 5), and PSNR (docs/method.md 8). */
+ * (docs/method.md 5), and PSNR (docs/method.md 9). */
 #pragma once
 
 #include <stddef.h>

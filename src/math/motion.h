@@ -74,7 +74,8 @@ SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
     out->gate = seen * (1 - bell);
 }
 
-/* ln(e^l (1 - w)) for w = exp(ln_weight); minus infinity for w = 1. */
+/* ln(e^l (1 - w)) with w = exp(ln_weight), a term of the two functions below; minus infinity for w
+ * = 1. */
 SPIN_FN float spin_unseen(float l, float ln_weight) { return l + logf(-expm1f(ln_weight)); }
 
 /* The logit of w o, the opacity o of a splat times its window w. l: the logit of o; ln_weight:

@@ -1,6 +1,6 @@
-/* The contribution of a dynamic track to a splat if the surface has rotated by the unit quaternion
- * q since the reference frame of the track: displacement d becomes R(q) d, and rotation r becomes
- * q r. Both maps are orthogonal, so their adjoints are those of the inverse rotation. */
+/* The contribution of a dynamic track to a splat whose surface has rotated by the unit quaternion q
+ * since the reference frame of the track: displacement d becomes R(q) d, and rotation r becomes q
+ * r. Both maps are orthogonal, so the adjoint of each is the same map with the inverse rotation. */
 #pragma once
 
 #include "math/quat.h"

@@ -10,7 +10,7 @@ struct spin_field {
     struct spin_grid grid;
     struct spin_heads heads;
     struct spin_scene_transform transform;
-    /* First and last time of the clip, in the unit of the source. */
+    /* First and last time of the clip, in the unit of time of the source. */
     double time_first, time_last;
     int sh_degree;
     bool antialias; /* true if splats are rendered with antialiasing */

@@ -12,7 +12,7 @@ struct spin_image_store {
     uint8_t SPIN_DEV *masks;   /* [n] masks, or NULL */
     size_t n, image_bytes, mask_bytes;
     size_t *key;   /* [n] key of each image; SIZE_MAX: no image */
-    int64_t *used; /* [n] turn in which each image was last found or inserted */
+    int64_t *used; /* [n] batch of requests in which each image was last found or inserted */
     int64_t turn;
     size_t next; /* number to try first for the next insertion */
 };
@@ -27,9 +27,9 @@ void spin_image_store_close(struct spin_image_store *s);
 void spin_image_store_put(struct spin_image_store *s, uint32_t number, size_t n_pixels,
                           const void *pixels, const uint8_t *mask);
 
-/* For use as a cache. Begins a new turn: images that are found or inserted in a turn stay until the
- * next turn begins. */
+/* For use as a cache. Begins a new batch of requests: images that are found or inserted during a
+ * batch stay in the store until the next batch begins. */
 void spin_image_store_turn(struct spin_image_store *s);
 /* Finds the number of the image with this key. Returns false if the image is missing: the caller
- * must then upload it as the returned number. At most n images may be requested in one turn. */
+ * must then upload it as the returned number. At most n images may be requested in one batch. */
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number);

@@ -19,8 +19,8 @@ struct spin_player {
     struct spin_device *device;
     /* The bundle to play. NULL: frames come from `live`, `read` or spin_player_show_splats(). */
     struct spin_bundle *bundle;
-    /* Which splats of the bundle to play. SPIN_FROM_TRAINED, which a training in progress also
-     * uses: the device computes the attributes; otherwise they are uploaded. */
+    /* Which splats of the bundle to play; SPIN_FROM_TRAINED also for a training in progress. The
+     * device computes the attributes of SPIN_FROM_TRAINED; those of other splats are uploaded. */
     enum spin_splat_source from;
     struct spin_field field;
     const struct spin_field *network; /* &field; NULL: the attributes need no network */
@@ -76,8 +76,8 @@ void spin_player_open_live(struct spin_player *p, struct spin_device *device,
 /* Opens a player for splats that read() provides. */
 void spin_player_open_reader(struct spin_player *p, struct spin_device *device,
                              spin_player_read_fn read, void *context);
-/* Closes the player. Warns, once per bundle, if frames that were shown contain splats that cannot
- * be drawn. */
+/* Closes the player. Warns, once per bundle, if frames that were rendered contain splats that
+ * cannot be drawn. */
 void spin_player_close(struct spin_player *p);
 
 /* Makes frame `index` of the bundle the current frame. */

@@ -54,8 +54,8 @@ static spin_status check_pairs(const struct spin_raster *r)
 
 size_t spin_raster_grows(size_t n, size_t pixels, bool training)
 {
-    /* A splat has about six pairs of 4 bytes. Twice that is for the list and for buffers of the
-     * device. In a training, the loss also needs 16 floats per pixel for its bands and weights. */
+    /* A splat has about six pairs of 4 bytes, in the list and again in buffers of the device.
+     * During training, the loss also needs 16 floats per pixel. */
     size_t splat = 6 * 4 * 2;
 
     return training ? n * (splat + 6 * pair_gradient) + pixels * 16 * 4 : n * splat;

@@ -642,8 +642,8 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     SPIN_TRY(place_cameras(d));
     n_pictures = d->n_pairs > 0 ? n_pictures : (size_t)d->placed.n;
     *out = (struct spin_decimated){.by_views = d->n_pairs > 0};
-    /* If a filter may drop a row that all frames share in some frames only, the counts are those of
-     * the whole clip and not of each frame. */
+    /* If rows are shared by all frames but the filter may drop a row in some frames only, the
+     * counts are those of the whole clip, not per frame. */
     out->in_all = d->splats_4d || (d->n_sets == 1 && d->filter->varies);
     for (int s = 0; s < d->n_sets; s++) {
         out->before += (double)d->set[s].n_counted;

@@ -205,7 +205,7 @@ static spin_status check_outputs(struct run *r)
     SPIN_TRY(check_disk(r));
     if (o->watch) {
         SPIN_TRY(spin_output_check_empty_folder(o->watch, o->force || o->resume));
-        SPIN_TRY(spin_out_check(w->state, true)); /* fails if it is the input of this run */
+        SPIN_TRY(spin_out_check(w->state, true)); /* the checkpoint must not be an input */
     }
     if (o->preview)
         SPIN_TRY(spin_output_check_empty_folder(o->preview, o->force || o->resume));
@@ -644,7 +644,7 @@ static spin_status save_after_failure(struct run *r, spin_status failed)
     struct spin_checkpoint *c = &r->checkpoint;
     const char *go_on = spin_options_continue(r->plan.o);
     bool shared = r->plan.o->cache && !r->plan.o->resume;
-    /* `said`: the failure itself was that the checkpoint could not be saved */
+    /* `said`: the error message already reports that the checkpoint could not be saved */
     bool lost = false, said = c->failed;
     char why[1024], kept[1024] = "";
 

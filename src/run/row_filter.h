@@ -15,8 +15,8 @@
 struct spin_row_filter {
     const struct spin_export_options *o;
     const struct spin_clip *clip;
-    /* Drop rows last, by setting the reason of those that have none; NULL: none. --decimate sets
-     * these. source: the rows are those of the imported frame. */
+    /* Callbacks of --decimate, or NULL. They are called after all other reasons are set, and set
+     * the reason of further rows to drop. source: the rows are those of the imported frame. */
     spin_status (*drop)(void *context, int frame, const struct spin_splats *s, bool source,
                         unsigned char *reason);
     void (*drop_4d)(const void *context, unsigned char *reason);

@@ -142,8 +142,9 @@ static spin_status check_refined(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Reads "splats", the list with the number of splats of each frame. It is present only if
- * densification has changed these numbers. */
+/* Reads "splats", the list with the number of splats of each frame. It is missing if the training
+ * used neither tracks nor densification, since the numbers are then those of the source or of the
+ * refined frames. */
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");

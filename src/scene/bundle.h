@@ -69,8 +69,8 @@ struct spin_bundle {
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
     size_t
-        /* [n_frames] number of splats of each retrained frame; NULL if densification has not
-           changed these numbers. */
+        /* [n_frames] number of splats of each retrained frame; NULL: as in the source or in the
+         * refined frames */
         *trained_n;
     struct spin_bundle_keys keys;
     struct spin_splats_4d four_d; /* private; loaded by spin_bundle_splats_4d() */

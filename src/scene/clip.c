@@ -82,8 +82,8 @@ static spin_status hold_out(struct spin_clip *clip)
     return SPIN_OK;
 }
 
-/* Counts the cameras of --test-cams that the training used. If the data set is not that of the
- * training, no camera is counted, since its camera ids mean other cameras. */
+/* Counts the cameras of --test-cams that the training used. No camera is counted if the data set is
+ * not that of the training, since its camera ids then refer to other cameras. */
 static spin_status count_taught(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     SPIN_FREED char *own = NULL;

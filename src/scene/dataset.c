@@ -331,7 +331,7 @@ static spin_status has_one_view_each(const struct spin_views *views, bool *out)
     return SPIN_OK;
 }
 
-/* Makes all views images of frame 0. */
+/* Assigns all views to frame 0. */
 static void make_still(struct spin_views *views)
 {
     for (size_t i = 0; i < views->n; i++) {
@@ -367,7 +367,7 @@ spin_status spin_views_pair(struct spin_views *views, const struct spin_bundle_m
         return pair_by_number(views, meta, dataset_frame_of);
     if (meta->n_source_frames == 1)
         SPIN_TRY(has_one_view_each(views, &single));
-    if (single) /* a still, whose images all belong to its only frame */
+    if (single) /* a static scene: all images belong to its only frame */
         make_still(views);
     if (strcmp(pair, "order") == 0)
         return pair_by_order(views, meta, dataset_frame_of);
@@ -478,7 +478,7 @@ double spin_views_extent(const struct spin_views *views)
 enum {
     NEAR_VIEWS = 64,    /* maximum number of views that are sampled, evenly spaced */
     NEAR_POINTS = 4096, /* maximum number of points that are sampled, evenly spaced */
-    /* The depth of the foreground is exceeded by all but 1/20 of the points in an image. */
+    /* The nearest 1/20 of the points in an image are closer than the depth of the foreground. */
     NEAR_SHARE = 20,
     /* A warning is printed if the near plane cuts off more than 1/100 of the points in an image. */
     CUT_SHARE = 100

@@ -4,8 +4,8 @@
 #include "spin.h"
 
 enum { SPIN_N_ARRAYS_4D = 13 };
-/* These return the name of array k, the address of its member in *s, and its number of floats per
- * row. The member is NULL if *s does not have the array. */
+/* The next three functions return the name of array k, the address of its member in *s, and its
+ * number of floats per row. The member is NULL if *s does not have the array. */
 const char *spin_array_4d_name(int k);
 float **spin_array_4d_of(struct spin_splats_4d *s, int k);
 size_t spin_array_4d_width(const struct spin_splats_4d *s, int k);

@@ -228,8 +228,8 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
 
 /* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* Draws the measure `key` over the frames, with one line per run. file: as a file of its own,
- * otherwise to be included in a page. */
+/* Draws the measure `key` over the frames, with one line per run. If `file` is true, writes a
+ * complete SVG file, otherwise an element for an HTML page. */
 static spin_status draw_curves(const struct spin_compare *c, const char *key, const char *title,
                                const char *unit, bool file, FILE *to)
 {

@@ -39,9 +39,10 @@ static float pixel_change(const float *a, const float *b, size_t plane, size_t i
     return most;
 }
 
-/* Computes s->speed of each pixel: by how much this frame differs more from the previous and from
- * the next frame than these two differ from each other. An object that passes by has a high speed;
- * a striped shirt that turns has not, since all three frames differ. */
+/* Computes s->speed of each pixel: its difference from the previous or from the next frame,
+ * whichever is smaller, minus the difference between the previous and the next frame. An object
+ * that passes by has a high speed, since the background is the same before and after. A striped
+ * shirt that turns has a low speed, since all three frames differ. */
 static spin_status find_speed(struct search *s, const struct spin_pair *pair, bool *found)
 {
     const struct spin_camera *c = &s->clip->views.view[pair->view].camera;

@@ -125,7 +125,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     spin_json_set_number(j, "seconds_decode", r->seconds_decode);
     spin_json_set_number(j, "seconds_draw", r->seconds_draw);
     spin_json_set_integer(j, "left_out", (int64_t)r->left_out);
-    if (r->n_bundle_frames > 0) { /* 0 in a report `before`, which has no storage */
+    if (r->n_bundle_frames > 0) { /* 0 for the source, whose report has no storage */
         spin_json_set(j, "storage", bytes_json(r, &r->storage));
         spin_json_set(j, "storage_unpacked", bytes_json(r, &r->unpacked));
     }

@@ -1,5 +1,5 @@
-/* Draws a line chart as SVG. An inline chart has no colours: the page defines them for the classes
- * line-0, line-1, ... */
+/* Draws a line chart as SVG. A chart within a page has no colours of its own: the page defines them
+ * for the classes line-0, line-1, ... */
 #pragma once
 
 #include <stdbool.h>
