@@ -134,7 +134,8 @@ static spin_status find_files(const char *path, struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* Values of options or, if these are not given, of cfg_args; NAN: neither states the value. */
+/* Settings from the options or, where an option is not given, from cfg_args. NAN: neither contains
+ * the setting. */
 struct told {
     double interval, pad, frames, var_pad, first;
     int kind; /* -1: not given */
@@ -274,10 +275,10 @@ static spin_status read_settings(struct model *m)
 
 /* ---- Columns --------------------------------------------------------------------------------- */
 
-/* The source of each column. width: floats per row or, if `keyed`, per row and key frame. still,
- * moving: index in the checkpoint's tuple for static and for dynamic Gaussians (0: they have no
- * such column); SH are two consecutive items, degree 0 and all other degrees. tensor: name for
- * messages. stem: how the names of the PLY properties begin. */
+/* Where each column is stored. width: floats per row or, if `keyed`, per row and key frame. still,
+ * moving: index of the column in the checkpoint's tuple for static and for dynamic Gaussians; 0:
+ * these have no such column. SH occupies two consecutive items of the tuple: degree 0, then all
+ * other degrees. tensor: name for messages. stem: prefix of the names of the PLY properties. */
 static const struct {
     size_t width;
     bool keyed;
@@ -663,10 +664,11 @@ static spin_status open_model(void *self, const char *path)
              kind_names[m->kind], m->interval);
     spin_note(sequence, "times are frames, 0 to %g", m->frames - 1);
     if (!m->is_chkpnt)
-        spin_note(sequence,
-                  "read from the PLYs of %s, with which static Gaussians drift over %g frames; "
-                  "with the checkpoint, over a few more",
-                  spin_path_name(m->base.path), m->duration);
+        spin_note(
+            sequence,
+            "read from the PLYs of %s: static Gaussians drift over %g frames, as stated in "
+            "cfg_args; the checkpoint, which the method's renderer prefers, states a few more",
+            spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
         spin_note(sequence,
                   "4D splats are segments between key frames, with rotations within %g degrees of "

@@ -164,7 +164,8 @@ static spin_status huffman_read(const struct huffman *tree, const struct spin_va
         if (at == 0) {
             if (found == n) /* padding after the last label */
                 return SPIN_OK;
-            return spin_malformed("the bits after label %zu are not a Huffman code", found);
+            return spin_malformed("the bits after label %zu match no code of the Huffman table",
+                                  found);
         }
         label = tree->node[at].label;
         if (label == INNER)

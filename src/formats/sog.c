@@ -513,8 +513,9 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
         const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors fill an image row exactly */
 
         if (label >= r->sog.n_palette)
-            return spin_malformed("SOG: splat %zu has SH vector %zu, but the palette has %zu", i,
-                                  label, r->sog.n_palette);
+            return spin_malformed("SOG: splat %zu has SH vector %zu, but the palette has only %zu "
+                                  "vectors, counted from 0",
+                                  i, label, r->sog.n_palette);
         for (size_t k = 0; k < n_vec; k++)
             for (size_t c = 0; c < 3; c++)
                 out->sh[(3 + 3 * n_vec) * i + 3 + 3 * k + c] = r->sog.sh_n[pixel[4 * k + c]];

@@ -293,7 +293,8 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
         const uint8_t *pixel = r->centroids + 4 * n_vec * label;
 
         if (label >= r->n_palette)
-            return spin_malformed("%s: splat %zu has SH vector %zu, but the palette has %zu",
+            return spin_malformed("%s: splat %zu has SH vector %zu, but the palette has only %zu "
+                                  "vectors, counted from 0",
                                   r->what, i, label, r->n_palette);
         for (size_t k = 0; k < 3 * n_vec; k++) {
             uint8_t entry = pixel[k / 3 * 4 + k % 3];

@@ -303,7 +303,8 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
 
     if (spin_bundle_looks_like(peek->path))
         return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "'%s' is a bundle already: see --info, spin-retrain, spin-export",
+                         "'%s' is already a bundle: describe it with --info, or pass it to "
+                         "spin-retrain, spin-eval or spin-export",
                          peek->path);
     if (!is_torch_like(peek))
         return fail_foreign(peek->path, want_views);

@@ -100,7 +100,7 @@ is "$(member method)" tracks "the method as JSON"
 
 run "$bin/spin-import" "$work/net.spin" -o "$work/again.spin"
 fails 1 spin-import "a bundle as input"
-err_has "is a bundle already" "is told so"
+err_has "is already a bundle" "is told so"
 nothing_at "$work/again" "and nothing is written"
 head -c 3000 "$work/net.spin" >"$work/cut.spin"
 run "$bin/spin-import" --info "$work/cut.spin"

@@ -248,7 +248,7 @@ static void test_lies(void)
         {2, "\"quats.webp\"", "\"\"", "image 'quats.webp' is missing"},
         {2, "\"quats.webp\"", "\"no.webp\"", "no.webp"},
         {2, "\"quats.webp\"", "\"meta.json\"", "not a WebP"},
-        {2, "\"count\":70", "\"count\":69", "SH vector 69, but the palette has 69"},
+        {2, "\"count\":70", "\"count\":69", "SH vector 69, but the palette has only 69 vectors"},
     };
     struct spin_splats s = {0};
 
