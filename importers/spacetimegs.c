@@ -502,7 +502,7 @@ static void solve3(double a[3][3], double b[3][3])
  * weighted like all cameras together, keeps degree 0 near the mean colour, because some viewers
  * draw degree 0 only. least^2 slope^2 keeps the slope small if the rays differ by less than about
  * `least` radians, since the slope would then be noise. */
-static void fit(const struct means *m, float sh[12])
+static void fit_sh(const struct means *m, float sh[12])
 {
     const double least = 1e-2;
     double a[3][3], slope[3][3];
@@ -594,7 +594,7 @@ static void decode(void *context, size_t first, int n, float *scratch)
             add_camera(m, row[p] + COLOUR, in + p, rgb + p, &means[p]);
     }
     for (int p = 0; p < n; p++)
-        fit(&means[p], job->out->sh + 12 * (first + (size_t)p));
+        fit_sh(&means[p], job->out->sh + 12 * (first + (size_t)p));
 }
 
 static spin_status spacetimegs_frame(void *self, int frame, double time, unsigned columns,
