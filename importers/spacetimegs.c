@@ -564,7 +564,7 @@ static void add_camera(const struct model *m, const float base[3], const float *
 }
 
 /* Fits the SH of the Gaussians `first` to `first` + n - 1. There must be at least one camera. */
-static void decode(void *context, size_t first, int n, float *scratch)
+static void fit_colours(void *context, size_t first, int n, float *scratch)
 {
     const struct job *job = context;
     const struct model *m = job->model;
@@ -608,7 +608,7 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     SPIN_TRY(spin_fail_reading(spin_model_slice(m, frame, time, columns, out), m->base.path));
     if (!(columns & SPIN_COL_SH) || m->colour.n == 0)
         return SPIN_OK;
-    spin_mlp_team_run(&m->base.team, m->n, decode, &job);
+    spin_mlp_team_run(&m->base.team, m->n, fit_colours, &job);
     return spin_model_check(m->base.path, time, SPIN_COL_SH, out);
 }
 
