@@ -403,7 +403,7 @@ enum {
 
 /* Sets the start of each part in `scratch`, unless that is NULL; returns the number of floats of
  * all parts. */
-static size_t split(const struct model *model, float *scratch, float *part[N_PARTS])
+static size_t split_scratch(const struct model *model, float *scratch, float *part[N_PARTS])
 {
     size_t global = spin_hex_scratch(&model->global), local = spin_hex_scratch(&model->local);
     size_t k = (size_t)model->n_offsets, a = (size_t)model->n_features, at = 0;
@@ -459,7 +459,7 @@ static spin_status open_model(void *self, const char *path)
         spin_note(sequence, "all offsets are imported, including those that no camera shows: "
                             "select by camera positions with --camera");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
-    return spin_mlp_team_create(split(model, NULL, NULL), &base->team);
+    return spin_mlp_team_create(split_scratch(model, NULL, NULL), &base->team);
 }
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
@@ -570,7 +570,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     float *part[N_PARTS];
     size_t k = (size_t)job->model->n_offsets;
 
-    split(job->model, scratch, part);
+    split_scratch(job->model, scratch, part);
     deform_anchors(job, first, n, part);
     spawn(job->model, n, part);
     for (size_t i = first * k; i < (first + (size_t)n) * k; i++)
