@@ -199,7 +199,8 @@ static void move_by_screw(const double w_raw[3], const double v_raw[3], const fl
                          (1 - cos(a)) * kv[c] + (a - sin(a)) * kkv[c]);
 }
 
-static void move(const struct deform_job *job, size_t first, int n, float *hidden, float *head)
+static void move_gaussians(const struct deform_job *job, size_t first, int n, float *hidden,
+                           float *head)
 {
     const struct model *m = job->model;
     const float *from = job->from->means + 3 * first;
@@ -237,7 +238,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     spin_deform_net_encode(&m->net, at, scratch);
     hidden = spin_mlp_run(&m->net.linear, scratch, a, b);
     if (job->columns & SPIN_COL_MEANS)
-        move(job, first, n, hidden, head);
+        move_gaussians(job, first, n, hidden, head);
     if (job->columns & (SPIN_COL_LOG_SCALES | SPIN_COL_QUATS)) {
         spin_mlp_run(&m->scaling, hidden, head, NULL);
         spin_mlp_run(&m->rotation, hidden, head + 3 * MLP_BLOCK, NULL);
