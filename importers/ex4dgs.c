@@ -223,7 +223,7 @@ static void note_differences(const struct model *m, double interval, double shif
                   m->duration, m->frames + m->shift + 1);
 }
 
-static spin_status settle(struct model *m, const struct told *told)
+static spin_status apply_settings(struct model *m, const struct told *told)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
     double interval = m->is_chkpnt ? m->interval : told->interval;
@@ -270,7 +270,7 @@ static spin_status read_settings(struct model *m)
         SPIN_TRY(spin_model_folder(base, &folder, base->path));
     SPIN_TRY(spin_model_cfg(base, folder, m->is_chkpnt ? NULL : base->path));
     SPIN_TRY(read_told(base, &told));
-    return settle(m, &told);
+    return apply_settings(m, &told);
 }
 
 /* ---- Columns --------------------------------------------------------------------------------- */
