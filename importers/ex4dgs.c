@@ -564,7 +564,7 @@ static bool settle_row(const struct part *p, size_t row)
 
 /* Drops the rows of `p` that cannot be drawn, and returns their number. If the Gaussians are
  * static, also replaces their shapes as described at settle_shape(). */
-static size_t clean(struct part *p)
+static size_t drop_undrawable(struct part *p)
 {
     size_t n_all = p->n;
 
@@ -630,7 +630,7 @@ static spin_status read_parts(struct model *m)
                               m->base.path, m->still.sh_degree, m->moving.sh_degree);
     m->sh_degree = m->still.n > 0 ? m->still.sh_degree : m->moving.sh_degree;
     n_all = m->still.n + m->moving.n;
-    n_dropped = clean(&m->still) + clean(&m->moving);
+    n_dropped = drop_undrawable(&m->still) + drop_undrawable(&m->moving);
     m->n = n_all - n_dropped;
     if (m->n == 0)
         return spin_malformed("'%s': none of the %zu Gaussians has finite values", m->base.path,
