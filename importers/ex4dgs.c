@@ -521,7 +521,7 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
 /* Replaces the scales and the quaternion of a static Gaussian by those of the ellipsoid that the
  * method's rasteriser draws. The rasteriser does not normalise the quaternion, so it draws another
  * ellipsoid if the length is not 1. Returns false if the result is not an ellipsoid. */
-static bool settle_shape(float log_scale[3], float quat[4])
+static bool set_drawn_shape(float log_scale[3], float quat[4])
 {
     double scale[3], raw[4], cov6[6], split[3], unit[4];
 
@@ -559,11 +559,11 @@ static bool settle_row(const struct part *p, size_t row)
         if (!(spin_quat_norm(p->column[ROTATION] + 4 * (keys * row + k)) > 0))
             return false;
     }
-    return p->moving || settle_shape(p->column[SCALE] + 3 * row, p->column[ROTATION] + 4 * row);
+    return p->moving || set_drawn_shape(p->column[SCALE] + 3 * row, p->column[ROTATION] + 4 * row);
 }
 
 /* Drops the rows of `p` that cannot be drawn, and returns their number. If the Gaussians are
- * static, also replaces their shapes as described at settle_shape(). */
+ * static, also replaces their shapes as described at set_drawn_shape(). */
 static size_t drop_undrawable(struct part *p)
 {
     size_t n_all = p->n;
