@@ -12,7 +12,7 @@ static int fourdgs_probe(const struct spin_peek *peek)
 /* Returns the last time at which splats can be visible. Playback covers [0, duration). Windows in
  * time exclude their end, which is a float and at most `duration` rounded down to a float. The
  * result is therefore the largest float below that. */
-static float before(double duration)
+static float last_visible_time(double duration)
 {
     float last = (float)duration;
 
@@ -25,7 +25,7 @@ static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, 
 
     SPIN_TRY(spin_model_finish_4d(m));
     sequence->time_first = 0;
-    sequence->time_last = (double)before(info->duration);
+    sequence->time_last = (double)last_visible_time(info->duration);
     sequence->half_open = true;
     snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu splats, SH degree %d, %g s",
              info->keyframes ? "keyframe-delta" : "gaussian-birth", n, m->splats_4d.sh_degree,
