@@ -198,7 +198,7 @@ static const struct spin_array *as_array(const struct spin_value *v)
 }
 
 /* Reads an array [n][width] that lives until open() returns; the first call sets m->n. */
-static spin_status load(struct model *m, const char *key, size_t width, float **out)
+static spin_status load_array(struct model *m, const char *key, size_t width, float **out)
 {
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
 
@@ -458,8 +458,8 @@ struct columns {
 
 static spin_status load_columns(struct model *m, struct columns *c)
 {
-    SPIN_TRY(load(m, m->moving ? "means" : "xyz", 3, &c->xyz));
-    SPIN_TRY(load(m, m->moving ? "times" : "t", 1, &c->t));
+    SPIN_TRY(load_array(m, m->moving ? "means" : "xyz", 3, &c->xyz));
+    SPIN_TRY(load_array(m, m->moving ? "times" : "t", 1, &c->t));
     SPIN_TRY(load_coded(m, "scale", 3, &c->scale));
     SPIN_TRY(load_coded(m, "rotation", 4, &c->rotation));
     SPIN_TRY(spin_model_alloc(&m->base, m->n, N_APP * sizeof *m->app, (void **)&m->app));
