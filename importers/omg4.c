@@ -545,7 +545,7 @@ static spin_status find_file(struct spin_model *m, const char *path)
                           n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
 }
 
-static spin_status parse(struct model *m)
+static spin_status parse_pickle(struct model *m)
 {
     SPIN_FREED unsigned char *bytes = NULL;
     size_t n = 0;
@@ -578,7 +578,7 @@ static spin_status open_model(void *self, const char *path)
     spin_status status;
 
     SPIN_TRY(find_file(&m->base, path));
-    status = parse(m);
+    status = parse_pickle(m);
     if (status == SPIN_OK) {
         status = read_pickle(m);
         spin_pickle_free(&m->pickle);
