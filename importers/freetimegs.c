@@ -79,7 +79,7 @@ static float *column_of(struct model *m, int column)
 
 /* Converts durations, which are stored as logarithms of sigma, raises them to at least least_sigma,
  * and fills the description of the sequence. */
-static spin_status finish(struct model *m)
+static spin_status finish_splats(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
     struct spin_sequence_info *sequence = m->base.sequence;
@@ -416,7 +416,7 @@ static spin_status open_model(void *self, const char *path)
         SPIN_TRY(spin_model_torch(base, base->path, read_checkpoint));
     if (spin_model_option(base, "n-frames"))
         SPIN_TRY(spin_option_number(base->values, "n-frames", 1, MOST_FRAMES, &m->n_frames));
-    return spin_fail_reading(finish(m), base->path);
+    return spin_fail_reading(finish_splats(m), base->path);
 }
 
 static const struct spin_plugin_option options[] = {
