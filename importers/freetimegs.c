@@ -197,8 +197,8 @@ static spin_status check_names(const struct spin_value *splats)
 
 /* Sets *out to the tensor `key` of 'splats', which must have this shape; instead of [n][1] it may
  * also have the shape [n]. */
-static spin_status bind(struct model *m, const char *key, int n_dims, int64_t shape[3],
-                        struct spin_array *out)
+static spin_status bind_tensor(struct model *m, const char *key, int n_dims, int64_t shape[3],
+                               struct spin_array *out)
 {
     const struct spin_value *v = spin_value_get(m->base.tensors, key);
 
@@ -249,12 +249,12 @@ static spin_status read_checkpoint(struct spin_model *base)
         !is_off(spin_value_get(root, "color_correction")))
         spin_note(base->sequence, "'color_correction', which corrects the colours of each training "
                                   "camera, is not imported");
-    SPIN_TRY(bind(m, "means", 2, places, &t));
+    SPIN_TRY(bind_tensor(m, "means", 2, places, &t));
     if (t.shape[0] == 0)
         return spin_malformed("0 Gaussians");
     dc[0] = rest[0] = (int64_t)t.shape[0];
-    SPIN_TRY(bind(m, "sh0", 3, dc, &sh[0]));
-    SPIN_TRY(bind(m, "shN", 3, rest, &sh[1]));
+    SPIN_TRY(bind_tensor(m, "sh0", 3, dc, &sh[0]));
+    SPIN_TRY(bind_tensor(m, "shN", 3, rest, &sh[1]));
     while (degree < 3 && spin_sh_count(degree) < (int)sh[1].shape[1] + 1)
         degree++;
     if (spin_sh_count(degree) != (int)sh[1].shape[1] + 1)
@@ -264,7 +264,7 @@ static spin_status read_checkpoint(struct spin_model *base)
     for (int c = 0; c < N_COLUMNS; c++) {
         int64_t shape[3] = {(int64_t)base->splats_4d.n, columns[c].width};
 
-        SPIN_TRY(bind(m, columns[c].key, 2, shape, &t));
+        SPIN_TRY(bind_tensor(m, columns[c].key, 2, shape, &t));
         if (column_of(m, c))
             spin_array_to_f32(&t, 0, t.count, column_of(m, c));
     }
