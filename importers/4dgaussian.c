@@ -145,7 +145,7 @@ static spin_status note_guess(struct model *model)
 }
 
 /* Sets used, product and grid_pe from cfg_args and from options, which override cfg_args. */
-static spin_status settle(struct model *model)
+static spin_status choose_heads(struct model *model)
 {
     const struct spin_model *m = &model->base;
     const char *deform = spin_model_option(m, "deform");
@@ -240,7 +240,7 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(spin_model_join(m, &m->path, save, "deformation.pth"));
     SPIN_TRY(spin_model_join(m, &cloud, save, "point_cloud.ply"));
     SPIN_TRY(spin_model_read(m, cloud, NULL, 0, NULL));
-    SPIN_TRY(settle(model));
+    SPIN_TRY(choose_heads(model));
     SPIN_TRY(spin_model_torch(m, m->path, load_network));
     if (model->used[COLOUR] && m->canonical.sh_degree != 3)
         return spin_unsupported("'%s': SH of degree %d, but the network deforms SH of degree 3",
