@@ -262,7 +262,7 @@ static spin_status open_model(void *self, const char *path)
 
 /* Sets `to` to the rotation q with the residual r, normalised: the product q r if model->product,
  * otherwise the sum. Unlike the other attributes, rotations are not multiplied by the mask. */
-static void turn(const struct model *model, const float q[4], const float r[4], float to[4])
+static void add_rotation(const struct model *model, const float q[4], const float r[4], float to[4])
 {
     if (model->product) {
         spin_quat_product(q, r, to);
@@ -298,7 +298,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
             for (size_t c = 0; c < 4 && h == ROTATION; c++)
                 r[c] = residual[c * MLP_BLOCK + p];
             if (h == ROTATION)
-                turn(model, from + at, r, out + at);
+                add_rotation(model, from + at, r, out + at);
         }
     }
 }
