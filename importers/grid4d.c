@@ -204,7 +204,7 @@ static spin_status hash_load_heads(struct hash_model *m, int width, int n_warp)
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* Splits the saved pair (grid, network) and checks that the pair belongs to this method. */
-static spin_status split(struct hash_model *m)
+static spin_status split_checkpoint(struct hash_model *m)
 {
     const struct spin_value *root = m->base.torch.root;
     const struct hash_method *method = m->method;
@@ -232,7 +232,7 @@ static spin_status load(struct spin_model *base)
 {
     struct hash_model *m = (struct hash_model *)base;
 
-    SPIN_TRY(split(m));
+    SPIN_TRY(split_checkpoint(m));
     return m->method->load(m);
 }
 
