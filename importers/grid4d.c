@@ -427,7 +427,8 @@ static spin_status grid4d_open_save(void *self, const char *path)
 
 /* Computes the features of a block: those of the spatial grid go to `space`, those of the three
  * grids with a time axis, one after the other, to `moving`. */
-static void sample(const struct deform_job *job, size_t first, int n, float *space, float *moving)
+static void sample_grids(const struct deform_job *job, size_t first, int n, float *space,
+                         float *moving)
 {
     const struct grid4d_model *model = job->model;
 
@@ -456,7 +457,7 @@ static float *hidden(const struct deform_job *job, size_t first, int n, float *s
     float *a = scratch, *b = a + model->base.layer, *gate = b + model->base.layer;
     int n_hidden = model->base.width * MLP_BLOCK;
 
-    sample(job, first, n, a, b);
+    sample_grids(job, first, n, a, b);
     spin_mlp_run(&model->spatial, a, gate, NULL);
     for (int i = 0; i < n_hidden; i++) {
         gate[i] = 1 / (1 + expf(-gate[i]));
