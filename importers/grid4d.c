@@ -366,7 +366,7 @@ static int grid4d_probe(const struct spin_peek *peek)
     return hash_probe(peek, "xyt_encoding.", "'deform_");
 }
 
-/* Reads network_args['directional']. If it is true, the gate in hidden() has the range -1..1,
+/* Reads network_args['directional']. If it is true, the gate in hidden_layer() has the range -1..1,
  * otherwise 0..1. */
 static spin_status settle(struct hash_model *base)
 {
@@ -451,7 +451,7 @@ static void sample_grids(const struct deform_job *job, size_t first, int n, floa
 /* Computes the hidden layer that the heads receive: multiplies the output of temporal_mlp, after
  * its ReLU, by a gate that depends on the position, and runs grid_mlp. Returns the layer of
  * `scratch` that contains the result. */
-static float *hidden(const struct deform_job *job, size_t first, int n, float *scratch)
+static float *hidden_layer(const struct deform_job *job, size_t first, int n, float *scratch)
 {
     const struct grid4d_model *model = job->model;
     float *a = scratch, *b = a + model->base.layer, *gate = b + model->base.layer;
@@ -492,7 +492,7 @@ static void grid4d_evaluate(void *context, size_t first, int n, float *scratch)
     const struct deform_job *job = context;
     const struct grid4d_model *model = job->model;
     float *warp = scratch + 3 * model->base.layer, *d_scale = warp + 7 * MLP_BLOCK;
-    float *d_quat = d_scale + 3 * MLP_BLOCK, *h = hidden(job, first, n, scratch);
+    float *d_quat = d_scale + 3 * MLP_BLOCK, *h = hidden_layer(job, first, n, scratch);
 
     if (job->columns & SPIN_COL_MEANS) {
         spin_mlp_run(&model->base.warp, h, warp, NULL);
