@@ -471,7 +471,7 @@ static float *hidden_layer(const struct deform_job *job, size_t first, int n, fl
 }
 
 /* Rotates positions about the world's origin, then translates them. */
-static void move(const struct deform_job *job, const float *warp, size_t first, int n)
+static void move_gaussians(const struct deform_job *job, const float *warp, size_t first, int n)
 {
     float *means = job->out->means;
 
@@ -496,7 +496,7 @@ static void grid4d_evaluate(void *context, size_t first, int n, float *scratch)
 
     if (job->columns & SPIN_COL_MEANS) {
         spin_mlp_run(&model->base.warp, h, warp, NULL);
-        move(job, warp, first, n);
+        move_gaussians(job, warp, first, n);
     }
     if (job->columns & (SPIN_COL_QUATS | SPIN_COL_LOG_SCALES)) {
         spin_mlp_run(&model->base.scaling, h, d_scale, NULL);
