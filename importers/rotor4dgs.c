@@ -82,8 +82,8 @@ static spin_status find_prefix(struct spin_model *m)
 
 /* Sets *out to the tensor whose name is the prefix followed by `key`. It must have this shape and
  * contain floating-point numbers. */
-static spin_status bind(struct model *m, const char *key, int n_dims, const int64_t *shape,
-                        struct spin_array *out)
+static spin_status bind_tensor(struct model *m, const char *key, int n_dims, const int64_t *shape,
+                               struct spin_array *out)
 {
     const struct spin_value *v = spin_model_get(&m->base, "%s", key);
     char name[300];
@@ -99,7 +99,7 @@ static spin_status load(struct model *m, const char *key, int width, float **out
     int64_t shape[2] = {(int64_t)m->n, width};
     struct spin_array t;
 
-    SPIN_TRY(bind(m, key, 2, shape, &t));
+    SPIN_TRY(bind_tensor(m, key, 2, shape, &t));
     SPIN_TRY(spin_model_scratch(&m->base, m->n, (size_t)width * sizeof **out, (void **)out));
     spin_array_to_f32(&t, 0, t.count, *out);
     return SPIN_OK;
@@ -110,7 +110,7 @@ static spin_status count_rows(struct model *m)
     int64_t shape[2] = {-1, 3};
     struct spin_array t;
 
-    SPIN_TRY(bind(m, "xyz", 2, shape, &t));
+    SPIN_TRY(bind_tensor(m, "xyz", 2, shape, &t));
     if (t.shape[0] == 0)
         return spin_malformed("0 Gaussians");
     m->n = (size_t)t.shape[0];
@@ -123,9 +123,9 @@ static spin_status bind_sh(struct model *m)
     int64_t rest[3] = {(int64_t)m->n, -1, 3};
     int degree = 0;
 
-    if (bind(m, "features_dc", 3, three, &m->dc) != SPIN_OK)
-        SPIN_TRY(bind(m, "features_dc", 2, two, &m->dc)); /* layout of ordinary splatfacto */
-    SPIN_TRY(bind(m, "features_rest", 3, rest, &m->rest));
+    if (bind_tensor(m, "features_dc", 3, three, &m->dc) != SPIN_OK)
+        SPIN_TRY(bind_tensor(m, "features_dc", 2, two, &m->dc)); /* layout of ordinary splatfacto */
+    SPIN_TRY(bind_tensor(m, "features_rest", 3, rest, &m->rest));
     m->n_rest = (size_t)m->rest.shape[1];
     while (degree < 4 && (size_t)((degree + 1) * (degree + 1)) != m->n_rest + 1)
         degree++;
