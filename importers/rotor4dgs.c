@@ -94,7 +94,7 @@ static spin_status bind_tensor(struct model *m, const char *key, int n_dims, con
     return spin_chkpnt_bind(&m->base.torch, v, name, n_dims, shape, out);
 }
 
-static spin_status load(struct model *m, const char *key, int width, float **out)
+static spin_status load_tensor(struct model *m, const char *key, int width, float **out)
 {
     int64_t shape[2] = {(int64_t)m->n, width};
     struct spin_array t;
@@ -281,7 +281,7 @@ static spin_status open_checkpoint(struct model *m)
     SPIN_TRY(count_rows(m));
     SPIN_TRY(bind_sh(m));
     for (int k = 0; k < N_COLUMNS; k++)
-        SPIN_TRY(load(m, columns_of[k].key, columns_of[k].width, &c[k]));
+        SPIN_TRY(load_tensor(m, columns_of[k].key, columns_of[k].width, &c[k]));
     SPIN_TRY(add_rows(m, c));
     SPIN_TRY(spin_run_config_times(&base->settings, spin_model_option(base, "time-range"),
                                    base->splats_4d.times, m->gaussians.n, 1, 1, &m->times));
