@@ -190,8 +190,8 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static spin_status bind(struct spin_model *m, const struct rows *r, enum part part, int n_dims,
-                        const int64_t *shape, struct spin_array *out)
+static spin_status bind_part(struct spin_model *m, const struct rows *r, enum part part, int n_dims,
+                             const int64_t *shape, struct spin_array *out)
 {
     char name[64];
 
@@ -216,8 +216,8 @@ static spin_status bind_sh(struct spin_model *m, struct rows *r)
     int64_t dc[3] = {n, r->swapped ? 3 : 1, r->swapped ? 1 : 3};
     int64_t rest[3] = {n, r->swapped ? 3 : -1, r->swapped ? -1 : 3};
 
-    SPIN_TRY(bind(m, r, R4_DC, 3, dc, &r->sh[0]));
-    SPIN_TRY(bind(m, r, R4_REST, 3, rest, &r->sh[1]));
+    SPIN_TRY(bind_part(m, r, R4_DC, 3, dc, &r->sh[0]));
+    SPIN_TRY(bind_part(m, r, R4_REST, 3, rest, &r->sh[1]));
     for (int i = 0; i < 2 && r->swapped; i++)
         swap_axes(&r->sh[i]);
     if (r->sh[1].shape[1] > 47)
@@ -310,7 +310,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
     double told = -1;
     struct spin_array t;
 
-    SPIN_TRY(bind(m, r, R4_XYZ, 2, places, &t));
+    SPIN_TRY(bind_part(m, r, R4_XYZ, 2, places, &t));
     r->n = (size_t)t.shape[0];
     if (r->n == 0)
         return SPIN_OK;
@@ -327,7 +327,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
 
         if (all[p].width == 0 || (p >= R4_T && !r->moving) || (p == R4_ROTATION_R && !r->rot_4d))
             continue;
-        SPIN_TRY(bind(m, r, p, 2, shape, &t));
+        SPIN_TRY(bind_part(m, r, p, 2, shape, &t));
         SPIN_TRY(spin_model_scratch(m, r->n, (size_t)all[p].width * sizeof(float),
                                     (void **)&r->column[p]));
         spin_array_to_f32(&t, 0, t.count, r->column[p]);
