@@ -210,7 +210,7 @@ static bool same_name(const char *a, const char *b)
 
 /* Whether the file is transforms.json and its list `key` contains the image. Sets s->has_lists if
  * this list is not empty. */
-static bool lists(struct split *s, const char *key, const char *name)
+static bool lists_image(struct split *s, const char *key, const char *name)
 {
     const spin_json *list = spin_json_get(s->root, key);
     bool found = false;
@@ -243,7 +243,7 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
     if (view->camera_id < 0 && !s->all)
         view->camera_id = s->id;
     view->test = s->test;
-    if (lists(s, "test_filenames", name) || lists(s, "val_filenames", name))
+    if (lists_image(s, "test_filenames", name) || lists_image(s, "val_filenames", name))
         view->test = true;
     SPIN_TRY(find_image(s, name, &view->path));
     if (access(view->path, R_OK) != 0)
