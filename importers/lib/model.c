@@ -135,7 +135,7 @@ spin_status spin_model_there(spin_status status, const char **out)
 
 /* Takes ownership of a malloc() block: the block is freed with the model or, if this function
  * fails, immediately. */
-static spin_status keep(struct spin_model *m, void *block)
+static spin_status keep_block(struct spin_model *m, void *block)
 {
     struct spin_model_block *b;
     spin_status status = spin_model_alloc(m, 1, sizeof *b, (void **)&b);
@@ -155,7 +155,7 @@ spin_status spin_model_folder(struct spin_model *m, const char **out, const char
 
     SPIN_TRY(spin_path_folder(path, &folder));
     *out = folder;
-    return keep(m, folder);
+    return keep_block(m, folder);
 }
 
 spin_status spin_model_absolute(struct spin_model *m, const char **out, const char *path)
@@ -164,7 +164,7 @@ spin_status spin_model_absolute(struct spin_model *m, const char **out, const ch
 
     SPIN_TRY(spin_path_absolute(path, &whole));
     *out = whole;
-    return keep(m, whole);
+    return keep_block(m, whole);
 }
 
 spin_status spin_model_name(struct spin_model *m, const char *folder, const char *name,
@@ -627,7 +627,7 @@ spin_status spin_model_floats(struct spin_model *m, const char *key, int n_dims,
     if (!v)
         return spin_malformed("no tensor '%s'", name);
     SPIN_TRY(spin_torch_floats(&m->torch, v, name, n_dims, shape, info ? info : &unused, out));
-    return keep(m, *out);
+    return keep_block(m, *out);
 }
 
 spin_status spin_model_layer(struct spin_model *m, const char *key, int n_in, int n_out,
