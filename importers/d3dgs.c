@@ -73,7 +73,7 @@ static spin_status fail_shape(const struct spin_array *a, const char *key, const
     return spin_malformed("array '%s' has shape %s, expected %s", key, shape, expected);
 }
 
-static spin_status bind(struct run *run, const char *key, struct spin_array *out)
+static spin_status bind_array(struct run *run, const char *key, struct spin_array *out)
 {
     char member[64];
     const struct spin_zip_member *m;
@@ -181,7 +181,7 @@ static spin_status load_run(const char *path, struct run *run)
         SPIN_TRY(check_column(run, k));
     SPIN_TRY(check_room(run));
     for (int k = 0; k < N_KEYS; k++)
-        SPIN_TRY(bind(run, keys[k].name, &run->array[k]));
+        SPIN_TRY(bind_array(run, keys[k].name, &run->array[k]));
     SPIN_TRY(
         spin_model_alloc(base, (size_t)run->n_frames, sizeof *run->counts, (void **)&run->counts));
     describe(run);
@@ -342,7 +342,7 @@ static spin_status load_mask(struct tc_run *run)
     uint64_t t = run->base.n_frames, n = run->base.n;
     char expected[128];
 
-    SPIN_TRY(bind(&run->base, "mask", a));
+    SPIN_TRY(bind_array(&run->base, "mask", a));
     if ((a->n_dims == 3 && a->shape[0] == t && a->shape[1] == n && a->shape[2] == 1) ||
         (a->n_dims == 2 && a->shape[0] == t && a->shape[1] == n))
         return SPIN_OK;
