@@ -373,7 +373,7 @@ static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
 
 /* Sets base.counts, the number of Gaussians that are kept in each frame, in one pass over the mask.
  * In the modes AVG, ANY and ALL, all frames keep the same Gaussians; run->keep is then also set. */
-static spin_status count(struct tc_run *run)
+static spin_status count_kept(struct tc_run *run)
 {
     struct run *base = &run->base;
     size_t n = (size_t)base->n, n_kept = 0;
@@ -437,7 +437,7 @@ static spin_status open_mask(struct tc_run *run)
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->sum, (void **)&run->sum));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->off, (void **)&run->off));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->keep, (void **)&run->keep));
-    SPIN_TRY(count(run));
+    SPIN_TRY(count_kept(run));
     if (run->mode == FRAME && !run->still_mask) /* row i differs from frame to frame */
         sequence->static_columns = 0;
     sequence->identity = run->mode != FRAME || run->still_mask;
