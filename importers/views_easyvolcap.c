@@ -154,7 +154,7 @@ static spin_status take_line(struct reader *r, char *line)
 }
 
 /* Parses the text of a file, which is split in place. */
-static spin_status parse(struct reader *r, char *text)
+static spin_status parse_yaml(struct reader *r, char *text)
 {
     char *line;
 
@@ -180,7 +180,7 @@ static spin_status load(struct spin_model *m, const char *folder, const char *na
 
     SPIN_TRY(spin_model_join(m, &out->path, folder, "%s", name));
     SPIN_TRY(spin_text_file_open(out->path, &file));
-    return spin_fail_context(parse(&r, file.text), "cannot read '%s'", out->path);
+    return spin_fail_context(parse_yaml(&r, file.text), "cannot read '%s'", out->path);
 }
 
 /* ---- Values ---------------------------------------------------------------------------------- */
