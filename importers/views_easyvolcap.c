@@ -172,8 +172,8 @@ struct file {
     spin_json *json; /* freed by the caller, also on failure */
 };
 
-static spin_status load(struct spin_model *m, const char *folder, const char *name,
-                        struct file *out)
+static spin_status load_yaml(struct spin_model *m, const char *folder, const char *name,
+                             struct file *out)
 {
     struct reader r = {.top = out->json = spin_json_object()};
     SPIN_LEAVES(spin_text_file_close) struct spin_text_file file = {0};
@@ -422,8 +422,8 @@ static spin_status read_files(struct set *set, const char *folder, struct spin_r
     struct pair p = {0};
     spin_status status;
 
-    SPIN_TRY_OUT(load(&set->base, folder, "intri.yml", &p.intri));
-    SPIN_TRY_OUT(load(&set->base, folder, "extri.yml", &p.extri));
+    SPIN_TRY_OUT(load_yaml(&set->base, folder, "intri.yml", &p.intri));
+    SPIN_TRY_OUT(load_yaml(&set->base, folder, "extri.yml", &p.extri));
     status = c ? read_moving(set, &p, c, name_of) : read_still(set, &p);
 out:
     spin_json_free(name_of);
