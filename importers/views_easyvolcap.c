@@ -185,7 +185,7 @@ static spin_status load_yaml(struct spin_model *m, const char *folder, const cha
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-static const spin_json *find(const spin_json *file, const char *key, const char *name)
+static const spin_json *find_member(const spin_json *file, const char *key, const char *name)
 {
     char text[300];
 
@@ -197,7 +197,7 @@ static const spin_json *find(const spin_json *file, const char *key, const char 
 static spin_status read_matrix(const spin_json *file, const char *key, const char *name, int rows,
                                int cols, double *out)
 {
-    const spin_json *m = find(file, key, name), *data = spin_json_get(m, "data");
+    const spin_json *m = find_member(file, key, name), *data = spin_json_get(m, "data");
     size_t n = (size_t)(rows * cols);
     double has_rows = 0, has_cols = 0;
 
@@ -217,10 +217,10 @@ static spin_status read_matrix(const spin_json *file, const char *key, const cha
  * k1 k2 p1 p2 k3. */
 static spin_status check_distortion(const spin_json *intri, const char *name)
 {
-    const char *key = find(intri, "D", name) ? "D" : "dist";
+    const char *key = find_member(intri, "D", name) ? "D" : "dist";
     double lens[5];
 
-    if (!find(intri, key, name))
+    if (!find_member(intri, key, name))
         return SPIN_OK;
     SPIN_TRY(read_matrix(intri, key, name, 5, 1, lens));
     for (int i = 0; i < 5; i++) {
@@ -245,7 +245,7 @@ static spin_status read_pose(const spin_json *extri, const char *name, double w2
 {
     double r[9], t[3];
 
-    if (find(extri, "R", name) || !find(extri, "Rot", name)) {
+    if (find_member(extri, "R", name) || !find_member(extri, "Rot", name)) {
         SPIN_TRY(read_matrix(extri, "R", name, 3, 1, t));
         turn(t, r);
     } else {
@@ -263,7 +263,7 @@ static spin_status read_pose(const spin_json *extri, const char *name, double w2
 static spin_status read_size(const spin_json *intri, const char *name, const char *picture,
                              struct spin_camera *out)
 {
-    const spin_json *h = find(intri, "H", name), *w = find(intri, "W", name);
+    const spin_json *h = find_member(intri, "H", name), *w = find_member(intri, "W", name);
     double width, height;
     int channels;
 
@@ -357,7 +357,7 @@ static spin_status read_still(struct set *set, const struct pair *p)
 
         SPIN_TRY(find_pictures(set, c));
         SPIN_TRY(read_camera(p, c->name, c->frames.frame[0].path, &c->camera));
-        set->coloured = set->coloured || find(p->intri.json, "ccm", c->name);
+        set->coloured = set->coloured || find_member(p->intri.json, "ccm", c->name);
     }
     return SPIN_OK;
 }
@@ -407,7 +407,7 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
         if (!name || frame->number < 0)
             return spin_malformed("'%s' has no entry for image '%s'", p->intri.path, frame->path);
         SPIN_TRY(read_camera(p, name, frame->path, &c->moving[k]));
-        set->coloured = set->coloured || find(p->intri.json, "ccm", name);
+        set->coloured = set->coloured || find_member(p->intri.json, "ccm", name);
     }
     return SPIN_OK;
 }
