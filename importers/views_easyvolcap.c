@@ -233,7 +233,7 @@ static spin_status check_distortion(const spin_json *intri, const char *name)
 }
 
 /* Computes the matrix of the rotation about the axis r by the angle |r|. */
-static void turn(const double r[3], double out[9])
+static void rotation_of(const double r[3], double out[9])
 {
     double angle = sqrt(r[0] * r[0] + r[1] * r[1] + r[2] * r[2]);
     double s = angle > 0 ? sin(angle / 2) / angle : 0.5;
@@ -247,7 +247,7 @@ static spin_status read_pose(const spin_json *extri, const char *name, double w2
 
     if (find_member(extri, "R", name) || !find_member(extri, "Rot", name)) {
         SPIN_TRY(read_matrix(extri, "R", name, 3, 1, t));
-        turn(t, r);
+        rotation_of(t, r);
     } else {
         SPIN_TRY(read_matrix(extri, "Rot", name, 3, 3, r));
     }
