@@ -152,7 +152,7 @@ static spin_status read_settings(struct model *m)
 }
 
 /* Derives the sizes of the tables and the weights of the residuals from the iteration. */
-static void settle(struct model *m)
+static void derive_weights(struct model *m)
 {
     const struct settings *s = &m->settings;
     double at = (double)s->iteration, rows = s->max_rows;
@@ -374,7 +374,7 @@ static spin_status open_model(void *self, const char *path)
     m->layer = (size_t)48 * MLP_BLOCK;
     status = spin_model_torch(base, base->path, load_network);
     SPIN_TRY(given ? spin_fail_context(status, "with --cfg-args '%s'", given) : status);
-    settle(m);
+    derive_weights(m);
     describe(m);
     return spin_mlp_team_create(4 * m->layer, &base->team);
 }
