@@ -137,7 +137,7 @@ static void copy_row(const struct spin_flicker_strip *s, const float *image, siz
 /* ---- Measuring ------------------------------------------------------------------------------- */
 
 /* Renders a view, and loads its image and its dynamic mask. */
-static spin_status load(struct flicker *f, const struct spin_pair *pair, struct moment *now)
+static spin_status load_moment(struct flicker *f, const struct spin_pair *pair, struct moment *now)
 {
     const struct spin_metrics *m = f->m;
     const struct spin_camera *c = &m->clip->views.view[pair->view].camera;
@@ -193,7 +193,7 @@ static spin_status measure_camera(struct flicker *f, struct spin_flicker_sums *s
             continue;
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(load(f, &m->pairs[i], now));
+        SPIN_TRY(load_moment(f, &m->pairs[i], now));
         if (before->frame >= 0 && before->frame + 1 == now->frame)
             add_step(before, now, plane, sums);
         if (strip) {
