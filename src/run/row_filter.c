@@ -353,8 +353,8 @@ static int number_of(const struct spin_row_filter *f, int frame)
 
 /* Sets the reason of each row of a frame. If `source` is true, these are rows of an imported frame;
  * --backdrop then has no effect, since only a training adds a backdrop. */
-static spin_status judge(struct spin_row_filter *f, int frame, const struct spin_splats *s,
-                         bool source)
+static spin_status judge_rows(struct spin_row_filter *f, int frame, const struct spin_splats *s,
+                              bool source)
 {
     struct rows rows = {s->n, s->means, s->log_scales, NULL};
 
@@ -372,7 +372,7 @@ static spin_status judge(struct spin_row_filter *f, int frame, const struct spin
 
 spin_status spin_row_filter_judge(struct spin_row_filter *f, int frame, const struct spin_splats *s)
 {
-    return judge(f, frame, s, false);
+    return judge_rows(f, frame, s, false);
 }
 
 /* Sets *mark to an allocated array with 1 for each row that remains and 0 for each that is dropped,
@@ -390,7 +390,7 @@ static spin_status mark_kept(const unsigned char *reason, size_t n, size_t *n_ke
 static spin_status choose_rows(struct spin_row_filter *f, int frame, const struct spin_splats *s,
                                bool source, size_t *n_kept, unsigned char **mark)
 {
-    SPIN_TRY(judge(f, frame, s, source));
+    SPIN_TRY(judge_rows(f, frame, s, source));
     if (f->drop)
         SPIN_TRY(f->drop(f->drop_context, frame, s, source, f->reason));
     return mark_kept(f->reason, s->n, n_kept, mark);
