@@ -51,9 +51,10 @@ struct hash_model {
     const char *save; /* name iteration_<N> of the checkpoint */
     float *extra;     /* [n] values of the additional property of the cloud, or NULL */
     double bound, scale_xyz[3];
-    const struct spin_value *grid, *network; /* the two saved dicts; valid during load() */
-    struct mlp_net trunk;                    /* grid_mlp; in DASH, d4_mlp is the first layer */
-    int width;                               /* inputs of each head */
+    const struct spin_value *grid,
+        *network;         /* the two saved dicts; valid during load_checkpoint() */
+    struct mlp_net trunk; /* grid_mlp; in DASH, d4_mlp is the first layer */
+    int width;            /* inputs of each head */
     struct mlp_net warp, rotation, scaling;
     size_t layer;     /* floats of a block in the widest layer */
     size_t n_scratch; /* floats of scratch memory for a block */
@@ -228,7 +229,7 @@ static spin_status split_checkpoint(struct hash_model *m)
     return SPIN_OK;
 }
 
-static spin_status load(struct spin_model *base)
+static spin_status load_checkpoint(struct spin_model *base)
 {
     struct hash_model *m = (struct hash_model *)base;
 
@@ -249,7 +250,7 @@ static spin_status hash_open(struct hash_model *m, const char *path,
     base->path = save.network;
     m->save = save.name;
     SPIN_TRY(spin_model_cfg(base, save.model, NULL));
-    SPIN_TRY(spin_model_torch(base, save.network, load));
+    SPIN_TRY(spin_model_torch(base, save.network, load_checkpoint));
     SPIN_TRY(read_settings(m));
     if (method->settle)
         SPIN_TRY(method->settle(m));
