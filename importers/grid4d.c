@@ -369,7 +369,7 @@ static int grid4d_probe(const struct spin_peek *peek)
 
 /* Reads network_args['directional']. If it is true, the gate in hidden_layer() has the range -1..1,
  * otherwise 0..1. */
-static spin_status settle(struct hash_model *base)
+static spin_status read_directional(struct hash_model *base)
 {
     struct grid4d_model *model = (struct grid4d_model *)base;
     struct cfg_span given = spin_model_given(&base->base, "directional");
@@ -419,7 +419,7 @@ static spin_status grid4d_open_save(void *self, const char *path)
                                               .other_key = "xyzt_encoding.embeddings",
                                               .other = "DASH: use --from dash",
                                               .load = grid4d_load,
-                                              .settle = settle};
+                                              .settle = read_directional};
 
     return hash_open(self, path, &method);
 }
