@@ -259,7 +259,7 @@ static spin_status find_cameras(const char *path, const char *save, struct model
 
 /* Chooses which colours of a full model are imported: those that its network computes, or the base
  * colours. */
-static spin_status settle_colours(const char *path, const char *save, struct model *m)
+static spin_status choose_colours(const char *path, const char *save, struct model *m)
 {
     enum { AUTO, VIEWS, BASE };
     int rule;
@@ -451,7 +451,7 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(spin_model_cfg(&m->base, path, save));
     SPIN_TRY(read_duration(m));
     SPIN_TRY(read_cloud(m));
-    SPIN_TRY(settle_colours(path, save, m));
+    SPIN_TRY(choose_colours(path, save, m));
     SPIN_TRY(fill_splats(m));
     describe(m);
     if (m->colour.n == 0)
