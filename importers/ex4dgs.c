@@ -543,7 +543,7 @@ static bool set_drawn_shape(float log_scale[3], float quat[4])
     return true;
 }
 
-static bool settle_row(const struct part *p, size_t row)
+static bool check_row(const struct part *p, size_t row)
 {
     const size_t keys = (size_t)p->n_keys;
 
@@ -570,7 +570,7 @@ static size_t drop_undrawable(struct part *p)
 
     p->n = 0;
     for (size_t i = 0; i < n_all; i++) {
-        if (!settle_row(p, i))
+        if (!check_row(p, i))
             continue;
         for (int c = 0; c < N_COLUMNS && p->n != i; c++) {
             size_t width = width_of(p, c);
