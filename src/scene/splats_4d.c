@@ -153,7 +153,7 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
 
 /* Returns whether all values of a row are finite and in range, and its rotation and Gaussian window
  * are valid. Normalises the rotation of a valid row, and scales its spin by the same factor. */
-static bool settle_row(struct spin_splats_4d *s, size_t i)
+static bool validate_row(struct spin_splats_4d *s, size_t i)
 {
     double length = 0;
 
@@ -234,7 +234,7 @@ spin_status spin_splats_4d_finish(struct spin_splats_4d *s, size_t *n_dropped, s
         return spin_malformed(
             "time-varying colours have a period of %g, expected a positive number", s->period);
     for (size_t i = 0; i < s->n; i++) {
-        if (!settle_row(s, i))
+        if (!validate_row(s, i))
             continue;
         move_row(s, i, kept);
         if (from)
