@@ -126,7 +126,7 @@ spin_status spin_model_join(struct spin_model *m, const char **out, const char *
     return status;
 }
 
-spin_status spin_model_there(spin_status status, const char **out)
+spin_status spin_model_if_exists(spin_status status, const char **out)
 {
     if (status == SPIN_OK && !spin_path_exists(*out))
         *out = NULL;

@@ -100,8 +100,8 @@ spin_status spin_model_word(const struct spin_model *m, const char *option, cons
 spin_status spin_model_join(struct spin_model *m, const char **out, const char *folder,
                             const char *fmt, ...) SPIN_PRINTF(4, 5);
 /* Like spin_model_join(), but sets *out to NULL if no such file or folder exists. */
-#define spin_model_find(m, out, ...) spin_model_there(spin_model_join(m, out, __VA_ARGS__), out)
-spin_status spin_model_there(spin_status status, const char **out);
+#define spin_model_find(m, out, ...) spin_model_if_exists(spin_model_join(m, out, __VA_ARGS__), out)
+spin_status spin_model_if_exists(spin_status status, const char **out);
 /* spin_model_folder() sets *out to the parent folder of `path`, spin_model_absolute() to the
  * absolute form of `path`. */
 spin_status spin_model_folder(struct spin_model *m, const char **out, const char *path);
