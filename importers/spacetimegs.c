@@ -253,7 +253,7 @@ static spin_status find_cameras(const char *path, const char *save, struct model
 
     if (given)
         return spin_camera_places_parse(given, &m->cameras);
-    SPIN_TRY(spin_model_beside(&m->base, path, save, "cameras.json", &file));
+    SPIN_TRY(spin_model_find_upwards(&m->base, path, save, "cameras.json", &file));
     return file ? spin_camera_places_load(file, &m->cameras) : SPIN_OK;
 }
 

@@ -410,8 +410,8 @@ bool spin_model_search(const char *path, const char *file, bool *coarse)
     return found;
 }
 
-spin_status spin_model_beside(struct spin_model *m, const char *path, const char *save,
-                              const char *name, const char **out)
+spin_status spin_model_find_upwards(struct spin_model *m, const char *path, const char *save,
+                                    const char *name, const char **out)
 {
     static const char *const above[] = {"", "../", "../../"};
 
@@ -425,7 +425,7 @@ spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *s
 {
     const char *file;
 
-    SPIN_TRY(spin_model_beside(m, path, save, "cfg_args", &file));
+    SPIN_TRY(spin_model_find_upwards(m, path, save, "cfg_args", &file));
     return file ? spin_cfg_open(file, &m->settings.cfg) : SPIN_OK;
 }
 

@@ -181,13 +181,14 @@ bool spin_model_search(const char *path, const char *file, bool *coarse);
 /* Sets *out to the first existing file `name` in the folder `path`, in the folder `save`, and in
  * the two folders above `save`, or to NULL if there is none. If `save` is NULL, only `path` is
  * searched. */
-spin_status spin_model_beside(struct spin_model *m, const char *path, const char *save,
-                              const char *name, const char **out);
+spin_status spin_model_find_upwards(struct spin_model *m, const char *path, const char *save,
+                                    const char *name, const char **out);
 /* For models that consist of one checkpoint file, m->path. Opens cfg_args in the folder of this
  * file, if it exists, and a YAML file as m->settings: the file that option `config` names or,
  * without the option, a file in this folder that contains time_duration, if there is one. */
 spin_status spin_model_config(struct spin_model *m);
-/* Opens the cfg_args that spin_model_beside() finds; settings.cfg.path stays NULL if there is none.
+/* Opens the cfg_args that spin_model_find_upwards() finds; settings.cfg.path stays NULL if there is
+ * none.
  */
 spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *save);
 
