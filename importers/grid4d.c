@@ -81,7 +81,7 @@ static int hash_probe(const struct spin_peek *peek, const char *key, const char 
 
 static spin_status read_settings(struct hash_model *m)
 {
-    struct cfg_span bound = spin_model_given(&m->base, "bound");
+    struct cfg_span bound = spin_model_option_span(&m->base, "bound");
     const char *scale = spin_model_option(&m->base, "scale-xyz");
     const struct cfg_args *cfg = &m->base.settings.cfg;
     struct cfg_span grid_args = spin_cfg_get(cfg, "grid_args"), s;
@@ -372,7 +372,7 @@ static int grid4d_probe(const struct spin_peek *peek)
 static spin_status read_directional(struct hash_model *base)
 {
     struct grid4d_model *model = (struct grid4d_model *)base;
-    struct cfg_span given = spin_model_given(&base->base, "directional");
+    struct cfg_span given = spin_model_option_span(&base->base, "directional");
     const struct cfg_args *cfg = &base->base.settings.cfg;
     struct cfg_span s = spin_cfg_item(spin_cfg_get(cfg, "network_args"), "directional");
 

@@ -188,7 +188,7 @@ static long first_frame(struct cfg_span path)
 static spin_status read_duration(struct model *m)
 {
     const struct cfg_args *cfg = &m->base.settings.cfg;
-    struct cfg_span given = spin_model_given(&m->base, "duration");
+    struct cfg_span given = spin_model_option_span(&m->base, "duration");
     double n = 0;
 
     SPIN_TRY(spin_cfg_read_number(cfg, "duration", &n));

@@ -55,7 +55,7 @@ const char *spin_model_option(const struct spin_model *m, const char *key)
     return spin_plugin_value(m->values, key, NULL);
 }
 
-struct cfg_span spin_model_given(const struct spin_model *m, const char *key)
+struct cfg_span spin_model_option_span(const struct spin_model *m, const char *key)
 {
     const char *text = spin_model_option(m, key);
 
@@ -65,7 +65,7 @@ struct cfg_span spin_model_given(const struct spin_model *m, const char *key)
 spin_status spin_model_bool(const struct spin_model *m, const char *option, const char *key,
                             bool *out)
 {
-    struct cfg_span given = spin_model_given(m, option);
+    struct cfg_span given = spin_model_option_span(m, option);
 
     if (!given.at)
         return spin_cfg_read_bool(&m->settings.cfg, key, out);
@@ -77,7 +77,7 @@ spin_status spin_model_bool(const struct spin_model *m, const char *option, cons
 spin_status spin_model_number(const struct spin_model *m, const char *option, const char *key,
                               double *out)
 {
-    struct cfg_span given = spin_model_given(m, option);
+    struct cfg_span given = spin_model_option_span(m, option);
 
     if (!given.at)
         return spin_cfg_read_number(&m->settings.cfg, key, out);

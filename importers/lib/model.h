@@ -72,11 +72,11 @@ spin_status spin_model_open(const char *path, const struct spin_plugin_values *v
 void spin_model_close(void *self);
 void spin_model_clear(struct spin_model *m);
 
-/* Returns the value of the option `key`, or NULL if the option is not given. spin_model_given()
- * returns the same text as a span, so that it can be parsed like a value of cfg_args; `at` is NULL
- * if the option is not given. */
+/* Returns the value of the option `key`, or NULL if the option is not given.
+ * spin_model_option_span() returns the same text as a span, so that it can be parsed like a value
+ * of cfg_args; `at` is NULL if the option is not given. */
 const char *spin_model_option(const struct spin_model *m, const char *key);
-struct cfg_span spin_model_given(const struct spin_model *m, const char *key);
+struct cfg_span spin_model_option_span(const struct spin_model *m, const char *key);
 /* Reads the value of `option` or, if the option is not given, that of `key` in cfg_args. If
  * cfg_args does not contain the key either, *out keeps its value. */
 spin_status spin_model_bool(const struct spin_model *m, const char *option, const char *key,
