@@ -233,7 +233,7 @@ static spin_status open_model(void *self, const char *path)
     struct spin_model *m = self;
     const char *save, *cloud;
 
-    SPIN_TRY(spin_model_save(m, path, "deformation.pth", &save));
+    SPIN_TRY(spin_model_checkpoint(m, path, "deformation.pth", &save));
     if (!save)
         return fail_no_save(path, spin_model_option(m, "iteration"));
     SPIN_TRY(spin_model_cfg(m, path, save));

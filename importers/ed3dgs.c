@@ -357,7 +357,7 @@ static spin_status open_model(void *self, const char *path)
     const char *given = spin_model_option(base, "cfg-args");
     spin_status status;
 
-    SPIN_TRY(spin_model_save(base, path, "deformation.pth", &save));
+    SPIN_TRY(spin_model_checkpoint(base, path, "deformation.pth", &save));
     if (!save)
         return spin_not_found("'%s' has no iteration_%s with point_cloud.ply and deformation.pth",
                               path, wanted ? wanted : "<N>");

@@ -426,7 +426,7 @@ static spin_status open_model(void *self, const char *path)
     const char *wanted = spin_model_option(base, "iteration");
     bool coarse;
 
-    SPIN_TRY(spin_model_save(base, path, "deformation_GAD.pth", &base->path));
+    SPIN_TRY(spin_model_checkpoint(base, path, "deformation_GAD.pth", &base->path));
     if (!base->path)
         return spin_not_found(
             "'%s' has no iteration_%s with point_cloud.ply and deformation_GAD.pth%s", path,

@@ -394,7 +394,7 @@ static spin_status find_files(const char *path, struct model *m, const char **sa
         SPIN_TRY(spin_model_text(&m->base, &m->decoder, "%.*s.pt", n, path));
         SPIN_TRY(spin_model_folder(&m->base, save, path));
     } else {
-        SPIN_TRY(spin_model_save(&m->base, path, "point_cloud.ply", save));
+        SPIN_TRY(spin_model_checkpoint(&m->base, path, "point_cloud.ply", save));
         if (!*save)
             return spin_not_found("'%s' has no iteration_%s with point_cloud.ply", path,
                                   wanted ? wanted : "<N>");

@@ -363,8 +363,8 @@ spin_status spin_model_newest(struct spin_model *m, const char *path, const char
                 : spin_not_found("'%s' contains no %s", folder, called);
 }
 
-spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
-                            const char **out)
+spin_status spin_model_checkpoint(struct spin_model *m, const char *path, const char *network,
+                                  const char **out)
 {
     const char *clouds, *name, *file = spin_path_name(path);
 

@@ -172,8 +172,8 @@ spin_status spin_model_newest(struct spin_model *m, const char *path, const char
  * of the checkpoint to read, or to NULL if there is none. `path` is the model's folder, its
  * subfolder point_cloud, the folder of a checkpoint, or either of the two files in it. For the
  * first two, option `iteration` selects the checkpoint. */
-spin_status spin_model_save(struct spin_model *m, const char *path, const char *network,
-                            const char **out);
+spin_status spin_model_checkpoint(struct spin_model *m, const char *path, const char *network,
+                                  const char **out);
 /* Returns whether `file` exists in the model's folder `path` or in the folder of one of its
  * checkpoints. Sets *coarse to whether the model has checkpoints of the coarse stage, folders
  * coarse_iteration_<N>. */
