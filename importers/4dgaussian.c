@@ -40,7 +40,7 @@ static int probe(const struct spin_peek *peek)
 {
     bool cloud = spin_peek_has(peek, "point_cloud"), modec;
 
-    if (spin_peek_says(peek, "feature_out_c.0.weight")) /* a network of E-D3DGS */
+    if (spin_peek_contains(peek, "feature_out_c.0.weight")) /* a network of E-D3DGS */
         return 0;
     if (!peek->is_folder)
         return strcmp(spin_path_name(peek->path), "deformation.pth") == 0 ? 85 : 0;
@@ -48,8 +48,8 @@ static int probe(const struct spin_peek *peek)
         return 90;
     /* kplanes_config is an option of this network. MoDec-GS has the same network, but only MoDec-GS
      * has the option LGD_method. */
-    modec = spin_peek_says(peek, "LGD_method=");
-    if (cloud && spin_peek_says(peek, "kplanes_config=") && !modec)
+    modec = spin_peek_contains(peek, "LGD_method=");
+    if (cloud && spin_peek_contains(peek, "kplanes_config=") && !modec)
         return 90;
     /* One of these files means plain 3DGS or the family of Deformable 3D Gaussians, which write
      * them. */

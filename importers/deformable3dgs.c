@@ -30,14 +30,14 @@ static int probe(const struct spin_peek *peek)
 {
     if (!peek->is_folder) /* the keys of the state dict are near the beginning */
         return strcmp(spin_path_name(peek->path), "deform.pth") == 0 &&
-                       (spin_peek_says(peek, "linear.0.weight") ||
-                        spin_peek_says(peek, "timenet.0.weight"))
+                       (spin_peek_contains(peek, "linear.0.weight") ||
+                        spin_peek_contains(peek, "timenet.0.weight"))
                    ? 85
                    : 0;
     if (!spin_peek_has(peek, "deform") || !spin_peek_has(peek, "point_cloud") ||
-        spin_peek_says(peek, "grid_args")) /* an option of Grid4D and DASH */
+        spin_peek_contains(peek, "grid_args")) /* an option of Grid4D and DASH */
         return 0;
-    return spin_peek_says(peek, "is_6dof") ? 90 : 60;
+    return spin_peek_contains(peek, "is_6dof") ? 90 : 60;
 }
 
 /* ---- The network ----------------------------------------------------------------------------- */

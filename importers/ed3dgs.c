@@ -62,11 +62,11 @@ struct model {
 static int probe(const struct spin_peek *peek)
 {
     /* The first bytes are those of the network file, also for the folder of a checkpoint. */
-    if (spin_peek_says(peek, "feature_out_c.0.weight") ||
-        spin_peek_says(peek, "feature_out_f.0.weight"))
+    if (spin_peek_contains(peek, "feature_out_c.0.weight") ||
+        spin_peek_contains(peek, "feature_out_f.0.weight"))
         return 95;
     /* gaussian_embedding_dim is an option of this method. */
-    return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "gaussian_embedding_dim=")
+    return spin_peek_has(peek, "point_cloud") && spin_peek_contains(peek, "gaussian_embedding_dim=")
                ? 90
                : 0;
 }

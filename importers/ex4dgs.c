@@ -70,12 +70,13 @@ struct model {
  * group in the optimiser of a checkpoint. */
 static int probe(const struct spin_peek *peek)
 {
-    bool ply = spin_peek_says(peek, " xyz_disp_0") || spin_peek_says(peek, " motion_xyz_0_0");
+    bool ply =
+        spin_peek_contains(peek, " xyz_disp_0") || spin_peek_contains(peek, " motion_xyz_0_0");
 
     if (ply && !peek->is_folder)
         return 100;
-    return ply || spin_peek_says(peek, "rot_interp_type=") ||
-                   spin_peek_says(peek, "motion_opacity_center")
+    return ply || spin_peek_contains(peek, "rot_interp_type=") ||
+                   spin_peek_contains(peek, "motion_opacity_center")
                ? 95
                : 0;
 }

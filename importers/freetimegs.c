@@ -37,9 +37,9 @@ static long long step_of(const char *name)
 
 static int probe(const struct spin_peek *peek)
 {
-    if (spin_peek_says(peek, "comment ftgs_version") ||
-        (spin_peek_says(peek, "property float log_duration") &&
-         spin_peek_says(peek, "property float time\n")))
+    if (spin_peek_contains(peek, "comment ftgs_version") ||
+        (spin_peek_contains(peek, "property float log_duration") &&
+         spin_peek_contains(peek, "property float time\n")))
         return 100;
     if (peek->is_folder)
         for (size_t i = 0; peek->names && peek->names[i]; i++)
@@ -47,9 +47,9 @@ static int probe(const struct spin_peek *peek)
                 return 80;
     if (peek->is_folder)
         return spin_peek_has(peek, "ckpts") ? 60 : 0;
-    return spin_peek_says(peek, "durations") && spin_peek_says(peek, "velocities") ? 95
-           : step_of(spin_path_name(peek->path)) >= 0                              ? 40
-                                                                                   : 0;
+    return spin_peek_contains(peek, "durations") && spin_peek_contains(peek, "velocities") ? 95
+           : step_of(spin_path_name(peek->path)) >= 0                                      ? 40
+                                                                                           : 0;
 }
 
 /* ---- The splats ------------------------------------------------------------------------------ */

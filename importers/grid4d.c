@@ -69,12 +69,14 @@ struct hash_model {
 static int hash_probe(const struct spin_peek *peek, const char *key, const char *option)
 {
     if (!peek->is_folder)
-        return spin_peek_says(peek, key) ? 90 : 0;
+        return spin_peek_contains(peek, key) ? 90 : 0;
     if (!spin_peek_has(peek, "deform") || !spin_peek_has(peek, "point_cloud"))
         return 0;
-    if (spin_peek_says(peek, option))
+    if (spin_peek_contains(peek, option))
         return 90;
-    return !spin_peek_says(peek, "Namespace(") ? 55 : spin_peek_says(peek, "grid_args") ? 40 : 0;
+    return !spin_peek_contains(peek, "Namespace(") ? 55
+           : spin_peek_contains(peek, "grid_args") ? 40
+                                                   : 0;
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */

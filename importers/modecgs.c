@@ -53,7 +53,7 @@ static int probe(const struct spin_peek *peek)
 {
     if (!peek->is_folder)
         return strcmp(spin_path_name(peek->path), "deformation_GAD.pth") == 0 ? 90 : 0;
-    if (spin_peek_says(peek, "LGD_method="))
+    if (spin_peek_contains(peek, "LGD_method="))
         return 90;
     return spin_peek_has(peek, "deformation_GAD.pth") ? 95 : 0;
 }

@@ -673,10 +673,10 @@ static int hybrid_probe(const struct spin_peek *peek)
 {
     /* Recognises parameter groups in the optimiser of a checkpoint, or two options in cfg_args that
      * only this method combines. */
-    if (spin_peek_says(peek, "static_xyz") && spin_peek_says(peek, "scaling_t"))
+    if (spin_peek_contains(peek, "static_xyz") && spin_peek_contains(peek, "scaling_t"))
         return 95;
-    return peek->is_folder && spin_peek_says(peek, "from3dgs=") &&
-                   spin_peek_says(peek, "start_timestamp=")
+    return peek->is_folder && spin_peek_contains(peek, "from3dgs=") &&
+                   spin_peek_contains(peek, "start_timestamp=")
                ? 95
                : 0;
 }

@@ -52,7 +52,7 @@ static int probe(const struct spin_peek *peek)
         }
         return 0;
     }
-    if (spin_peek_says(peek, "pipeline") && spin_peek_says(peek, "quats1"))
+    if (spin_peek_contains(peek, "pipeline") && spin_peek_contains(peek, "quats1"))
         return 90;
     return step_of_name(spin_path_name(peek->path)) >= 0 ? 40 : 0;
 }

@@ -73,15 +73,15 @@ static int probe(const struct spin_peek *peek)
 {
     /* The input is a cloud, or the folder of one checkpoint. The confidence must exceed 90, which
      * is that of the PLY importer. */
-    if (spin_peek_says(peek, "property float trbf_center") &&
-        spin_peek_says(peek, "property float motion_8") &&
-        spin_peek_says(peek, "property float omega_3"))
+    if (spin_peek_contains(peek, "property float trbf_center") &&
+        spin_peek_contains(peek, "property float motion_8") &&
+        spin_peek_contains(peek, "property float omega_3"))
         return 100;
-    if (!peek->is_folder && spin_peek_says(peek, "mlp1.weight") &&
-        spin_peek_says(peek, "mlp2.weight") && spin_text_ends(peek->path, ".pt"))
+    if (!peek->is_folder && spin_peek_contains(peek, "mlp1.weight") &&
+        spin_peek_contains(peek, "mlp2.weight") && spin_text_ends(peek->path, ".pt"))
         return 80;
     /* trbfslinit is an option of this method. */
-    return spin_peek_has(peek, "point_cloud") && spin_peek_says(peek, "trbfslinit=") ? 90 : 0;
+    return spin_peek_has(peek, "point_cloud") && spin_peek_contains(peek, "trbfslinit=") ? 90 : 0;
 }
 
 /* ---- The cloud ------------------------------------------------------------------------------- */

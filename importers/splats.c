@@ -417,8 +417,8 @@ static int sog_probe(const struct spin_peek *peek)
     bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");
 
     if (!peek->is_folder && spin_file_has_suffix(peek->path, ".json")) {
-        meta = spin_peek_says(peek, "\"means\"");
-        picture = spin_peek_says(peek, "\"mins\"");
+        meta = spin_peek_contains(peek, "\"means\"");
+        picture = spin_peek_contains(peek, "\"mins\"");
     } else if (spin_zip_looks_like(peek->head, peek->n_head)) {
         meta = strstr(peek->tail_names, "meta.json") != NULL;
         picture = strstr(peek->tail_names, ".webp") != NULL;

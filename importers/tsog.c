@@ -26,7 +26,7 @@ static int probe(const struct spin_peek *peek)
         return 0;
     if (spin_file_has_suffix(peek->path, ".tsog"))
         return 100;
-    return spin_peek_says(peek, "org.opsiclear.tsog-playback") ? 100 : 0;
+    return spin_peek_contains(peek, "org.opsiclear.tsog-playback") ? 100 : 0;
 }
 
 /* Fills the description of a static or discrete clip, which has a frame at each of the times 0, 1,

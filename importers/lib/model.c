@@ -259,7 +259,7 @@ bool spin_peek_has(const struct spin_peek *peek, const char *name)
     return false;
 }
 
-bool spin_peek_says(const struct spin_peek *peek, const char *word)
+bool spin_peek_contains(const struct spin_peek *peek, const char *word)
 {
     return peek->n_head > 0 && memmem(peek->head, peek->n_head, word, strlen(word)) != NULL;
 }

@@ -134,9 +134,9 @@ spin_status spin_model_splats_4d(void *self, const struct spin_splats_4d **out);
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
 /* spin_peek_has() returns whether the input is a folder that contains an entry with this name,
- * spin_peek_says() whether peek->head contains the word. */
+ * spin_peek_contains() whether peek->head contains the word. */
 bool spin_peek_has(const struct spin_peek *peek, const char *name);
-bool spin_peek_says(const struct spin_peek *peek, const char *word);
+bool spin_peek_contains(const struct spin_peek *peek, const char *word);
 
 /* ---- Columns --------------------------------------------------------------------------------- */
 
