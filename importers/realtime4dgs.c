@@ -127,7 +127,7 @@ static spin_status take_tuple(const struct spin_value *m, struct rows *r)
     if (m->n != 12 && m->n != 13)
         return spin_unsupported("the model has %zu items, expected the 19 (or 12) of "
                                 "Realtime-4DGS: this is a model of %s",
-                                m->n, spin_chkpnt_maker(m->n));
+                                m->n, spin_chkpnt_method(m->n));
     for (int p = 0; p < R4_N_PARTS; p++)
         r->part[p] = all[p].item3 < 0 ? NULL : spin_value_at(m, (size_t)all[p].item3);
     return SPIN_OK;
@@ -169,7 +169,7 @@ static spin_status r4_find(const struct spin_value *root, struct rows *r)
         spin_value_get(root, "scaling_t")) {
         if (spin_value_get(root, "static_xyz"))
             return spin_unsupported("a dict with static_xyz is a model of %s",
-                                    spin_chkpnt_maker(28));
+                                    spin_chkpnt_method(28));
         r4_loaded(root, "", r);
         r->moving = true;
         return SPIN_OK;

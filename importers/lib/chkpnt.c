@@ -71,7 +71,7 @@ const char *spin_chkpnt_kind(const struct spin_value *v)
     return v ? names[v->kind] : "nothing";
 }
 
-const char *spin_chkpnt_maker(size_t n)
+const char *spin_chkpnt_method(size_t n)
 {
     static const struct {
         size_t n;
@@ -106,7 +106,7 @@ spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, con
     if (m->n != n_items)
         return spin_unsupported(
             "the model has %zu items, but that of %s has %zu: this is a model of %s", m->n, method,
-            n_items, spin_chkpnt_maker(m->n));
+            n_items, spin_chkpnt_method(m->n));
     *model = m;
     *iteration = number->number;
     return SPIN_OK;

@@ -25,7 +25,7 @@ const char *spin_chkpnt_kind(const struct spin_value *v);
 
 /* Returns, for messages, the name of the method whose checkpoints contain a model of n_items
  * items. */
-const char *spin_chkpnt_maker(size_t n_items);
+const char *spin_chkpnt_method(size_t n_items);
 
 /* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. For a
  * model of another length, returns SPIN_E_UNSUPPORTED, sets *model to NULL, and names in the
