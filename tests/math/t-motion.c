@@ -120,19 +120,19 @@ static void test_seen(void)
     for (int k = 0; k < 4096; k++) {
         float l = (float)(8 * draw()), ln_w = k % 8 ? (float)(-3 * (1 + draw())) : -1e-4f;
         double o = 1 / (1 + exp(-(double)l)), seen = exp((double)ln_w) * o, h = 0.02;
-        double got = 1 / (1 + exp(-(double)spin_seen_logit(l, ln_w)));
+        double got = 1 / (1 + exp(-(double)spin_windowed_logit(l, ln_w)));
         double up = log(exp((double)ln_w) / (1 + exp(-(l + h)) - exp((double)ln_w)));
         double down = log(exp((double)ln_w) / (1 + exp(-(l - h)) - exp((double)ln_w)));
-        double slope = (double)spin_seen_logit_adj(l, ln_w);
+        double slope = (double)spin_windowed_logit_adj(l, ln_w);
 
         worst = larger(worst, fabs(got - seen));
         worst_slope = larger(worst_slope, fabs((up - down) / (2 * h) - slope));
     }
     ok(worst < 1e-6, "what a window leaves of an opacity, to %.2g", worst);
     ok(worst_slope < 1e-4, "its slope is that of finite differences, to %.2g", worst_slope);
-    ok(spin_seen_logit(3.25f, -0.0f) == 3.25f && spin_seen_logit_adj(3.25f, -0.0f) == 1,
+    ok(spin_windowed_logit(3.25f, -0.0f) == 3.25f && spin_windowed_logit_adj(3.25f, -0.0f) == 1,
        "where all is seen nothing changes");
-    ok(spin_seen_logit_adj(200, -1) == 0 && isfinite(spin_seen_logit(200, -1)),
+    ok(spin_windowed_logit_adj(200, -1) == 0 && isfinite(spin_windowed_logit(200, -1)),
        "an opacity of 1 is no trouble");
 }
 

@@ -53,7 +53,7 @@ static void apply_motion(const struct job *job, const float *motion, float *valu
     float d = job->t - motion[3], x = d * motion[4];
 
     if (job->group == OPACITY)
-        *value = spin_seen_logit(*value, -0.5f * x * x);
+        *value = spin_windowed_logit(*value, -0.5f * x * x);
     else
         for (int c = 0; c < 3; c++)
             value[c] += d * motion[c];
@@ -109,8 +109,8 @@ static inline void back_rows(const struct job *job, size_t w, size_t first, size
         if (job->track[i] >= job->n_tracks)
             continue;
         if (m && job->group == OPACITY)
-            slope = spin_seen_logit_adj(job->shared[job->track[i]],
-                                        -0.5f * powf((job->t - m[3]) * m[4], 2));
+            slope = spin_windowed_logit_adj(job->shared[job->track[i]],
+                                            -0.5f * powf((job->t - m[3]) * m[4], 2));
         if (i < job->n_turns) {
             spin_turn_adj(job->turn + 4 * i, (int)w, from, turned);
             from = turned;

@@ -138,7 +138,7 @@ static __global__ void tracks_kernel(struct track_job job, float *to)
             value += shared[c];
         }
         if (m)
-            value = job.width == 1 ? spin_seen_logit(value, seen_of(&job, m))
+            value = job.width == 1 ? spin_windowed_logit(value, seen_of(&job, m))
                                    : value + (job.t - m[3]) * m[c];
     }
     to[at] = value;
@@ -201,8 +201,8 @@ static __global__ void tracks_back_kernel(struct track_job job, const float *fro
     }
     track = job.track[i];
     if (job.motion && job.width == 1)
-        slope =
-            spin_seen_logit_adj(job.shared[track], seen_of(&job, job.motion + SPIN_MOTION * track));
+        slope = spin_windowed_logit_adj(job.shared[track],
+                                        seen_of(&job, job.motion + SPIN_MOTION * track));
     d_shared[job.width * track + c] += slope * g;
 }
 
