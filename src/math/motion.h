@@ -76,13 +76,16 @@ SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
 
 /* ln(e^l (1 - w)) with w = exp(ln_weight), a term of the two functions below; minus infinity for w
  * = 1. */
-SPIN_FN float spin_unseen(float l, float ln_weight) { return l + logf(-expm1f(ln_weight)); }
+SPIN_FN float spin_windowed_logit_term(float l, float ln_weight)
+{
+    return l + logf(-expm1f(ln_weight));
+}
 
 /* The logit of w o, the opacity o of a splat times its window w. l: the logit of o; ln_weight:
  * ln(w), at most 0. w o = w e^l / (1 + e^l) has the logit l + ln w - ln(1 + e^l (1 - w)). */
 SPIN_FN float spin_windowed_logit(float l, float ln_weight)
 {
-    float a = spin_unseen(l, ln_weight);
+    float a = spin_windowed_logit_term(l, ln_weight);
 
     return l + ln_weight - (a > 0 ? a + log1pf(expf(-a)) : log1pf(expf(a)));
 }
@@ -90,7 +93,7 @@ SPIN_FN float spin_windowed_logit(float l, float ln_weight)
 /* The derivative of spin_windowed_logit() with respect to l: 1 / (1 + e^l (1 - w)). */
 SPIN_FN float spin_windowed_logit_adj(float l, float ln_weight)
 {
-    return 1 / (1 + expf(spin_unseen(l, ln_weight)));
+    return 1 / (1 + expf(spin_windowed_logit_term(l, ln_weight)));
 }
 
 /* Sets span to the first and last time at which the window is at least `least`. span[0] > span[1]:
