@@ -58,7 +58,7 @@ void spin_image_store_put(struct spin_image_store *s, uint32_t number, size_t n_
         op->zero(s->device, s->masks + number * s->mask_bytes, s->mask_bytes);
 }
 
-void spin_image_store_turn(struct spin_image_store *s) { s->turn++; }
+void spin_image_store_begin_batch(struct spin_image_store *s) { s->turn++; }
 
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number)
 {

@@ -29,7 +29,7 @@ void spin_image_store_put(struct spin_image_store *s, uint32_t number, size_t n_
 
 /* For use as a cache. Begins a new batch of requests: images that are found or inserted during a
  * batch stay in the store until the next batch begins. */
-void spin_image_store_turn(struct spin_image_store *s);
+void spin_image_store_begin_batch(struct spin_image_store *s);
 /* Finds the number of the image with this key. Returns false if the image is missing: the caller
  * must then upload it as the returned number. At most n images may be requested in one batch. */
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number);

@@ -81,7 +81,7 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
     if (per_epoch < 1)
         per_epoch = 1;
     plan_epoch(s, iteration / per_epoch);
-    spin_image_store_turn(&s->images);
+    spin_image_store_begin_batch(&s->images);
     for (size_t k = 0; k < batch; k++) {
         size_t at = ((size_t)(iteration % per_epoch) * batch + k) % plan->n_train;
         const struct spin_pair *pair = &plan->train[s->sequence[at]];
