@@ -162,7 +162,7 @@ static spin_status measure_subject(struct spin_metrics *m, const struct spin_cam
     double v[SPIN_MEASURE_VALUES];
 
     SPIN_TRY(spin_dynamic_mask_find(m->subject, view, NULL, &n));
-    SPIN_TRY(spin_player_picture(m->player, p->image));
+    SPIN_TRY(spin_player_image(m->player, p->image));
     for (size_t i = 0; i < plane; i++)
         for (size_t k = 0; k < 3 && !m->subject->mask[i]; k++) {
             float back = fminf(fmaxf(m->background[k], 0), 1);
@@ -170,7 +170,7 @@ static spin_status measure_subject(struct spin_metrics *m, const struct spin_cam
             p->rgb8[3 * i + k] = (uint8_t)lrintf(255 * back);
             p->image[k * plane + i] = p->truth[k * plane + i] = p->rgb8[3 * i + k] / 255.0f;
         }
-    spin_player_set_picture(m->player, p->image);
+    spin_player_set_image(m->player, p->image);
     SPIN_TRY(spin_player_measure(m->player, p->rgb8, NULL, v));
     *q = (struct spin_quality){.psnr = NAN,
                                .ssim = NAN,
@@ -228,7 +228,7 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
     } else {
         SPIN_TRY(spin_player_measure(m->player, p->rgb8, regions ? p->mask : NULL, values));
         set_quality(values, (double)plane, regions, (double)n_dynamic, &out->q);
-        SPIN_TRY(spin_player_picture(m->player, p->image));
+        SPIN_TRY(spin_player_image(m->player, p->image));
     }
     spin_colour_sums(view->camera_id, plane, p->image, p->truth, &one->sums);
     for (int k = 0; k < SPIN_N_LPIPS; k++)

@@ -490,10 +490,10 @@ spin_status spin_player_draw(struct spin_player *p, const struct spin_camera *ca
     spin_raster_add_view(&p->raster, &p->drawn, 0, p->now.n, camera, p->now_antialias);
     SPIN_TRY(spin_raster_forward(&p->raster, &p->drawn, &p->now, p->now_attr, p->now_sh_degree));
     apply_lens(p, camera);
-    return image ? spin_player_picture(p, image) : SPIN_OK;
+    return image ? spin_player_image(p, image) : SPIN_OK;
 }
 
-spin_status spin_player_picture(struct spin_player *p, float *image)
+spin_status spin_player_image(struct spin_player *p, float *image)
 {
     return p->device->op->download(p->device, image, p->raster.image,
                                    3 * p->drawn_pixels * sizeof(float));
@@ -540,7 +540,7 @@ spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth
     return d->op->download(d, depth, p->depth, 2 * n * sizeof(float));
 }
 
-void spin_player_set_picture(struct spin_player *p, const float *image)
+void spin_player_set_image(struct spin_player *p, const float *image)
 {
     p->device->op->upload(p->device, p->raster.image, image, 3 * p->drawn_pixels * sizeof(float));
 }

@@ -110,9 +110,9 @@ spin_status spin_player_contributions(struct spin_player *p, float *weights);
 spin_status spin_player_measure(struct spin_player *p, const uint8_t *rgb8, const uint8_t *mask,
                                 double values[SPIN_MEASURE_VALUES]);
 /* Downloads the image rendered last. */
-spin_status spin_player_picture(struct spin_player *p, float *image);
+spin_status spin_player_image(struct spin_player *p, float *image);
 /* Replaces the image rendered last, for spin_player_measure(). */
-void spin_player_set_picture(struct spin_player *p, const float *image);
+void spin_player_set_image(struct spin_player *p, const float *image);
 
 /* Downloads layers of the image rendered last; alpha and depth may be NULL. alpha: [h][w], 1 minus
  * the transmittance of all splats. depth: [2][h][w], along the camera's axis in world units,

@@ -172,7 +172,7 @@ static void measure(struct spin_device *d, const struct spin_splats *splats, str
     ok(spin_player_show_splats(&r, splats) == SPIN_OK &&
            spin_player_draw(&r, &camera, background, NULL) == SPIN_OK &&
            spin_player_measure(&r, photo, mask, out->values) == SPIN_OK &&
-           spin_player_picture(&r, out->image) == SPIN_OK,
+           spin_player_image(&r, out->image) == SPIN_OK,
        "shows, draws, measures");
     spin_player_close(&r);
 }
