@@ -241,7 +241,7 @@ static spin_status add_frame(struct export *x, struct version *v, const struct s
     v->n_empty += n == 0;
     SPIN_TRY(spin_page_group_add(&v->group, &x->rows, s, &full));
     if (x->split && v == &x->version[0] && x->n_written == 0)
-        SPIN_TRY(spin_page_draft_take(&x->draft, &x->rows, s, &x->view, &x->order));
+        SPIN_TRY(spin_page_draft_add_rows(&x->draft, &x->rows, s, &x->view, &x->order));
     if (!full)
         return SPIN_OK;
     SPIN_TRY(write_group(x, v));
@@ -605,7 +605,7 @@ static spin_status write_rows(struct export *x, const double *times)
     if (x->split) {
         x->draft.group.space = x->four_d.inner;
         SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->source));
-        SPIN_TRY(spin_page_draft_take(&x->draft, &x->rows, &x->source, &x->view, &x->order));
+        SPIN_TRY(spin_page_draft_add_rows(&x->draft, &x->rows, &x->source, &x->view, &x->order));
     }
     SPIN_TRY(spin_grow((size_t)n_blocks, sizeof *v->frame, (void **)&v->frame));
     SPIN_TRY(spin_splat_rows_choose(&x->rows, &view));

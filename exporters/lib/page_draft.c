@@ -26,9 +26,10 @@ static float area_of(const float *value, const struct spin_initial_view *view)
                    (ahead > 0 ? 1 : 1e-9));
 }
 
-spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_splat_rows *rows,
-                                 const struct spin_splats *splats,
-                                 const struct spin_initial_view *view, struct spin_sort_rows *order)
+spin_status spin_page_draft_add_rows(struct spin_page_draft *d, const struct spin_splat_rows *rows,
+                                     const struct spin_splats *splats,
+                                     const struct spin_initial_view *view,
+                                     struct spin_sort_rows *order)
 {
     bool full;
 

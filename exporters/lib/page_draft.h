@@ -22,10 +22,10 @@ struct spin_page_draft {
 
 /* Copies the kept rows of the first frame and computes their areas in this view. `order` is scratch
  * memory. */
-spin_status spin_page_draft_take(struct spin_page_draft *d, const struct spin_splat_rows *rows,
-                                 const struct spin_splats *splats,
-                                 const struct spin_initial_view *view,
-                                 struct spin_sort_rows *order);
+spin_status spin_page_draft_add_rows(struct spin_page_draft *d, const struct spin_splat_rows *rows,
+                                     const struct spin_splats *splats,
+                                     const struct spin_initial_view *view,
+                                     struct spin_sort_rows *order);
 /* Passes to the sink a block of at most most_bytes bytes, with as many of the copied rows as fit.
  * If only a few rows fit, there is no draft and the sink is not called. */
 spin_status spin_page_draft_write(struct spin_page_draft *d, uint64_t most_bytes,
