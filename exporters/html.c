@@ -528,7 +528,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     SPIN_TRY(parse_options(x));
     SPIN_TRY(add_versions(x));
     SPIN_TRY(spin_alloc((size_t)job->n_frames, sizeof *x->number, (void **)&x->number));
-    SPIN_TRY(spin_initial_view_later_middle(job, x->space.centre, &x->size));
+    SPIN_TRY(spin_initial_view_middle_after_empty(job, x->space.centre, &x->size));
     SPIN_TRY(find_subject(x));
     SPIN_TRY(open_files(x));
     SPIN_TRY(write_text(x, spin_html_head));

@@ -217,7 +217,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     if (d->path == SPIN_PATH_TRAIN)
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
-    SPIN_TRY(spin_initial_view_later_middle(job, d->middle, &d->reach));
+    SPIN_TRY(spin_initial_view_middle_after_empty(job, d->middle, &d->reach));
     if (!job->views && d->path != SPIN_PATH_FILE)
         spin_log(0, "no data set: the camera is in front of the scene");
     if (!job->views && job->again && d->path != SPIN_PATH_FILE)

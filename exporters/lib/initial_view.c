@@ -36,8 +36,8 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
     return SPIN_OK;
 }
 
-spin_status spin_initial_view_later_middle(const struct spin_export_job *job, double middle[3],
-                                           double *size)
+spin_status spin_initial_view_middle_after_empty(const struct spin_export_job *job,
+                                                 double middle[3], double *size)
 {
     const struct spin_splats *s = NULL;
     int f = 0;

@@ -26,8 +26,8 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
 /* If the clip begins with empty frames, calls spin_initial_view_middle() for the first frame that
  * has splats. Sets *size to 0 if the first frame of the clip has splats, or if no frame has any.
  * Must be called before the first frame is exported. */
-spin_status spin_initial_view_later_middle(const struct spin_export_job *job, double middle[3],
-                                           double *size);
+spin_status spin_initial_view_middle_after_empty(const struct spin_export_job *job,
+                                                 double middle[3], double *size);
 
 /* Sets `eye` to the centre of a camera, -R^T t. */
 void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);
