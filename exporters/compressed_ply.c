@@ -117,7 +117,7 @@ static void scatter_block(void *context, int b)
                                 degree_of(x), x->rest + n_rest * x->place[i], lost);
         spin_quant_error_add_sh(&x->frames.block_quant[b], lost, n_rest);
     }
-    spin_splat_rows_rest(rows, (size_t)b, SPIN_COL_SH);
+    spin_splat_rows_release(rows, (size_t)b, SPIN_COL_SH);
 }
 
 /* ---- Order ----------------------------------------------------------------------------------- */
@@ -172,7 +172,7 @@ static spin_status write_chunks(struct export *x)
     atomic_store(&x->error, 0);
     spin_pool_run(rows->pool, (int)n_tasks, pack_task, x);
     for (size_t b = 0; b < spin_splat_rows_blocks(rows); b++)
-        spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+        spin_splat_rows_release(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     return x->error ? spin_out_failed(x->out, x->error) : SPIN_OK;
 }
 

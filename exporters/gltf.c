@@ -107,7 +107,7 @@ static void write_block(void *context, int number)
                          n * clip->width[a] / 4);
     if (w->hash)
         return;
-    spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_rows_release(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     spin_glb_order(clip, column, n);
     for (int a = 0; a < clip->n_attributes && !error; a++)
         if (w->fresh[a])

@@ -242,7 +242,7 @@ static spin_status sog_write(void *self, const struct spin_frame_info *info, str
     code_palette(x);
     spin_pictures_pack(x->picture, SPIN_SOG_PICTURES, x->level, rows->pool);
     for (size_t b = 0; b < spin_splat_rows_blocks(rows); b++)
-        spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+        spin_splat_rows_release(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     spin_zip_writer_begin(out, &zip);
     status = spin_zip_writer_end(&zip, write_members(x, &zip), out);
     spin_pictures_free(x->picture, SPIN_SOG_PICTURES, false);

@@ -102,7 +102,7 @@ static void code_block(void *context, int task)
             out += x->width;
         }
     }
-    spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_rows_release(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
 /* Codes one attribute of all rows to `to` and returns the number of bytes. */

@@ -270,7 +270,7 @@ static void print_block(void *context, int task)
         first = false;
     }
     x->n_text[task] = (size_t)(to - begin);
-    spin_splat_rows_rest(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_rows_release(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
 /* ---- A layer --------------------------------------------------------------------------------- */

@@ -367,7 +367,7 @@ static void write_block(void *context, int b)
             to += w->width;
         }
     }
-    spin_splat_rows_rest(rows, (size_t)b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
+    spin_splat_rows_release(rows, (size_t)b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
     error = spin_out_put(w->out, w->at + spin_splat_rows_before(rows, (size_t)b) * w->width, piece,
                          (size_t)(to - piece));
     if (error)

@@ -38,7 +38,7 @@ static size_t end_of(const struct spin_splat_rows *rows, size_t block)
     return end < rows->splats->n ? end : rows->splats->n;
 }
 
-void spin_splat_rows_rest(const struct spin_splat_rows *rows, size_t block, unsigned columns)
+void spin_splat_rows_release(const struct spin_splat_rows *rows, size_t block, unsigned columns)
 {
     const struct spin_splats *s = rows->splats;
     size_t first = block * SPIN_ROWS_BLOCK, n = end_of(rows, block) - first;

@@ -111,7 +111,7 @@ size_t spin_splat_rows_blocks(const struct spin_splat_rows *rows);
 void spin_splat_rows_each(const struct spin_splat_rows *rows, spin_task_fn fn, void *context);
 /* Releases the mapped memory of these columns of a block. Call it if they will not be needed
  * soon. */
-void spin_splat_rows_rest(const struct spin_splat_rows *rows, size_t block, unsigned columns);
+void spin_splat_rows_release(const struct spin_splat_rows *rows, size_t block, unsigned columns);
 
 static inline int spin_splat_rows_workers(const struct spin_splat_rows *rows)
 {
