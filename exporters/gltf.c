@@ -94,7 +94,7 @@ static void write_block(void *context, int number)
 
         if (!rows->keep[i])
             continue;
-        spin_splat_rows_take(rows, i, &row);
+        spin_splat_rows_get(rows, i, &row);
         spin_glb_code(clip, &row, spin_splat_rows_sh(rows, i, room), spin_splat_rows_n_sh(rows),
                       column, n++);
         for (int c = 0; c < 3; c++) {

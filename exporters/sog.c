@@ -161,7 +161,7 @@ static void code_row(const struct export *x, size_t i, struct spin_quant_error *
 
     for (int p = 0; p < SPIN_SOG_CENTROIDS; p++)
         at[p] = x->picture[p].rgba + 4 * i;
-    spin_splat_rows_take(rows, x->frames.order.item[i].row, &is);
+    spin_splat_rows_get(rows, x->frames.order.item[i].row, &is);
     spin_sog_code(&sog->means, false, 3, is.place, at[SPIN_SOG_MEANS_LOW], at[SPIN_SOG_MEANS_HIGH],
                   shown.place);
     spin_sog_code_rotation(is.rotation, at[SPIN_SOG_QUATS], shown.rotation);

@@ -437,7 +437,7 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
 
         at[p] = rgba && p != SPIN_4D_CENTROIDS ? rgba + 4 * (j - first_of(x, g)) : NULL;
     }
-    spin_splat_rows_take(&x->rows, k, &is);
+    spin_splat_rows_get(&x->rows, k, &is);
     spin_sog_code(&to->means, false, 3, is.place, at[SPIN_4D_MEANS], at[SPIN_4D_MEANS_HIGH],
                   shown.place);
     spin_sog_code_rotation(is.rotation, at[SPIN_4D_QUATS], shown.rotation);

@@ -20,7 +20,7 @@ static void code_row(void *self, size_t i, unsigned char *out, struct spin_quant
     const struct spin_frames *x = self;
     struct spin_gaussian is, shown;
 
-    spin_splat_rows_take(&x->rows, i, &is);
+    spin_splat_rows_get(&x->rows, i, &is);
     spin_splat_code(&is, out);
     shown = is; /* position and scale are stored as floats, without rounding */
     spin_splat_decode_bytes(out, &shown);

@@ -188,7 +188,7 @@ static size_t take_row(const struct export *x, size_t i, float out[MAX_FLOATS], 
     struct spin_gaussian is, shown;
     float room[3 * SPIN_SH_MAX], lost[MAX_FLOATS];
 
-    spin_splat_rows_take(rows, i, &is);
+    spin_splat_rows_get(rows, i, &is);
     shown = is;
     *group = 3;
     switch (x->attribute) {

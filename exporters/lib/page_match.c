@@ -31,7 +31,7 @@ static void copy_block(void *context, size_t from, size_t to)
         memset(v, 0, width * sizeof *v);
         if (!t->rows->keep[i])
             continue;
-        spin_splat_rows_take(t->rows, i, &is);
+        spin_splat_rows_get(t->rows, i, &is);
         memcpy(v + SPIN_PAGE_PLACE, is.place, sizeof is.place);
         memcpy(v + SPIN_PAGE_COLOUR, is.colour, sizeof is.colour);
         v[SPIN_PAGE_OPACITY] = is.opacity;

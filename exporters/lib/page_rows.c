@@ -417,7 +417,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
         return false;
     ends_of(r, p, a, b);
     unit_of(a, q);
-    spin_splat_rows_take(rows, p->row, &is);
+    spin_splat_rows_get(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
         /* Positions are coded by number_path() instead; the centre is coded as 0. */
         value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];

@@ -71,7 +71,7 @@ void spin_readback_row(struct spin_readback *e, const struct spin_splat_rows *ro
 {
     struct spin_gaussian is;
 
-    spin_splat_rows_take(rows, i, &is);
+    spin_splat_rows_get(rows, i, &is);
     spin_quant_error_row(&e->quant, &is, there);
     spin_readback_add(e, rows->splats->means + 3 * i, rows->splats->log_scales + 3 * i,
                       spin_quant_error_distance(is.place, there->place));

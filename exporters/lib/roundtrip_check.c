@@ -59,7 +59,7 @@ static spin_status compare_frame(struct check *check, const char *path,
         if (!is_finite(back, j))
             return spin_fail(SPIN_E_IO, "check: '%s' contains NaN or infinity in splat %zu", path,
                              j);
-        spin_splat_rows_take(&plain, j, &there);
+        spin_splat_rows_get(&plain, j, &there);
         spin_readback_row(&check->values, rows, i, &there, back->sh + n_sh * j, back->sh_degree);
     }
     spin_readback_end(&check->values);

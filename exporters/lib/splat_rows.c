@@ -152,7 +152,7 @@ void spin_splat_rows_colour(const struct spin_splat_rows *rows, size_t i, float 
         out[c] = 0.5f + (float)SPIN_SH_C0 * dc[c];
 }
 
-void spin_splat_rows_take(const struct spin_splat_rows *rows, size_t i, struct spin_gaussian *out)
+void spin_splat_rows_get(const struct spin_splat_rows *rows, size_t i, struct spin_gaussian *out)
 {
     spin_splat_rows_place(rows, i, out->place);
     memcpy(out->log_scale, rows->splats->log_scales + 3 * i, sizeof out->log_scale);

@@ -128,7 +128,7 @@ void spin_splat_rows_turned(const struct spin_splat_rows *rows, size_t i, float 
 float spin_splat_rows_opacity(const struct spin_splat_rows *rows, size_t i); /* 0..1 */
 void spin_splat_rows_colour(const struct spin_splat_rows *rows, size_t i, float out[3]);
 /* Sets all members of *out: position, scale, rotation, opacity and colour. */
-void spin_splat_rows_take(const struct spin_splat_rows *rows, size_t i, struct spin_gaussian *out);
+void spin_splat_rows_get(const struct spin_splat_rows *rows, size_t i, struct spin_gaussian *out);
 /* Returns the number of SH coefficients that the source has and that are to be written. */
 static inline int spin_splat_rows_n_sh(const struct spin_splat_rows *rows)
 {
