@@ -43,7 +43,7 @@ static int planes_of(uint32_t all)
 
 /* ---- Keys ------------------------------------------------------------------------------------ */
 
-spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n)
+spin_status spin_page_encode_whole(struct spin_page_bytes *b, const int32_t *x, size_t n)
 {
     uint64_t plain = 0, step = 0;
     uint32_t all[2] = {0, 0};
@@ -113,13 +113,14 @@ static spin_status get_column(const uint8_t *data, size_t size, size_t *at, int 
     return SPIN_OK;
 }
 
-spin_status spin_page_get_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x, size_t n)
+spin_status spin_page_decode_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x,
+                                   size_t n)
 {
     return get_column(data, size, at, FROM_OTHER, x, NULL, n);
 }
 
-spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, int32_t *x,
-                                 const int32_t *other, size_t n)
+spin_status spin_page_decode_column(const uint8_t *data, size_t size, size_t *at, int32_t *x,
+                                    const int32_t *other, size_t n)
 {
     return get_column(data, size, at, FROM_OTHER | (other ? FROM_COLUMN : 0), x, other, n);
 }
@@ -160,8 +161,8 @@ static double entropy_of(const int32_t *x, const int32_t *other, int from, size_
     return bits;
 }
 
-spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, const int32_t *other,
-                                 size_t n)
+spin_status spin_page_encode_column(struct spin_page_bytes *b, const int32_t *x,
+                                    const int32_t *other, size_t n)
 {
     static const int ways[] = {0, FROM_OTHER, FROM_COLUMN, FROM_COLUMN | FROM_OTHER};
     double least = HUGE_VAL;
@@ -205,8 +206,8 @@ static inline void update_state(struct spin_page_state *s, size_t i, int32_t x)
     s->mean[i] += (int32_t)((uint32_t)x * 16 - (uint32_t)s->mean[i]) >> 1;
 }
 
-spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, size_t n,
-                                  struct spin_page_state *state)
+spin_status spin_page_encode_changes(struct spin_page_bytes *b, const int32_t *x, size_t n,
+                                     struct spin_page_state *state)
 {
     uint64_t cost[2] = {0, 0};
     size_t n_other[2] = {0, 0}, k = 0, listed;
@@ -247,8 +248,8 @@ spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, s
     return SPIN_OK;
 }
 
-spin_status spin_page_get_changes(const uint8_t *data, size_t size, size_t *at, size_t n,
-                                  struct spin_page_state *state)
+spin_status spin_page_decode_changes(const uint8_t *data, size_t size, size_t *at, size_t n,
+                                     struct spin_page_state *state)
 {
     const uint8_t *mask = data + *at + 1;
     size_t n_mask = (n + 7) / 8, listed = 0, k = 0;

@@ -20,13 +20,13 @@ void spin_page_bytes_free(struct spin_page_bytes *b);
 
 /* Appends a column of a key frame or of own rows: n numbers as they are, or as differences from the
  * number before, whichever is smaller. */
-spin_status spin_page_put_whole(struct spin_page_bytes *b, const int32_t *x, size_t n);
+spin_status spin_page_encode_whole(struct spin_page_bytes *b, const int32_t *x, size_t n);
 
 /* Appends a column of 4D splats. `other` is the column before; NULL: there is none. The predictor
  * of a number is zero, the number before, the same row of `other`, or a combination of the last
  * two: whichever leads to the smallest column. */
-spin_status spin_page_put_column(struct spin_page_bytes *b, const int32_t *x, const int32_t *other,
-                                 size_t n);
+spin_status spin_page_encode_column(struct spin_page_bytes *b, const int32_t *x,
+                                    const int32_t *other, size_t n);
 
 /* The decoder's state of a dynamic column: the numbers of the frame before, and 16 times their
  * exponential moving average, in which the weight halves with each earlier frame. */
@@ -38,13 +38,14 @@ struct spin_page_state {
  * differs from its prediction, then the zigzag codes of these differences, decremented by one. The
  * predictions are the numbers of the frame before or their moving averages, whichever leads to a
  * smaller size. Updates *state to x. */
-spin_status spin_page_put_changes(struct spin_page_bytes *b, const int32_t *x, size_t n,
-                                  struct spin_page_state *state);
+spin_status spin_page_encode_changes(struct spin_page_bytes *b, const int32_t *x, size_t n,
+                                     struct spin_page_state *state);
 
 /* The inverse functions decode a column that begins at byte *at and set *at to its end.
  * SPIN_E_MALFORMED: the data ends early or the first byte of the column is invalid. */
-spin_status spin_page_get_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x, size_t n);
-spin_status spin_page_get_column(const uint8_t *data, size_t size, size_t *at, int32_t *x,
-                                 const int32_t *other, size_t n);
-spin_status spin_page_get_changes(const uint8_t *data, size_t size, size_t *at, size_t n,
-                                  struct spin_page_state *state);
+spin_status spin_page_decode_whole(const uint8_t *data, size_t size, size_t *at, int32_t *x,
+                                   size_t n);
+spin_status spin_page_decode_column(const uint8_t *data, size_t size, size_t *at, int32_t *x,
+                                    const int32_t *other, size_t n);
+spin_status spin_page_decode_changes(const uint8_t *data, size_t size, size_t *at, size_t n,
+                                     struct spin_page_state *state);

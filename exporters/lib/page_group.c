@@ -187,7 +187,7 @@ static spin_status column_bytes(struct blocks *b, size_t c)
 
     for (size_t k = 0; k < g->n_shared; k++)
         col->row[k] = stored_number(g->key + b->order[k].row * columns, c);
-    SPIN_TRY(spin_page_put_whole(&col->bytes[0], col->row, g->n_shared));
+    SPIN_TRY(spin_page_encode_whole(&col->bytes[0], col->row, g->n_shared));
     memset(col->last, 0, moving * sizeof *col->last);
     memset(col->mean, 0, moving * sizeof *col->mean);
     for (size_t f = 1; f < n; f++) {
@@ -195,13 +195,13 @@ static spin_status column_bytes(struct blocks *b, size_t c)
 
         for (size_t k = 0; k < moving; k++)
             col->row[k] = from[b->order[g->n_still + k].row];
-        SPIN_TRY(spin_page_put_changes(&col->bytes[f], col->row, moving, &state));
+        SPIN_TRY(spin_page_encode_changes(&col->bytes[f], col->row, moving, &state));
     }
     for (size_t f = 0; f < n; f++) {
         for (size_t k = 0; k < g->frame[f].n_own; k++)
             col->row[k] = stored_number(b->own[f] + k * columns, c);
         if (g->frame[f].n_own)
-            SPIN_TRY(spin_page_put_whole(&col->own[f], col->row, g->frame[f].n_own));
+            SPIN_TRY(spin_page_encode_whole(&col->own[f], col->row, g->frame[f].n_own));
     }
     memset(col->last, 0, moving * sizeof *col->last);
     memset(col->mean, 0, moving * sizeof *col->mean);
@@ -228,10 +228,10 @@ static spin_status column_again(struct blocks *b, size_t c)
     size_t first = f ? g->n_still : 0, wrong = 0;
 
     if (f == 0)
-        SPIN_TRY(spin_page_get_whole(b->again, b->packed.n, &at, col->row, g->n_shared));
+        SPIN_TRY(spin_page_decode_whole(b->again, b->packed.n, &at, col->row, g->n_shared));
     else
         SPIN_TRY(
-            spin_page_get_changes(b->again, b->packed.n, &at, g->n_shared - g->n_still, &state));
+            spin_page_decode_changes(b->again, b->packed.n, &at, g->n_shared - g->n_still, &state));
     for (size_t k = first; k < g->n_shared; k++) {
         size_t row = b->order[k].row;
 
@@ -240,7 +240,7 @@ static spin_status column_again(struct blocks *b, size_t c)
     }
     if (frame->n_own) {
         at = b->start[columns + c];
-        SPIN_TRY(spin_page_get_whole(b->again, b->packed.n, &at, col->row, frame->n_own));
+        SPIN_TRY(spin_page_decode_whole(b->again, b->packed.n, &at, col->row, frame->n_own));
         for (size_t k = 0; k < frame->n_own; k++)
             wrong += col->row[k] != stored_number(b->own[f] + k * columns, c);
     }

@@ -622,8 +622,8 @@ static spin_status pack_block(const struct block *b, spin_page_rows_sink sink, v
         int32_t *now = column + (size_t)(c & 1) * b->n;
 
         column_of(b, (size_t)c, now);
-        SPIN_TRY(
-            spin_page_put_column(&bytes, now, c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
+        SPIN_TRY(spin_page_encode_column(&bytes, now, c ? column + (size_t)(~c & 1) * b->n : NULL,
+                                         b->n));
     }
     SPIN_TRY(spin_gzip_write(b->r->pool, 6, bytes.data, bytes.n, &packed, &n_room, &out.n_bytes));
     SPIN_TRY(spin_alloc(bytes.n + 1, 1, (void **)&back));
@@ -633,8 +633,8 @@ static spin_status pack_block(const struct block *b, spin_page_rows_sink sink, v
         int32_t *now = column + (size_t)(c & 1) * b->n;
 
         column_of(b, (size_t)c, now);
-        SPIN_TRY(spin_page_get_column(back, n_back, &at, again,
-                                      c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
+        SPIN_TRY(spin_page_decode_column(back, n_back, &at, again,
+                                         c ? column + (size_t)(~c & 1) * b->n : NULL, b->n));
         if (memcmp(now, again, b->n * sizeof *now) != 0)
             return spin_malformed(
                 "a block of the page decodes to other values than were encoded: a bug in spin4d");

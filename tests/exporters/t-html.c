@@ -553,7 +553,7 @@ static void test_mean(void)
         b.n = 0;
         for (size_t i = 0; i < ROWS; i++)
             x[i] = (int32_t)draw(&seed, -300, 300);
-        wrong += spin_page_put_changes(&b, x, ROWS, &state) != SPIN_OK;
+        wrong += spin_page_encode_changes(&b, x, ROWS, &state) != SPIN_OK;
         at = b.data;
         end = b.data + b.n;
         by_mean += b.data[0] >> 4;

@@ -21,29 +21,29 @@ static void test_whole(void)
 
     for (size_t i = 0; i < N; i++)
         x[i] = i < 11 ? edge[i] : (int32_t)draw(&seed, -3e7f, 3e7f);
-    ok(spin_page_put_whole(&b, x, N) == SPIN_OK &&
-           spin_page_get_whole(b.data, b.n, &at, y, N) == SPIN_OK && at == b.n &&
+    ok(spin_page_encode_whole(&b, x, N) == SPIN_OK &&
+           spin_page_decode_whole(b.data, b.n, &at, y, N) == SPIN_OK && at == b.n &&
            memcmp(x, y, sizeof x) == 0,
        "numbers of any size come back");
     for (size_t n = 0; n < b.n; n++) {
         at = 0;
-        refused += spin_page_get_whole(b.data, n, &at, y, N) == SPIN_E_MALFORMED;
+        refused += spin_page_decode_whole(b.data, n, &at, y, N) == SPIN_E_MALFORMED;
     }
     ok(refused == b.n, "and no fewer bytes are taken");
     b.data[0] |= 0x20;
     at = 0;
-    ok(spin_page_get_whole(b.data, b.n, &at, y, N) == SPIN_E_MALFORMED,
+    ok(spin_page_decode_whole(b.data, b.n, &at, y, N) == SPIN_E_MALFORMED,
        "nor a column of another kind");
     b.n = at = 0;
     for (size_t i = 0; i < N; i++)
         x[i] = 1000000 + (int32_t)i;
-    ok(spin_page_put_whole(&b, x, N) == SPIN_OK && b.n == 1 + 3 * N &&
-           spin_page_get_whole(b.data, b.n, &at, y, N) == SPIN_OK && memcmp(x, y, sizeof x) == 0,
+    ok(spin_page_encode_whole(&b, x, N) == SPIN_OK && b.n == 1 + 3 * N &&
+           spin_page_decode_whole(b.data, b.n, &at, y, N) == SPIN_OK && memcmp(x, y, sizeof x) == 0,
        "against the one before where that is less");
     memset(x, 0, sizeof x);
     b.n = at = 0;
-    ok(spin_page_put_whole(&b, x, N) == SPIN_OK && b.n == 1 &&
-           spin_page_get_whole(b.data, b.n, &at, y, N) == SPIN_OK && memcmp(x, y, sizeof x) == 0,
+    ok(spin_page_encode_whole(&b, x, N) == SPIN_OK && b.n == 1 &&
+           spin_page_decode_whole(b.data, b.n, &at, y, N) == SPIN_OK && memcmp(x, y, sizeof x) == 0,
        "zeros take a byte");
     spin_page_bytes_free(&b);
 }
@@ -67,17 +67,18 @@ static void test_columns(void)
         struct spin_page_bytes b = {0};
         size_t at = 0, refused = 0;
 
-        ok(spin_page_put_column(&b, x[k], other, N) == SPIN_OK && b.data[0] >> 4 == head[k] >> 4 &&
-               b.n <= 1 + N && spin_page_get_column(b.data, b.n, &at, y, other, N) == SPIN_OK &&
-               at == b.n && memcmp(x[k], y, sizeof y) == 0,
+        ok(spin_page_encode_column(&b, x[k], other, N) == SPIN_OK &&
+               b.data[0] >> 4 == head[k] >> 4 && b.n <= 1 + N &&
+               spin_page_decode_column(b.data, b.n, &at, y, other, N) == SPIN_OK && at == b.n &&
+               memcmp(x[k], y, sizeof y) == 0,
            "column %d in its way, %zu bytes", k, b.n);
         for (size_t n = 0; n < b.n; n++) {
             at = 0;
-            refused += spin_page_get_column(b.data, n, &at, y, other, N) == SPIN_E_MALFORMED;
+            refused += spin_page_decode_column(b.data, n, &at, y, other, N) == SPIN_E_MALFORMED;
         }
         at = 0;
         ok(refused == b.n &&
-               (spin_page_get_column(b.data, b.n, &at, y, NULL, N) == SPIN_OK) == (k < 2),
+               (spin_page_decode_column(b.data, b.n, &at, y, NULL, N) == SPIN_OK) == (k < 2),
            "and no fewer bytes, nor without the other column");
         spin_page_bytes_free(&b);
     }
@@ -97,8 +98,8 @@ static void test_changes(void)
         for (size_t i = 0; i < N; i++)
             x[i] = f == 11 ? (i % 7 ? 0 : 70000 - (int32_t)i)
                            : (f < 6 ? 5 * f : 0) + (int32_t)draw(&seed, -20, 20);
-        wrong += spin_page_put_changes(&b, x, N, &out) != SPIN_OK;
-        wrong += spin_page_get_changes(b.data, b.n, &at, N, &in) != SPIN_OK || at != b.n;
+        wrong += spin_page_encode_changes(&b, x, N, &out) != SPIN_OK;
+        wrong += spin_page_decode_changes(b.data, b.n, &at, N, &in) != SPIN_OK || at != b.n;
         wrong += memcmp(x, in.last, sizeof x) != 0 || memcmp(out.mean, in.mean, sizeof x) != 0;
         *(b.data[0] & 16 ? &by_mean : &by_last) = true;
     }
@@ -106,11 +107,11 @@ static void test_changes(void)
     ok(by_mean && by_last, "told from the frame before, or from the mean");
     for (size_t n = 0; n < b.n; n++) {
         at = 0;
-        refused += spin_page_get_changes(b.data, n, &at, N, &in) == SPIN_E_MALFORMED;
+        refused += spin_page_decode_changes(b.data, n, &at, N, &in) == SPIN_E_MALFORMED;
     }
     ok(refused == b.n, "and no fewer bytes are taken");
     b.n = 0;
-    ok(spin_page_put_changes(&b, out.last, N, &out) == SPIN_OK && b.n == 1,
+    ok(spin_page_encode_changes(&b, out.last, N, &out) == SPIN_OK && b.n == 1,
        "what does not change takes a byte");
     spin_page_bytes_free(&b);
 }
