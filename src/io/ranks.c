@@ -158,7 +158,7 @@ spin_status spin_ranks_listen(void)
     struct notice notice;
     int from;
 
-    if (n_ranks == 1 || !shim->heed(&from, &notice, sizeof notice))
+    if (n_ranks == 1 || !shim->receive_notice(&from, &notice, sizeof notice))
         return SPIN_OK;
     heard = true;
     notice.text[TEXT - 1] = '\0';
@@ -300,7 +300,7 @@ static void notify_failure(spin_status status)
     snprintf(last_words.text, TEXT, "%s", spin_last_error());
     shim->notify(&last_words, sizeof last_words);
     while (told < n_ranks - 1 && spin_now_s() < until) {
-        if (!shim->heed(&from, &notice, sizeof notice)) {
+        if (!shim->receive_notice(&from, &notice, sizeof notice)) {
             nanosleep(&nap, NULL);
             continue;
         }

@@ -163,7 +163,7 @@ static void notify(void *notice, size_t bytes)
                       &notice_request[i]);
 }
 
-static int heed(int *from, void *notice, size_t bytes)
+static int receive_notice(int *from, void *notice, size_t bytes)
 {
     MPI_Status status;
     int there = 0;
@@ -186,7 +186,7 @@ const struct spin_ranks_shim spin_ranks_shim_table = {
     .exchange = exchange,
     .sum = sum,
     .notify = notify,
-    .heed = heed,
+    .receive_notice = receive_notice,
     .stop = stop,
     .abort = end_all,
 };

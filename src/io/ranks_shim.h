@@ -37,7 +37,7 @@ struct spin_ranks_shim {
     /* Send a notice to all other ranks, at most once, without waiting for its delivery. */
     void (*notify)(void *notice, size_t bytes);
     /* Receive a notice; *from receives the sender's rank. Returns 0 if no notice has arrived. */
-    int (*heed)(int *from, void *notice, size_t bytes);
+    int (*receive_notice)(int *from, void *notice, size_t bytes);
     void (*stop)(void);      /* ends the use of MPI; all ranks must call this */
     void (*abort)(int code); /* ends the processes of all ranks */
 };
