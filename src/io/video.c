@@ -322,7 +322,7 @@ static spin_status decode_up_to(struct video *v, int64_t frame,
         if (now > frame)
             return spin_malformed("cannot read video '%s': frame %lld cannot be decoded", v->file,
                                   (long long)frame);
-        if (passer && passer->wants(passer->context, now)) {
+        if (passer && passer->is_wanted(passer->context, now)) {
             SPIN_TRY(convert_frame(v, rgb));
             passer->take(passer->context, now, v->index.width, v->index.height, rgb);
         }

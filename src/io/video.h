@@ -41,7 +41,7 @@ spin_status spin_video_times(const char *file, double **times, int64_t *n);
 struct spin_video_passer {
     void *context;
     /* Whether to convert this frame and pass it to take(). */
-    bool (*wants)(void *context, int64_t frame);
+    bool (*is_wanted)(void *context, int64_t frame);
     /* Receives a frame as interleaved 8-bit RGB [height][width][3], valid only during this call. */
     void (*take)(void *context, int64_t frame, int width, int height, const uint8_t *rgb);
 };

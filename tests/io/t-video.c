@@ -55,7 +55,7 @@ struct passed {
     double worst;
 };
 
-static bool wants(void *context, int64_t frame)
+static bool is_wanted(void *context, int64_t frame)
 {
     struct passed *p = context;
 
@@ -98,7 +98,7 @@ static void test_order(const char *path)
 static void test_passing(const char *path)
 {
     struct passed p = {.even_only = 0};
-    struct spin_video_passer passer = {&p, wants, take};
+    struct spin_video_passer passer = {&p, is_wanted, take};
     uint8_t *rgb = NULL;
     int w, h;
     bool good = spin_video_read(path, 0, NULL, &w, &h, &rgb) == SPIN_OK;
