@@ -46,7 +46,7 @@ struct model {
 static int probe(const struct spin_peek *peek)
 {
     if (!peek->is_folder)
-        return spin_peek_says(peek, "ftgspp.models.gaussians") ? 100 : 0;
+        return spin_peek_contains(peek, "ftgspp.models.gaussians") ? 100 : 0;
     if (!spin_peek_has(peek, "config.toml"))
         return spin_peek_has(peek, "gaussians.pt") || spin_peek_has(peek, "separated.pt") ? 60 : 0;
     return spin_peek_has(peek, "gaussians.pt") || spin_peek_has(peek, "separated.pt") ? 90 : 0;

@@ -49,12 +49,12 @@ static int probe(const struct spin_peek *peek)
 {
     if (!peek->is_folder)
         return strcmp(spin_path_name(peek->path), "deform.pth") == 0 &&
-                       (spin_peek_says(peek, "_node_radius") ||
-                        spin_peek_says(peek, "_node_weight"))
+                       (spin_peek_contains(peek, "_node_radius") ||
+                        spin_peek_contains(peek, "_node_weight"))
                    ? 100
                    : 0;
-    if (!spin_peek_says(peek, "node_num=") || !spin_peek_says(peek, "deform_type=") ||
-        spin_peek_says(peek, "deform_type='mlp'"))
+    if (!spin_peek_contains(peek, "node_num=") || !spin_peek_contains(peek, "deform_type=") ||
+        spin_peek_contains(peek, "deform_type='mlp'"))
         return 0;
     return spin_peek_has(peek, "point_cloud") || spin_peek_has(peek, "deform") ? 100 : 0;
 }

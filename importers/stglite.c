@@ -43,7 +43,7 @@ static bool declares(const struct spin_peek *peek, const char *name)
 
     for (int i = 0; i < 4; i++) {
         snprintf(line, sizeof line, "property %s %s", types[i], name);
-        found = found || spin_peek_says(peek, line);
+        found = found || spin_peek_contains(peek, line);
     }
     return found;
 }
