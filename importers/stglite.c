@@ -28,7 +28,7 @@ static const struct dialect {
 struct model {
     struct spin_model base;
     int dialect;
-    double start, duration, fps; /* of the comment; fps is 0 without one */
+    double start, duration, fps; /* from a comment of the PLY; fps is 0 if there is none */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */

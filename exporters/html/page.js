@@ -229,10 +229,11 @@ function draw() {
 
 const AFTER = 0, BEFORE = 1; // indices of clip.versions, if there are two
 const between = clip.versions.every((v) => v.rows || v.moves); // splats exist at any time, not only at frames
-// Some members of `state`. moves: the camera has moved since the last draw; to save time, splats
-// are then cut off where they are still faintly visible, and one more draw follows. drawn: the
-// indices of the versions that are drawn, or null before the first frame. wipe: both versions are
-// requested, with a line between them at the share `cut` of the width.
+// Some members of `state`. moves: the camera has moved since the last draw. Draws are then faster
+// but coarser, since splats are cut off where they are still faintly visible, and a full draw
+// follows when the camera stops. drawn: indices of the versions that are drawn; null before the
+// first frame. wipe: both versions are requested, with a line between them at the share `cut` of
+// the width.
 const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, touched: 0, asked: '', waiting: false, dirty: true, drawn: null, view: '', moves: false };
 const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;

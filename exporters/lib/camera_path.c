@@ -189,8 +189,9 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
     return name[d->path];
 }
 
-/* Without a data set: aims the moving camera at what moves, from a place with a free view. The
- * camera is in front of all splats if no such place is found. */
+/* Without a data set: aims the moving camera at the moving part of the scene, from a position where
+ * no other splats hide that part. If there is no such position, the camera is in front of all
+ * splats. */
 static spin_status look_at_subject(struct spin_camera_path *d)
 {
     static const double origin[3] = {0};

@@ -470,8 +470,8 @@ enum global {
     G_ENCODE,
     G_LOAD_FROM_BYTES,
     G_OBJECT,
-    /* Only in a model that was saved as an object, after its class: classes of its parts, of which
-     * the states are read as data, and constants. */
+    /* The next three occur only in a model that was saved as an object: the class of the model;
+     * classes of its parts, whose states are read as data; and constants. */
     G_MODEL,
     G_PART,
     G_CONSTANT,

@@ -17,11 +17,11 @@ static const double outlier = 0.05;
 /* A falloff is accepted under three conditions. First: after the means of points and of cameras are
  * subtracted, r^2 of its samples has at least this standard deviation. */
 static const double least_deviation = 0.1;
-/* Second: from the centre to the corner of the images, the falloff stays between `darkest` and
- * `brightest`, and rises above its smallest value further inside by at most most_rise. */
+/* Second condition for a falloff: from the image centre to the corner, the brightness stays between
+ * `darkest` and `brightest`, and rises outwards by at most most_rise after its minimum. */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
-/* Third: held-out points fit better with the falloff than without it, and the mean improvement is
- * more than this many of its standard errors. Gains are accepted under the same condition. */
+/* Third condition for a falloff, and the first for gains: held-out points fit better with them than
+ * without, and the mean improvement is more than this many of its standard errors. */
 static const double least_errors = 3;
 /* Gains must also reduce the loss of held-out points by at least this share, since some gain always
  * fits slightly better where views differ for other reasons, such as smoke. */

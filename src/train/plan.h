@@ -61,7 +61,7 @@ struct spin_plan {
     struct spin_device *device;         /* device of the run, owned by the caller */
     struct spin_clip clip;
     struct spin_field
-        field; /* its scene transform is set by frames.c, when the splats are loaded */
+        field; /* training_frames.c sets its scene transform when it loads the splats */
     /* [frames] number of splats of each frame, which refinement and the backdrop change. */
     size_t *counts;
     size_t n_of_frame; /* memory of `counts` in the plan of a single frame; otherwise unused */

@@ -8,12 +8,12 @@
 
 const double spin_rows_4d_least_weight = 0.01;
 
-/* Largest deviations of a splat from the row of its segment, tuned on the clip "court"
- * (docs/results.md). This is the largest deviation of the position, in units of the geometric mean
- * of the row's scales. */
+/* Largest deviation of a splat's position from the row of its segment, in units of the geometric
+ * mean of the row's scales. Tuned on the clip "court" (docs/results.md), as is the next table. */
 static const float place_tolerance = 0.5f;
-/* The largest deviations of the other values: log scale, rotation, first SH coefficient and logit
- * opacity. `first` and `width` are the position of these values in a row of SPIN_TRACK floats. */
+/* Largest deviations of the other values of a splat from the row of its segment: log scale,
+ * rotation, first SH coefficient and logit opacity. `first` and `width` locate these values in a
+ * row of SPIN_TRACK floats. */
 static const struct {
     size_t first, width;
     float tolerance;

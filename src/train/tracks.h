@@ -1,7 +1,7 @@
 /* Finds tracks: splats of several frames that are one and the same Gaussian. If the source has
  * persistent ids (row i is the same Gaussian in every frame), each row is a track. Otherwise splats
  * at bit-identical positions form a track if they occur in more than half of the frames; the other
- * splats are matched from frame to frame (chains.h). */
+ * splats are matched from frame to frame (track_matching.h). */
 #pragma once
 
 #include "train/plan.h"

@@ -19,9 +19,10 @@ struct job {
     const float *shared;   /* [n_tracks][width] */
     /* forward: values of the splats [n][width]; backward: gradient of the tracks */
     float *to;
-    const float *from;   /* backward: gradient of the splats [n][width] */
-    const float *motion; /* motion of the tracks if it affects this group, else NULL */
-    const float *turn;   /* [n_turns][4], used if rotations affect this group */
+    const float *from; /* backward: gradient of the splats [n][width] */
+    /* [n_tracks][SPIN_MOTION] motion of the tracks; NULL if it does not affect this group */
+    const float *motion;
+    const float *turn; /* [n_turns][4], used if rotations affect this group */
     size_t n_turns;
     float t;
     int group;

@@ -16,7 +16,7 @@
 enum {
     WIDE = CUDA_HEADS_WIDE,
     MOST_OUT = 48, /* largest number of outputs of a head */
-    DEEP = 8,      /* length of the sums of a product of mma.h, and number of its columns */
+    DEEP = 8,      /* a matrix product of mma.h sums DEEP terms and has DEEP columns */
     TILES = WIDE / DEEP,
     LONG = WIDE + 8, /* row stride of activations, which avoids bank conflicts */
     WARP = 32,

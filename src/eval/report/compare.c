@@ -337,7 +337,8 @@ static spin_status open_figure(struct spin_output_folder *folder, const char *na
     return spin_out_open(path, true, out);
 }
 
-/* Writes an SVG of the sheet, a base64 PNG, with the names of the runs above the images. */
+/* Writes an SVG that contains the sheet and, above its images, the names of the runs. `picture` is
+ * the PNG of the sheet in base64. */
 static void write_svg(const struct spin_compare *c, const struct spin_compare_row *row,
                       const struct sheet *s, const char *picture, FILE *to)
 {
