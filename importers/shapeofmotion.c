@@ -35,8 +35,10 @@ static int probe(const struct spin_peek *peek)
         return spin_peek_has(peek, "checkpoints") && spin_peek_has(peek, "cfg.yaml") ? 80
                : spin_peek_has(peek, "last.ckpt")                                    ? 60
                                                                                      : 0;
-    return spin_peek_says(peek, "fg.params.") || spin_peek_says(peek, "motion_bases.params.") ? 100
-                                                                                              : 0;
+    return spin_peek_contains(peek, "fg.params.") ||
+                   spin_peek_contains(peek, "motion_bases.params.")
+               ? 100
+               : 0;
 }
 
 /* ---- The file -------------------------------------------------------------------------------- */
