@@ -345,7 +345,7 @@ static void test_hostile(void)
         {"\"bands\":3", "\"bands\":4", "'bands'"},
         {"\"bands\":3", "\"bands\":2", "centroids"},
         {"\"shN\":{\"count\":900", "\"shN\":{\"count\":0", "'count'"},
-        {"\"shN\":{\"count\":900", "\"shN\":{\"count\":850", "the palette has 850"},
+        {"\"shN\":{\"count\":900", "\"shN\":{\"count\":850", "the palette has only 850"},
         {"{\"version\"", "[\"version\"", "meta.json"},
     };
     const char *path = in_folder("hostile.sog");
