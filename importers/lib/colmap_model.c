@@ -291,8 +291,8 @@ static spin_status read_image(struct spin_colmap *m, struct source *s, int *id)
 
 /* ---- Points ---------------------------------------------------------------------------------- */
 
-/* Reads the position of a point and, unless rgb is NULL, its colour. */
-static spin_status take_point(struct source *s, int *id, double xyz[3], double rgb[3])
+/* Reads the position of a point. */
+static spin_status take_point(struct source *s, int *id, double xyz[3])
 {
     uint64_t bits, n_track;
     const char *rest = NULL;
@@ -305,32 +305,22 @@ static spin_status take_point(struct source *s, int *id, double xyz[3], double r
     }
     for (int i = 0; i < 3; i++)
         SPIN_TRY(take_real(s, "a coordinate", &xyz[i]));
-    for (int i = 0; i < 3 && !s->binary && rgb; i++)
-        SPIN_TRY(next_number(s, "a colour", &rgb[i]));
     if (!s->binary)
         return SPIN_OK;
     SPIN_TRY(take(s, 3 + 8, &rest));
-    for (int i = 0; i < 3 && rgb; i++)
-        rgb[i] = (unsigned char)rest[i];
     SPIN_TRY(take_count(s, 8, "places of a point", &n_track));
     s->at += 8 * n_track;
     return SPIN_OK;
 }
 
 /* Reads a point, and keeps it if it belongs to the sample with which warn_behind() detects wrong
- * poses, or if all points are read. */
+ * poses. */
 static spin_status read_point(struct spin_colmap *m, struct source *s, int *id)
 {
-    double xyz[3], rgb[3] = {0};
+    double xyz[3];
 
-    SPIN_TRY(take_point(s, id, xyz, m->all ? rgb : NULL));
-    for (size_t i = 0; i < 3 && m->all; i++) {
-        m->all->means[3 * m->all->n + i] = (float)xyz[i];
-        m->all->rgb[3 * m->all->n + i] = (float)(rgb[i] / 255);
-    }
-    if (m->all)
-        m->all->n++;
-    if (m->all || m->n_seen++ % m->point_step != 0 || m->n_points == MAX_POINTS)
+    SPIN_TRY(take_point(s, id, xyz));
+    if (m->n_seen++ % m->point_step != 0 || m->n_points == MAX_POINTS)
         return SPIN_OK;
     if (!m->point)
         SPIN_TRY(spin_model_alloc(m->base, MAX_POINTS, sizeof *m->point, (void **)&m->point));
@@ -400,16 +390,6 @@ static void skip_points_line(struct source *s)
         next_line(s);
 }
 
-/* Allocates memory for all points: as many as the file states or, for text, as it has lines. */
-static spin_status reserve_points(struct spin_colmap *m, const struct source *s, uint64_t n)
-{
-    for (const char *at = s->at; !s->binary && at < s->end; at++)
-        n += *at == '\n';
-    SPIN_TRY(spin_splats_reserve(m->all, n + 1, SPIN_COL_MEANS | SPIN_COL_RGB, 0));
-    m->all->n = 0;
-    return SPIN_OK;
-}
-
 static spin_status read_records(struct spin_colmap *m, const struct kind *kind, struct source *s)
 {
     uint64_t n = 0;
@@ -417,8 +397,6 @@ static spin_status read_records(struct spin_colmap *m, const struct kind *kind, 
     if (s->binary)
         SPIN_TRY(take_count(s, kind->smallest, kind->many, &n));
     m->point_step = n / MAX_POINTS + 1;
-    if (m->all)
-        SPIN_TRY(reserve_points(m, s, n));
     for (uint64_t i = 0; s->binary ? i < n : next_line(s); i++) {
         int id = -1;
 
@@ -451,14 +429,6 @@ static spin_status read_file(struct spin_colmap *m, const struct kind *kind)
     SPIN_TRY(
         spin_model_join(m->base, &path, m->sparse, "%s.%s", kind->name, m->binary ? "bin" : "txt"));
     return read_path(m, kind, path);
-}
-
-spin_status spin_colmap_points(struct spin_model *base, const char *path, struct spin_splats *out)
-{
-    struct spin_colmap m = {.base = base, .all = out};
-
-    m.binary = spin_text_ends_any_case(path, ".bin");
-    return read_path(&m, &point_file, path);
 }
 
 spin_status spin_colmap_find(struct spin_colmap *m, const char *folder)

@@ -34,7 +34,6 @@ struct spin_colmap {
     double (*point)[3]; /* [n_points] a sample of the model's points: every point_step-th */
     size_t n_points;
     uint64_t point_step, n_seen; /* n_seen: number of points read so far */
-    struct spin_splats *all;     /* private: receives all points */
 };
 
 /* Sets m->sparse and m->binary to the model of a folder: in sparse/0, sparse or sparse_, in the
@@ -42,6 +41,3 @@ struct spin_colmap {
 spin_status spin_colmap_find(struct spin_colmap *m, const char *folder);
 /* Reads the model in m->sparse. Warns if all points are behind a camera. */
 spin_status spin_colmap_read(struct spin_colmap *m);
-
-/* Reads all points of points3D.bin or points3D.txt, at `path`: their positions and colours. */
-spin_status spin_colmap_points(struct spin_model *base, const char *path, struct spin_splats *out);
