@@ -330,17 +330,6 @@ struct spin_host_memory {
     bool pinned; /* whether the memory is page-locked */
 };
 
-/* An array that sum() all-reduces in place. */
-struct spin_device_sum {
-    void SPIN_DEV *at;
-    size_t n;
-    bool counts; /* true: the elements are uint32_t; false: float */
-};
-/* Identifies an all-reduce link between the GPUs of all ranks. Rank 0 creates it with link_name().
- */
-struct spin_link_name {
-    char text[128];
-};
 
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */
@@ -372,22 +361,6 @@ struct spin_device_ops {
      * [n][to_stride]. The values may be of any 4-byte type; `to` and `from` must not overlap. */
     void (*copy_rows)(struct spin_device *d, size_t n, size_t width, const float SPIN_DEV *from,
                       size_t from_stride, float SPIN_DEV *to, size_t to_stride);
-    /* All-reduce between the GPUs of all ranks, without the host. The four functions are NULL in a
-     * build without NCCL.
-     *
-     * link_ready() fails if no link is possible on this machine, and sets `about` to the name of
-     * the library ("NCCL 2.28.9"). link_name() creates the name of a link and is called by rank 0
-     * only. All ranks call link() to join, each with a GPU of its own (now). sum() waits for the
-     * verbs that were queued before, then all-reduces every array of the list (now). While sum()
-     * waits, it calls listen(); if listen() fails, the link is closed and sum() returns the error
-     * of listen(). close() also closes the link, and may only be called when all ranks have
-     * finished their last sum(). */
-    spin_status (*link_ready)(struct spin_device *d, char about[32]);
-    spin_status (*link_name)(struct spin_device *d, struct spin_link_name *out);
-    spin_status (*link)(struct spin_device *d, const struct spin_link_name *name, int rank,
-                        int n_ranks);
-    spin_status (*sum)(struct spin_device *d, const struct spin_device_sum *sum, size_t n,
-                       spin_status (*listen)(void));
     /* Returns the number of bytes that can still be reserved (now). A GPU that does not report its
      * memory returns 0. */
     size_t (*memory_available)(struct spin_device *d);
@@ -597,7 +570,6 @@ struct spin_device {
     const char *path;
     void *state;          /* private to the device */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
-    char card[40];        /* unique id of the GPU */
     /* numbers of frames and views in a batch that suit the device's caches and memory */
     int frames_at_once, views_at_once;
     /* true: device memory is host memory, so the plan adds the needs of device and host */

@@ -50,7 +50,7 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
         if (all[r] != all[0])
             status = spin_fail(SPIN_E_DEVICE,
                                "rank %d has different parameters than rank 0 after iteration %lld: "
-                               "this MPI or NCCL does not give all ranks the same sums",
+                               "this MPI does not give all ranks the same sums",
                                r, (long long)t->iteration);
     return status;
 }

@@ -243,20 +243,17 @@ static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct ba
 static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 {
     const struct spin_param *param[] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
-    struct spin_device_sum sum[5];
-    size_t n = 0, own = 0;
+    size_t own = 0;
 
     if (t->n_ranks == 1)
         return SPIN_OK;
     for (int k = 0; k < 4; k++)
         if (param[k]->n > 0 && (k > 1 || spin_trainer_network(t)))
-            sum[n++] = (struct spin_device_sum){param[k]->g, param[k]->n, false};
+            SPIN_TRY(spin_rank_sum(&t->rank_sum, param[k]->g, param[k]->n, SPIN_SUM_F32));
     for (int i = 0; i < b->n; i++)
         if (is_first_of_frame(t, b, i, -1))
             own += own_floats(t, &t->frame[b->items[i].frame].size);
-    if (own > 0)
-        sum[n++] = (struct spin_device_sum){t->own_grad, own, false};
-    SPIN_TRY(spin_rank_sum(&t->rank_sum, sum, n));
+    SPIN_TRY(spin_rank_sum(&t->rank_sum, t->own_grad, own, SPIN_SUM_F32));
     for (int i = 0; i < b->n; i++) {
         struct spin_frame_batch frames = {0};
 

@@ -168,21 +168,13 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
 spin_status spin_trainer_join_seen(struct spin_trainer *t)
 {
-    SPIN_FREED struct spin_device_sum *sum = NULL;
-    size_t n = 0;
-
-    if (t->n_ranks == 1 || !t->tracked)
-        return SPIN_OK;
-    SPIN_TRY(spin_alloc(2 * (size_t)t->n_frames, sizeof *sum, (void **)&sum));
-    for (int f = 0; f < t->n_frames; f++) {
+    for (int f = 0; t->n_ranks > 1 && t->tracked && f < t->n_frames; f++) {
         const struct spin_train_frame *frame = &t->frame[f];
 
-        if (frame->size.n == 0)
-            continue;
-        sum[n++] = (struct spin_device_sum){frame->gradient, frame->size.n, false};
-        sum[n++] = (struct spin_device_sum){frame->seen, frame->size.n, true};
+        SPIN_TRY(spin_rank_sum(&t->rank_sum, frame->gradient, frame->size.n, SPIN_SUM_F32));
+        SPIN_TRY(spin_rank_sum(&t->rank_sum, frame->seen, frame->size.n, SPIN_SUM_U32));
     }
-    return spin_rank_sum(&t->rank_sum, sum, n);
+    return SPIN_OK;
 }
 
 void spin_trainer_part_seen(struct spin_trainer *t)
