@@ -205,10 +205,6 @@ struct spin_frame_batch {
         const float SPIN_DEV *sh;
         float SPIN_DEV *d_sh; /* gradient in the same layout; NULL: `sh` is not trained */
         size_t sh_width;      /* 9, 24 or 45: SH degree 1, 2 or 3 */
-        /* For regularise_back(): derivatives of the loss with respect to each of the three scales,
-         * and with respect to the opacity, of an active splat. */
-        float d_scale, d_opacity;
-
         /* The following members are for tracks(). The first n_own_means splats have positions of
          * their own, and the first n_own_residual splats have residual values of their own; the
          * other splats use only the values of their track. */
@@ -433,11 +429,6 @@ struct spin_device_ops {
                           const struct spin_active *active, const float SPIN_DEV *raw,
                           const float SPIN_DEV *d_attr, float SPIN_DEV *d_raw);
 
-    /* Adds the frame's d_scale and d_opacity to d_attr of active rows: d_scale for each of the
-     * three scales, d_opacity for the opacity. */
-    void (*regularise_back)(struct spin_device *d, const struct spin_frame_batch *frames,
-                            const struct spin_active *active, float SPIN_DEV *d_attr);
-
     /* Sets `active` to the rows that have a nonzero value in d_attr or in the frame's d_means,
      * which may be NULL. NaN counts as nonzero. */
     void (*nonzero_grad)(struct spin_device *d, const struct spin_frame_batch *frames,
@@ -554,7 +545,7 @@ struct spin_device_ops {
 #define SPIN_DEVICE_VERBS(verb)                                                                    \
     verb(tracks) verb(tracks_back) verb(contract) verb(contract_back) verb(grid) verb(grid_back)   \
     verb(mlp) verb(mlp_back) verb(residual) verb(residual_set) verb(residual_back)                 \
-    verb(activate) verb(activate_back) verb(regularise_back) verb(nonzero_grad) verb(project)      \
+    verb(activate) verb(activate_back) verb(nonzero_grad) verb(project)      \
     verb(project_back) verb(densify_stats) verb(tile_count) verb(tile_fill) verb(blend)            \
     verb(depth) verb(blend_back) verb(loss) verb(measure) verb(exposure) verb(exposure_back)       \
     verb(exposure_centre) verb(adam) verb(not_finite) verb(lazy_adam_enable)                       \

@@ -356,6 +356,40 @@ static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trai
     return SPIN_OK;
 }
 
+/* Removes the members that earlier versions recorded for options that are constants now, if they
+ * have the values of these constants. */
+static void remove_former_options(spin_json *j)
+{
+    static const struct {
+        const char *object, *key, *value;
+    } former[] = {{NULL, "normalise_radius", "0"},
+                  {NULL, "normalise_centre", "[0,0,0]"},
+                  {"options", "base_resolution", "[8,8,8,8]"},
+                  {"options", "init_log_scale", "-5"}};
+
+    for (size_t i = 0; i < sizeof former / sizeof *former; i++) {
+        spin_json *in = former[i].object ? json_object_get(j, former[i].object) : j;
+        SPIN_FREED char *text = spin_json_text(spin_json_get(in, former[i].key), false);
+
+        if (text && strcmp(text, former[i].value) == 0)
+            json_object_del(in, former[i].key);
+    }
+}
+
+bool spin_fingerprint_equal(const char *recorded, const char *own)
+{
+    SPIN_LEAVES(spin_json_freed) spin_json *j = NULL;
+    SPIN_FREED char *text = NULL;
+
+    if (strcmp(recorded, own) == 0)
+        return true;
+    if (spin_json_parse("fingerprint", recorded, strlen(recorded), &j) != SPIN_OK)
+        return false;
+    remove_former_options(j);
+    text = spin_json_text(j, false);
+    return text && strcmp(text, own) == 0;
+}
+
 /* Parses state.json. Fails if the checkpoint was made from another input or with other options. The
  * caller frees *out. */
 static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz *npz,
@@ -372,7 +406,7 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
     SPIN_TRY(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
     SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
-    if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
+    if (!fingerprint || !spin_fingerprint_equal(fingerprint, c->fingerprint))
         return spin_misuse("the checkpoint was made from another input or with other options, or "
                            "its images have changed; give the same ones, or %s to start anew",
                            c->restart);

@@ -63,3 +63,6 @@ spin_status spin_read_device_values(struct spin_trainer *trainer, const char *na
 spin_status spin_write_device_array(struct spin_trainer *trainer, struct spin_zip_writer *w,
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n);
+/* True if a recorded fingerprint is that of this run. Members for options of earlier versions are
+ * ignored if these had the values that are constants now. */
+bool spin_fingerprint_equal(const char *recorded, const char *own);

@@ -65,18 +65,12 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     const struct spin_retrain_options *o = plan->o;
     bool network = o->method != SPIN_METHOD_FRAMES;
     spin_json *j = network ? spin_field_to_json(&plan->field, true) : spin_json_object();
-    spin_json *frames = spin_json_array(), *centre = spin_json_array();
+    spin_json *frames = spin_json_array();
 
-    for (int c = 0; c < 3; c++)
-        spin_json_push_number(centre, o->normalise_centre[c]);
     if (network) { /* with the input, these members determine the scene transform */
         spin_json_set_integer(j, "normalise", o->normalise);
-        spin_json_set_number(j, "normalise_radius", o->normalise_radius);
-        spin_json_set(j, "normalise_centre", centre);
-        spin_json_set(j, "options", spin_settings_network(plan, o->init_log_scale));
+        spin_json_set(j, "options", spin_settings_network(plan));
         spin_json_set_string(j, "device", device->op->name);
-    } else {
-        spin_json_free(centre);
     }
     for (int f = 0; f < plan->clip.n_frames; f++) {
         spin_json_push_number(frames, spin_plan_info(plan, f)->number);

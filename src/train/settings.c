@@ -15,20 +15,18 @@ spin_json *spin_settings_refine(const struct spin_plan *plan)
     return j;
 }
 
-spin_json *spin_settings_network(const struct spin_plan *plan, double init_log_scale)
+spin_json *spin_settings_network(const struct spin_plan *plan)
 {
-    struct spin_retrain_options o = *plan->o;
-    spin_json *j, *test = spin_json_array();
+    spin_json *j = spin_options_to_json(plan->o, SPIN_OPTIONS_OF_NETWORK);
+    spin_json *test = spin_json_array();
 
-    o.init_log_scale = init_log_scale;
-    j = spin_options_to_json(&o, SPIN_OPTIONS_OF_NETWORK);
     for (size_t i = 0; i < plan->clip.views.n; i++)
         if (plan->clip.views.view[i].test &&
             plan->clip.views.view[i].dataset_frame == plan->clip.dataset_frame[0])
             spin_json_push_number(test, plan->clip.views.view[i].camera_id);
     spin_json_set_number(j, "spatial_extent", plan->extent);
     spin_json_set(j, "test_cameras", test);
-    if (o.refine > 0)
+    if (plan->o->refine > 0)
         spin_json_set(j, "refine", spin_settings_refine(plan));
     return j;
 }

@@ -7,6 +7,5 @@
 
 /* Returns the settings that affect the refinement of a frame; the caller frees them. */
 spin_json *spin_settings_refine(const struct spin_plan *plan);
-/* Returns the settings that affect the training of the clip; the caller frees them. init_log_scale:
- * the initial log scale of splats, or NaN if it is not known yet. */
-spin_json *spin_settings_network(const struct spin_plan *plan, double init_log_scale);
+/* Returns the settings that affect the training of the clip; the caller frees them. */
+spin_json *spin_settings_network(const struct spin_plan *plan);

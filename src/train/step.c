@@ -84,8 +84,6 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
 
     for (int f = 0; f < frames->n_frames; f++) {
         struct spin_frame_of_batch *frame = &frames->frame[f];
-        /* Share of the images of the batch that show the frame and that this rank renders. */
-        float share = 0;
 
         for (int i = first[f]; i < b->n; i++) {
             if (b->items[i].frame != b->items[first[f]].frame || rank_of(t, b, i) != t->rank)
@@ -93,10 +91,7 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
             if (views.n_views == t->raster.views || views.n_views == SPIN_MAX_VIEWS)
                 SPIN_TRY(draw_views(t, b, frames, &views));
             add_item(t, b, i, f, frame->n, &views);
-            share += 1.0f / (float)b->n;
         }
-        frame->d_scale = share * t->lambda_scale / (3 * (float)frame->n);
-        frame->d_opacity = share * t->lambda_opacity / (float)frame->n;
     }
     return draw_views(t, b, frames, &views);
 }
@@ -248,7 +243,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
     if (t->n_ranks == 1)
         return SPIN_OK;
     for (int k = 0; k < 4; k++)
-        if (param[k]->n > 0 && (k > 1 || spin_trainer_network(t)))
+        if (param[k]->n > 0)
             SPIN_TRY(spin_rank_sum(&t->rank_sum, param[k]->g, param[k]->n, SPIN_SUM_F32));
     for (int i = 0; i < b->n; i++)
         if (is_first_of_frame(t, b, i, -1))
@@ -275,7 +270,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 static spin_status process_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                   int n)
 {
-    const struct spin_field *network = spin_trainer_network(t);
+    const struct spin_field *network = t->network;
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
     struct spin_frame_batch frames = {0};
     struct spin_device *d = t->device;
@@ -332,17 +327,17 @@ static int step_network(struct spin_trainer *t, struct spin_param_group *group)
 {
     const size_t *offset = t->field.heads.offset;
     struct spin_device *d = t->device;
-    int64_t step = spin_trainer_network_steps(t);
-    double lr = spin_trainer_network_rate(t, t->rates.table, step);
+    double lr = spin_trainer_rate(t, t->rates.table, t->iteration);
     int n = 0;
 
     if (t->lazy)
         d->op->lazy_adam_step(d, t->lazy, lr);
     else
-        group[n++] = spin_param_group(&t->table, 0, t->table.n, lr, step);
+        group[n++] = spin_param_group(&t->table, 0, t->table.n, lr, t->iteration);
     for (int k = 0; k < SPIN_HEADS; k++)
         group[n++] = spin_param_group(&t->heads, offset[k], offset[k + 1],
-                                      spin_trainer_network_rate(t, t->rates.head[k], step), step);
+                                      spin_trainer_rate(t, t->rates.head[k], t->iteration),
+                                      t->iteration);
     return n;
 }
 
@@ -406,7 +401,7 @@ static void step_shared(struct spin_trainer *t)
     struct spin_param_group group[3 * SPIN_HEADS + 4];
     int n = 0;
 
-    if (spin_trainer_network(t))
+    if (t->network)
         n += step_network(t, group + n);
     if (t->n_tracks > 0)
         n += step_tracks(t, group + n);
@@ -455,7 +450,7 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *
 
     t->seen = false;
     t->n_drawn = 0;
-    spin_trainer_catch_up(t, spin_trainer_network_steps(t));
+    spin_trainer_catch_up(t, t->iteration);
     t->iteration++;
     t->field_eval.still = t->rates.position == 0 && t->rates.displacement == 0;
     SPIN_TRY(process_groups(t, &b));

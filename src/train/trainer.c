@@ -268,33 +268,10 @@ double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
     return spin_lr(lr0, r->end, t->iteration, r->warmup, r->track_iterations);
 }
 
-int64_t spin_trainer_network_steps(const struct spin_trainer *t)
-{
-    return t->iteration > t->rates.network_from ? t->iteration - t->rates.network_from : 0;
-}
-
-double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step)
-{
-    const struct spin_train_rates *r = &t->rates;
-
-    return spin_lr(lr0, r->end, step, r->warmup, r->iterations - r->network_from);
-}
-
-static bool network_works(const struct spin_trainer *t)
-{
-    return t->network && spin_trainer_network_steps(t) > 0;
-}
-
-const struct spin_field *spin_trainer_network(const struct spin_trainer *t)
-{
-    return network_works(t) ? t->network : NULL;
-}
-
 int spin_trainer_sh_degree(const struct spin_trainer *t)
 {
     int64_t begun = t->iteration > 0 ? t->iteration - 1 : 0;
-    bool own = !network_works(t) && (t->tracked || !t->network);
-    int most = own ? t->sh_degree : t->field.sh_degree;
+    int most = t->network ? t->field.sh_degree : t->sh_degree;
 
     if (t->sh_increase_every <= 0 || begun / t->sh_increase_every >= most)
         return most;
@@ -307,14 +284,14 @@ void spin_trainer_catch_up(struct spin_trainer *t, int64_t done)
 {
     while (t->lazy && t->lazy->done < done)
         t->device->op->lazy_adam_advance(
-            t->device, t->lazy, spin_trainer_network_rate(t, t->rates.table, t->lazy->done + 1));
+            t->device, t->lazy, spin_trainer_rate(t, t->rates.table, t->lazy->done + 1));
 }
 
 float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t)
 {
     if (!t->lazy)
         return t->table.p;
-    spin_trainer_catch_up(t, spin_trainer_network_steps(t));
+    spin_trainer_catch_up(t, t->iteration);
     t->device->op->lazy_adam_flush(t->device, t->lazy, t->table.g);
     return t->table.g;
 }

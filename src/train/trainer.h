@@ -29,8 +29,6 @@ struct spin_train_rates {
     /* After this many iterations the rate of static tracks stays at `end`; if equal to
      * `iterations`, static tracks learn in all iterations. */
     int64_t track_iterations;
-    /* The network joins, and its warmup begins, after this many iterations. */
-    int64_t network_from;
     bool lenses_stay; /* true if falloff is fixed, so that only gains and offsets are learned */
 };
 
@@ -106,8 +104,6 @@ struct spin_trainer {
     struct spin_train_rates rates;
     struct spin_lazy_adam *lazy; /* lazy Adam of the table; NULL: Adam updates the whole table */
     float lambda_dssim, background[3];
-    /* Weights in the loss of the mean scale and the mean opacity of visible splats. */
-    float lambda_scale, lambda_opacity;
     /* Iterations after which the SH degree rises by one; 0: full degree from the start. */
     int sh_increase_every;
     int64_t iteration; /* number of iterations done */
@@ -160,10 +156,6 @@ spin_status spin_trainer_join_seen(struct spin_trainer *t);
  * All ranks must call it. */
 void spin_trainer_part_seen(struct spin_trainer *t);
 
-/* Returns the network; NULL if there is none or if it has not joined the training yet
- * (rates.network_from). */
-const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
-
 /* Returns the SH degree of the current iteration; it may rise during training. The coefficients of
  * higher degrees must be zero, see spin_field_clear_sh(). */
 int spin_trainer_sh_degree(const struct spin_trainer *t);
@@ -181,12 +173,6 @@ double spin_trainer_position_rate(const struct spin_trainer *t);
 /* Returns the learning rate of static tracks in the current iteration, for values whose peak rate
  * is lr0. It falls within rates.track_iterations iterations instead of all. */
 double spin_trainer_track_rate(const struct spin_trainer *t, double lr0);
-/* Returns the learning rate of the network in its Adam step `step`, for parameters whose peak rate
- * is lr0. */
-double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step);
-/* Returns the number of Adam steps of the network so far, which is the number of iterations since
- * it joined. */
-int64_t spin_trainer_network_steps(const struct spin_trainer *t);
-/* Gives lazy Adam those learning rates of the network's first `done` Adam steps that it lacks. It
+/* Gives lazy Adam the learning rates of those of the first `done` Adam steps that it lacks. It
  * lacks rates only after a resume, since a checkpoint does not contain them. */
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done);
