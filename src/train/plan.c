@@ -4,7 +4,7 @@
 
 #include "base/base.h"
 #include "train/average.h"
-#include "train/lazy_adam.h"
+#include "train/trainer.h"
 #include "train/options.h"
 #include "train/point_sample.h"
 #include "train/cloud.h"

@@ -9,7 +9,7 @@
 #include "io/json.h"
 #include "train/average.h"
 #include "train/key.h"
-#include "train/lazy_adam.h"
+#include "train/trainer.h"
 
 /* In place of Jansson's: what the library allocates by, so that the memory can end. */
 static int n_left = INT_MAX;
