@@ -3,7 +3,7 @@
 #include "train/loop.h"
 
 #include "base/base.h"
-#include "train/average.h"
+#include "train/checkpoint.h"
 #include "train/densify_tracks.h"
 #include "train/test_views.h"
 

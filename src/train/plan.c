@@ -3,7 +3,7 @@
 #include "train/plan.h"
 
 #include "base/base.h"
-#include "train/average.h"
+#include "train/checkpoint.h"
 #include "train/trainer.h"
 #include "train/options.h"
 #include "train/point_sample.h"

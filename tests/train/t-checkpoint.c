@@ -7,7 +7,7 @@
 
 #include "base/log.h"
 #include "io/json.h"
-#include "train/average.h"
+#include "train/checkpoint.h"
 #include "train/key.h"
 #include "train/trainer.h"
 
