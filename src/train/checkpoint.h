@@ -3,7 +3,6 @@
 #pragma once
 
 #include "io/output.h"
-#include "train/simd_paths.h"
 #include "train/step.h"
 #include "train/trainer.h"
 

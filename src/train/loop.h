@@ -5,7 +5,7 @@
 #include "train/checkpoint.h"
 #include "train/densify.h"
 #include "train/sampler.h"
-#include "train/step_log.h"
+#include "train/step.h"
 
 struct spin_loop {
     struct spin_plan *plan;

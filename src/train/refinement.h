@@ -2,10 +2,9 @@
  * is optimised independently. */
 #pragma once
 
-#include "train/simd_paths.h"
 #include "train/frame_cache.h"
 #include "train/key.h"
-#include "train/step_log.h"
+#include "train/step.h"
 
 struct spin_refinement {
     struct spin_refined *frame; /* [frames]; NULL if frames are not refined */
