@@ -12,7 +12,7 @@
 #include "math/sh.h"
 #include "train/cloud.h"
 #include "train/loop.h"
-#include "train/settings.h"
+#include "train/key.h"
 #include "train/test_views.h"
 #include "train/unseen.h"
 

@@ -6,7 +6,7 @@
 #include "model/residual.h"
 #include "scene/data_path.h"
 #include "train/rows_4d.h"
-#include "train/settings.h"
+#include "train/key.h"
 
 /* ---- Precision ------------------------------------------------------------------------------- */
 
