@@ -8,7 +8,7 @@
 #include "train/cloud.h"
 #include "geometry/morton.h"
 #include "train/point_sample.h"
-#include "train/turns.h"
+#include "train/track_matching.h"
 #include "train/unseen.h"
 
 /* Reads a refined frame or, with refinement NULL, a frame of the source, to which it appends the
