@@ -4,7 +4,7 @@
 
 #include "base/base.h"
 #include "train/checkpoint.h"
-#include "train/densify_tracks.h"
+#include "train/densify.h"
 #include "train/test_views.h"
 
 enum { CHECK_EVERY = 100 }; /* number of iterations between checks that all values are finite */
