@@ -4,7 +4,7 @@
  * Density Control for 3D Gaussian Splatting"). */
 #pragma once
 
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "train/step.h"
 
 /* Points with a smaller opacity are pruned. */

@@ -6,8 +6,7 @@
 #include "train/checkpoint.h"
 #include "train/trainer.h"
 #include "train/options.h"
-#include "train/point_sample.h"
-#include "train/cloud.h"
+#include "train/train_frame.h"
 
 /* Memory in bytes of the program without its data. OpenImageIO, which loads images other than PNG
  * and JPEG, needs 130 MB more, which are not counted. */

@@ -10,7 +10,7 @@
 
 #include "base/base.h"
 #include "math/sh.h"
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "train/loop.h"
 #include "train/key.h"
 #include "train/test_views.h"

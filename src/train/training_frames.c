@@ -5,9 +5,8 @@
 #include "math/turn.h"
 #include "model/residual.h"
 #include "train/backdrop.h"
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "geometry/morton.h"
-#include "train/point_sample.h"
 #include "train/track_matching.h"
 #include "train/unseen.h"
 

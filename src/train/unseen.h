@@ -1,7 +1,7 @@
 /* Sets the initial values of splats that are not visible to any training camera. */
 #pragma once
 
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "train/plan.h"
 
 /* Changes the points of `cloud`, which are the initial values of frame f, made from the splats s as

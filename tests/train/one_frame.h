@@ -7,7 +7,7 @@
 #include "math/rng.h"
 #include "tests/check.h"
 #include "tests/tap.h"
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "train/loop.h"
 
 /* What a step did. */
