@@ -20,7 +20,7 @@
 #include "train/options.h"
 #include "train/trained_output.h"
 #include "train/rows_4d.h"
-#include "train/test_views.h"
+#include "train/photos.h"
 
 /* With --learn-exposure auto, exposures are learned if the colours of the cameras differ by more
  * than the fraction least_spread, or if the brightness at the corners of their images differs from

@@ -5,7 +5,7 @@
 #include "base/base.h"
 #include "train/checkpoint.h"
 #include "train/densify.h"
-#include "train/test_views.h"
+#include "train/photos.h"
 
 enum { CHECK_EVERY = 100 }; /* number of iterations between checks that all values are finite */
 static const double save_seconds = 300; /* seconds between checkpoints without --save-every */

@@ -4,7 +4,7 @@
 
 #include "train/checkpoint.h"
 #include "train/densify.h"
-#include "train/sampler.h"
+#include "train/photos.h"
 #include "train/step.h"
 
 struct spin_loop {

@@ -13,8 +13,7 @@
 #include "train/train_frame.h"
 #include "train/loop.h"
 #include "train/key.h"
-#include "train/test_views.h"
-#include "train/unseen.h"
+#include "train/photos.h"
 
 static const unsigned whole = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
 static bool is_per_frame(const struct spin_plan *plan)

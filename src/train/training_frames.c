@@ -8,7 +8,7 @@
 #include "train/train_frame.h"
 #include "geometry/morton.h"
 #include "train/track_matching.h"
-#include "train/unseen.h"
+#include "train/photos.h"
 
 /* Reads a refined frame or, with refinement NULL, a frame of the source, to which it appends the
  * splats of the backdrop. Fails if a mean is not finite. */
