@@ -159,9 +159,9 @@ static const char text[] =
 /* ---- Options without effect ------------------------------------------------------------------ */
 
 static const char *const of_network[] = {
-    "levels",     "features", "hash-log2", "hidden",   "finest-resolution", "scene-normalise",
-    "activation", "lr-table", "lr-sh",     "lr-scale", "lr-rotation",       "lr-opacity",
-    "head-lr-factor", NULL};
+    "levels",          "features",   "hash-log2",      "hidden", "finest-resolution",
+    "scene-normalise", "activation", "lr-table",       "lr-sh",  "lr-scale",
+    "lr-rotation",     "lr-opacity", "head-lr-factor", NULL};
 static const char *const of_sh[] = {"sh-degree", "sh-increase-every", NULL};
 static const char *const of_clip[] = {"tracks",      "iterations", "batch",       "views-per-frame",
                                       "warmup",      "eval-every", "save-every",  "watch",

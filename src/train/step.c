@@ -341,9 +341,9 @@ static int step_network(struct spin_trainer *t, struct spin_param_group *group)
     else
         group[n++] = spin_param_group(&t->table, 0, t->table.n, lr, t->iteration);
     for (int k = 0; k < SPIN_HEADS; k++)
-        group[n++] = spin_param_group(&t->heads, offset[k], offset[k + 1],
-                                      spin_trainer_rate(t, t->rates.head[k], t->iteration),
-                                      t->iteration);
+        group[n++] =
+            spin_param_group(&t->heads, offset[k], offset[k + 1],
+                             spin_trainer_rate(t, t->rates.head[k], t->iteration), t->iteration);
     return n;
 }
 

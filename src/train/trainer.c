@@ -285,8 +285,8 @@ int spin_trainer_sh_degree(const struct spin_trainer *t)
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done)
 {
     while (t->lazy && t->lazy->done < done)
-        t->device->op->lazy_adam_advance(
-            t->device, t->lazy, spin_trainer_rate(t, t->rates.table, t->lazy->done + 1));
+        t->device->op->lazy_adam_advance(t->device, t->lazy,
+                                         spin_trainer_rate(t, t->rates.table, t->lazy->done + 1));
 }
 
 float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t)

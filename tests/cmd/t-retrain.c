@@ -611,7 +611,8 @@ static void test_auto_exposure(void)
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s --test-cams "
              "0,3,12,15,19,23 --learn-exposure on",
              bin, folder, folder, folder, one) == 0 &&
-           strstr(said, "exposures and falloff start from neutral values") && !strstr(said, "cameras differ"),
+           strstr(said, "exposures and falloff start from neutral values") &&
+           !strstr(said, "cameras differ"),
        "and learn all the same when that is asked for: %s", said);
     ok(shell("%s/spin-eval %s/tinted.spin --data %s/tinted --device cpu --threads 1", bin, folder,
              folder) == 0 &&
