@@ -121,18 +121,7 @@ endif
 CUDA      ?= auto
 CUDA_ARCH ?= 80 90 120
 NVCC      ?= $(shell command -v nvcc 2>/dev/null)
-# Communication between GPUs by NCCL needs its header, beside nvcc or in the compiler's search path
-# (NCCL=1: fail without it; 0: leave it out). The library is loaded when needed, so the same build
-# runs on machines without it.
-NCCL      ?= auto
-ifneq ($(NVCC),)
-HAVE_NCCL := $(if $(filter auto 1,$(NCCL)),$(shell printf '\043if __has_include(<nccl.h>)\nfound\n\043endif\n' | \
-             $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) -I$(dir $(realpath $(lastword $(NVCC))))../include -E -P -x c++ - 2>/dev/null))
-ifeq ($(NCCL)$(HAVE_NCCL),1)
-$(error NCCL=1 needs nccl.h beside nvcc, or CPPFLAGS=-I/where/it/is)
-endif
-endif
-CUDA_CU   := $(filter-out $(if $(HAVE_NCCL),,%/nccl.cu),$(sort $(wildcard src/device/cuda/*.cu)))
+CUDA_CU   := $(sort $(wildcard src/device/cuda/*.cu))
 ifeq ($(CUDA),1)
 ifeq ($(NVCC),)
 $(error CUDA=1 needs nvcc in PATH, or NVCC=/path/to/nvcc)
@@ -146,7 +135,7 @@ endif
 endif
 endif
 
-EMU      := $(patsubst %,$(B)/tests/emu/%.so,spin-cuda spin-cuda-race faults faults-race nccl)
+EMU      := $(patsubst %,$(B)/tests/emu/%.so,spin-cuda spin-cuda-race faults faults-race)
 TEST_C   := $(wildcard tests/*/t-*.c)
 TEST_BIN := $(TEST_C:%.c=$(B)/%)
 UNIT_BIN := $(filter-out $(B)/tests/cmd/% $(B)/tests/emu/%,$(TEST_BIN))
@@ -368,14 +357,7 @@ $(B)/src/device/cuda/contract.cu.o $(B)/src/device/cuda/grid.cu.o $(B)/src/devic
 $(B)/%.cu.o: %.cu
 	@mkdir -p $(@D)
 	$(SAY) NVCC $<
-	$(Q)$(NVCC) $(CU_STD) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(if $(HAVE_NCCL),-DSPIN_NCCL) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
-# Rebuild if NCCL has become available or unavailable.
-$(B)/src/device/cuda/cuda.cu.o: $(B)/nccl
-ifneq ($(shell cat $(B)/nccl 2>/dev/null),$(or $(HAVE_NCCL),none))
-.PHONY: $(B)/nccl
-endif
-$(B)/nccl:
-	@mkdir -p $(@D) && echo $(or $(HAVE_NCCL),none) >$@
+	$(Q)$(NVCC) $(CU_STD) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(NVCCFLAGS) $(FMAD) -MMD -MP -MF $(@:.o=.d) -c -o $@ $< 2>$@.log || { cat $@.log >&2; exit 1; }
 $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
@@ -384,7 +366,7 @@ $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 
 # The same kernels for the host, in the emulation of tests/emu: with array bounds checked, and again
 # with instrumentation for the race detector.
-EMU_BASE  := -g1 -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -DSPIN_NCCL -Itests/emu -include tests/emu/emu.h
+EMU_BASE  := -g1 -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -Itests/emu -include tests/emu/emu.h
 EMU_BOUND := -fsanitize=bounds -fno-sanitize-recover=bounds
 EMU_FLAGS := $(EMU_BASE) $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,$(EMU_BOUND))
 EMU_CU    := $(filter-out src/device/cuda/gpu.cu,$(sort $(wildcard src/device/cuda/*.cu)))
@@ -409,7 +391,6 @@ $(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
 $(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(RACE)/%.race.o) $(RACE_O)
 $(B)/tests/emu/faults.so: $(B)/tests/emu/faults.emu.o $(EMU_O)
 $(B)/tests/emu/faults-race.so: $(RACE)/tests/emu/faults.race.o $(RACE_O)
-$(B)/tests/emu/nccl.so: $(B)/tests/emu/nccl.o
 $(EMU):
 	$(SAY) LINK $@
 	$(Q)$(CXX) $(filter -fsanitize%,$(OPT)) -shared -pthread -o $@ $^

@@ -38,14 +38,8 @@ enum spin_backdrop_choice { SPIN_BACKDROP_OFF, SPIN_BACKDROP_ON, SPIN_BACKDROP_A
 /* Centre and radius that normalise positions at the input of the field. OFF: centre 0 and radius 1.
  * AUTO: the centre is the median of the positions, and the radius is that of the ball around it
  * that contains 90 % of the positions. NONE: centre 0 and radius 1, without the contraction; all
- * splats outside the unit cube then get zero features, and thus the same attributes. GIVEN:
- * normalise_centre and normalise_radius. */
-enum spin_normalise {
-    SPIN_NORMALISE_OFF,
-    SPIN_NORMALISE_AUTO,
-    SPIN_NORMALISE_NONE,
-    SPIN_NORMALISE_GIVEN
-};
+ * splats outside the unit cube then get zero features, and thus the same attributes. */
+enum spin_normalise { SPIN_NORMALISE_OFF, SPIN_NORMALISE_AUTO, SPIN_NORMALISE_NONE };
 
 /* Precision of the values that a retraining writes. COMPACT: values are rounded so that the errors
  * are barely visible. HALF: values are rounded to about the precision of half floats. FULL: values
@@ -80,21 +74,13 @@ struct spin_retrain_options {
     int levels, features, hash_log2;
     /* Width of the hidden layers of the heads; SH degree of the colours. */
     int hidden, sh_degree;
-    int base_resolution[4]; /* cells of the coarsest level along x, y, z, t */
     /* Cells of the finest level along x, y, z, t. 0 for t means the number of frames, but at
      * least 16. */
     int finest_resolution[4];
     double lambda_dssim; /* weight of 1 - SSIM in the loss; the L1 error has the weight 1 - this */
-    /* Weights of two regularisers in the loss: of the mean scale, in units of the camera extent,
-     * and of the mean opacity. */
-    double lambda_scale, lambda_opacity;
     double dynamic_weight; /* weight in the loss of pixels that show motion; other pixels have
                               weight 1 */
     bool antialias;        /* train and render with antialiasing */
-    /* Initial values of the hash table are uniformly distributed from -hash_init_range to
-     * +hash_init_range.
-     */
-    double hash_init_range;
     uint64_t seed;
     /* Number of iterations over which learning rates rise from 0; -1: iterations / 40. */
     int warmup;
@@ -137,20 +123,12 @@ struct spin_retrain_options {
      * coordinates, is at least this. densify_until: densification stops after this share of
      * track_iterations. */
     double densify_threshold, densify_until;
-    /* The field joins the training after this share of the iterations; until then, splats have only
-     * their residual attributes. */
-    double network_start;
     enum spin_residual residual;
     /* Learning rates of residual attributes, as a factor on those of 3DGS; 0: residual attributes
      * stay fixed. */
     double lr_residual;
-    /* Initial log scale of all splats. NaN: the log of the median distance between a splat and its
-     * 3 nearest neighbours. */
-    double init_log_scale;
     bool relu; /* true: the heads use ReLU instead of GELU */
     enum spin_normalise normalise;
-    /* Used only if `normalise` is SPIN_NORMALISE_GIVEN. */
-    double normalise_centre[3], normalise_radius;
     /* Number of the views in a batch that show the same frame. */
     int views_per_frame;
     float background[3];           /* colour behind the splats, r g b in 0..1 */

@@ -13,37 +13,7 @@ static const char *preset;
 
 /* ---- Parsers of option values ---------------------------------------------------------------- */
 
-static bool parse_log_scale(const struct spin_args_row *row, const char *text)
-{
-    double *out = row->into;
-
-    if (!strcmp(text, "auto")) {
-        *out = NAN;
-        return true;
-    }
-    return spin_args_numbers(row, text, out, 1) == 1;
-}
-
-static bool parse_normalise(const struct spin_args_row *row, const char *text)
-{
-    int choice = spin_args_choice(text, row->arg);
-    double value[4];
-
-    if (choice >= 0 && choice != SPIN_NORMALISE_GIVEN) {
-        options.normalise = (enum spin_normalise)choice;
-        return true;
-    }
-    if (spin_args_numbers(row, text, value, 4) != 4 || value[3] <= 0)
-        return false;
-    options.normalise = SPIN_NORMALISE_GIVEN;
-    memcpy(options.normalise_centre, value, sizeof options.normalise_centre);
-    options.normalise_radius = value[3];
-    return true;
-}
-
-/* Parses either four numbers, for the axes x, y, z and time, or a single number. A single number
- * sets all axes; but if the row allows 0, a value that is only valid for time, the number sets only
- * x, y and z. */
+/* Parses either four numbers, for the axes x, y, z and time, or a single number for x, y and z. */
 static bool parse_grid(const struct spin_args_row *row, const char *text)
 {
     double value[4];
@@ -51,7 +21,7 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 
     if (n != 1 && n != 4)
         return false;
-    for (int axis = 0; axis < (row->min > 0 ? 4 : 3); axis++)
+    for (int axis = 0; axis < 3; axis++)
         out[axis] = (int)value[0];
     for (int axis = 0; axis < n; axis++) {
         if (value[axis] != floor(value[axis]))
@@ -64,8 +34,6 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 /* ---- The table ------------------------------------------------------------------------------- */
 
 #define SPIN_ARG_GRID SPIN_ARG_CUSTOM, .parse = parse_grid
-#define SPIN_ARG_LOG_SCALE SPIN_ARG_CUSTOM, .parse = parse_log_scale
-#define SPIN_ARG_NORMALISE SPIN_ARG_CUSTOM, .parse = parse_normalise
 
 /* Rows of options.def; the default is appended to the help text. */
 #define HEADING(text) SPIN_ARG_HEADING(text),
@@ -190,12 +158,10 @@ static const char text[] =
 
 /* ---- Options without effect ------------------------------------------------------------------ */
 
-static const char *const of_network[] = {"levels",          "features",        "hash-log2",
-                                         "hidden",          "base-resolution", "finest-resolution",
-                                         "hash-init-range", "init-log-scale",  "scene-normalise",
-                                         "activation",      "lr-table",        "lr-sh",
-                                         "lr-scale",        "lr-rotation",     "lr-opacity",
-                                         "head-lr-factor",  "network-start",   NULL};
+static const char *const of_network[] = {
+    "levels",          "features",   "hash-log2",      "hidden", "finest-resolution",
+    "scene-normalise", "activation", "lr-table",       "lr-sh",  "lr-scale",
+    "lr-rotation",     "lr-opacity", "head-lr-factor", NULL};
 static const char *const of_sh[] = {"sh-degree", "sh-increase-every", NULL};
 static const char *const of_clip[] = {"tracks",      "iterations", "batch",       "views-per-frame",
                                       "warmup",      "eval-every", "save-every",  "watch",
@@ -209,7 +175,6 @@ enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 };
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
 static const char *const of_residual[] = {"residual", NULL};
-static const char *const of_heads_alone[] = {"init-log-scale", NULL};
 static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
@@ -256,9 +221,6 @@ static void warn_without_effect(int argc, char **argv)
                 "without densification");
     warn_unused(argc, argv, of_residual, !tracks || own,
                 "with tracks, which have their own values");
-    warn_unused(argc, argv, of_heads_alone,
-                options.method != SPIN_METHOD_NETWORK || (!tracks && !own),
-                "if splats have their own values");
     warn_unused(argc, argv, of_exposure, options.learn_exposure != SPIN_EXPOSURE_OFF,
                 "without --learn-exposure");
 }

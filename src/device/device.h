@@ -205,10 +205,6 @@ struct spin_frame_batch {
         const float SPIN_DEV *sh;
         float SPIN_DEV *d_sh; /* gradient in the same layout; NULL: `sh` is not trained */
         size_t sh_width;      /* 9, 24 or 45: SH degree 1, 2 or 3 */
-        /* For regularise_back(): derivatives of the loss with respect to each of the three scales,
-         * and with respect to the opacity, of an active splat. */
-        float d_scale, d_opacity;
-
         /* The following members are for tracks(). The first n_own_means splats have positions of
          * their own, and the first n_own_residual splats have residual values of their own; the
          * other splats use only the values of their track. */
@@ -330,17 +326,6 @@ struct spin_host_memory {
     bool pinned; /* whether the memory is page-locked */
 };
 
-/* An array that sum() all-reduces in place. */
-struct spin_device_sum {
-    void SPIN_DEV *at;
-    size_t n;
-    bool counts; /* true: the elements are uint32_t; false: float */
-};
-/* Identifies an all-reduce link between the GPUs of all ranks. Rank 0 creates it with link_name().
- */
-struct spin_link_name {
-    char text[128];
-};
 
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */
@@ -372,22 +357,6 @@ struct spin_device_ops {
      * [n][to_stride]. The values may be of any 4-byte type; `to` and `from` must not overlap. */
     void (*copy_rows)(struct spin_device *d, size_t n, size_t width, const float SPIN_DEV *from,
                       size_t from_stride, float SPIN_DEV *to, size_t to_stride);
-    /* All-reduce between the GPUs of all ranks, without the host. The four functions are NULL in a
-     * build without NCCL.
-     *
-     * link_ready() fails if no link is possible on this machine, and sets `about` to the name of
-     * the library ("NCCL 2.28.9"). link_name() creates the name of a link and is called by rank 0
-     * only. All ranks call link() to join, each with a GPU of its own (now). sum() waits for the
-     * verbs that were queued before, then all-reduces every array of the list (now). While sum()
-     * waits, it calls listen(); if listen() fails, the link is closed and sum() returns the error
-     * of listen(). close() also closes the link, and may only be called when all ranks have
-     * finished their last sum(). */
-    spin_status (*link_ready)(struct spin_device *d, char about[32]);
-    spin_status (*link_name)(struct spin_device *d, struct spin_link_name *out);
-    spin_status (*link)(struct spin_device *d, const struct spin_link_name *name, int rank,
-                        int n_ranks);
-    spin_status (*sum)(struct spin_device *d, const struct spin_device_sum *sum, size_t n,
-                       spin_status (*listen)(void));
     /* Returns the number of bytes that can still be reserved (now). A GPU that does not report its
      * memory returns 0. */
     size_t (*memory_available)(struct spin_device *d);
@@ -459,11 +428,6 @@ struct spin_device_ops {
     void (*activate_back)(struct spin_device *d, const struct spin_frame_batch *frames,
                           const struct spin_active *active, const float SPIN_DEV *raw,
                           const float SPIN_DEV *d_attr, float SPIN_DEV *d_raw);
-
-    /* Adds the frame's d_scale and d_opacity to d_attr of active rows: d_scale for each of the
-     * three scales, d_opacity for the opacity. */
-    void (*regularise_back)(struct spin_device *d, const struct spin_frame_batch *frames,
-                            const struct spin_active *active, float SPIN_DEV *d_attr);
 
     /* Sets `active` to the rows that have a nonzero value in d_attr or in the frame's d_means,
      * which may be NULL. NaN counts as nonzero. */
@@ -581,7 +545,7 @@ struct spin_device_ops {
 #define SPIN_DEVICE_VERBS(verb)                                                                    \
     verb(tracks) verb(tracks_back) verb(contract) verb(contract_back) verb(grid) verb(grid_back)   \
     verb(mlp) verb(mlp_back) verb(residual) verb(residual_set) verb(residual_back)                 \
-    verb(activate) verb(activate_back) verb(regularise_back) verb(nonzero_grad) verb(project)      \
+    verb(activate) verb(activate_back) verb(nonzero_grad) verb(project)      \
     verb(project_back) verb(densify_stats) verb(tile_count) verb(tile_fill) verb(blend)            \
     verb(depth) verb(blend_back) verb(loss) verb(measure) verb(exposure) verb(exposure_back)       \
     verb(exposure_centre) verb(adam) verb(not_finite) verb(lazy_adam_enable)                       \
@@ -597,7 +561,6 @@ struct spin_device {
     const char *path;
     void *state;          /* private to the device */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
-    char card[40];        /* unique id of the GPU */
     /* numbers of frames and views in a batch that suit the device's caches and memory */
     int frames_at_once, views_at_once;
     /* true: device memory is host memory, so the plan adds the needs of device and host */

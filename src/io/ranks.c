@@ -153,33 +153,17 @@ spin_status spin_ranks_begin(void)
 
 /* ---- Messages ------------------------------------------------------------------------------- */
 
-spin_status spin_ranks_listen(void)
+/* Wait for the notice of another rank's failure, and return its error. */
+static spin_status wait_for_notice(void)
 {
     struct notice notice;
     int from;
 
-    if (n_ranks == 1 || !shim->receive_notice(&from, &notice, sizeof notice))
-        return SPIN_OK;
+    while (!shim->receive_notice(&from, &notice, sizeof notice))
+        ;
     heard = true;
     notice.text[TEXT - 1] = '\0';
     return spin_fail((spin_status)notice.status, "%s", notice.text);
-}
-
-/* Wait for the notice of another rank's failure, and return its error. */
-static spin_status wait_for_notice(void)
-{
-    spin_status status;
-
-    do
-        status = spin_ranks_listen();
-    while (status == SPIN_OK);
-    return status;
-}
-
-void spin_ranks_spend(uint64_t bytes, double seconds)
-{
-    sent_bytes += bytes;
-    waited_s += seconds;
 }
 
 static spin_status status_of(int end, const char *why)
@@ -215,7 +199,8 @@ spin_status spin_ranks_sum(void *at, size_t n, int kind)
     if (n_ranks == 1 || n == 0)
         return SPIN_OK;
     end = shim->sum(at, n, kind, why, sizeof why);
-    spin_ranks_spend(n * (kind == SPIN_SUM_F64 ? 8 : 4), spin_now_s() - start);
+    sent_bytes += n * (kind == SPIN_SUM_F64 ? 8 : 4);
+    waited_s += spin_now_s() - start;
     return status_of(end, why);
 }
 

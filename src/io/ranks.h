@@ -35,12 +35,6 @@ spin_status spin_ranks_agree(spin_status status);
  * can then still communicate. Always true for a single rank. */
 bool spin_ranks_agreed(void);
 
-/* Check for notices without waiting: returns SPIN_OK, or the error and message of another rank that
- * failed. */
-spin_status spin_ranks_listen(void);
-
-/* spin_ranks_spent() returns how many bytes this rank has sent, and how many seconds it spent in
- * the functions above. spin_ranks_spend() adds to these totals, for communication by other
- * means. */
+/* Returns how many bytes this rank has sent, and how many seconds it spent in the functions above.
+ */
 void spin_ranks_spent(uint64_t *bytes, double *seconds);
-void spin_ranks_spend(uint64_t bytes, double seconds);

@@ -126,15 +126,11 @@ void spin_field_decode_back(struct spin_field_eval *w, const struct spin_field *
                             float SPIN_DEV *d_heads)
 {
     struct spin_device *d = w->device;
-    bool regularise = false, residual = false;
+    bool residual = false;
 
-    for (int f = 0; f < frames->n_frames; f++) {
-        regularise |= frames->frame[f].d_scale != 0 || frames->frame[f].d_opacity != 0;
+    for (int f = 0; f < frames->n_frames; f++)
         residual |= frames->frame[f].d_residual != NULL;
-    }
     d->op->nonzero_grad(d, frames, w->d_attr, &w->active);
-    if (regularise)
-        d->op->regularise_back(d, frames, &w->active, w->d_attr);
     d->op->activate_back(d, frames, &w->active, w->raw, w->d_attr, w->d_raw);
     if (residual)
         d->op->residual_back(d, frames, &w->active, w->d_raw);

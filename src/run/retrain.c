@@ -21,7 +21,7 @@
 #include "train/options.h"
 #include "train/trained_output.h"
 #include "train/rows_4d.h"
-#include "train/test_views.h"
+#include "train/photos.h"
 
 /* With --learn-exposure auto, exposures are learned if the colours of the cameras differ by more
  * than the fraction least_spread, or if the brightness at the corners of their images differs from
@@ -486,6 +486,9 @@ static spin_status open_trainer(struct run *r, bool resume)
     return spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 }
 
+static const double table_range = 1e-4;     /* values of the hash table are in -1e-4 to 1e-4 */
+static const double initial_log_scale = -5; /* of splats, for scenes whose unit is a metre */
+
 /* Initialises the hash table and the heads of the network. */
 static spin_status init_network(struct run *r)
 {
@@ -499,7 +502,7 @@ static spin_status init_network(struct run *r)
         return SPIN_OK;
     SPIN_TRY(spin_alloc(t->field.n_table + t->heads.n, sizeof(float), (void **)&table));
     heads = table + t->field.n_table;
-    spin_field_init(&t->field, o->seed, o->hash_init_range, r->frames.init_log_scale, table, heads);
+    spin_field_init(&t->field, o->seed, table_range, initial_log_scale, table, heads);
     if (o->sh_increase_every > 0)
         spin_field_clear_sh(&t->field, heads);
     if (spin_plan_has_residual(&r->plan))

@@ -9,7 +9,7 @@
  * pruned. */
 #pragma once
 
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "train/photos.h"
 #include "train/tracks.h"
 

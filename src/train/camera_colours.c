@@ -6,7 +6,7 @@
 
 #include "base/base.h"
 #include "math/exposure.h"
-#include "train/point_sample.h"
+#include "train/train_frame.h"
 
 enum {
     FRAMES = 3,    /* largest number of examined frames */

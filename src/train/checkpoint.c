@@ -2,8 +2,6 @@
 #include "train/checkpoint.h"
 
 #include "base/base.h"
-#include "train/average.h"
-#include "train/state_arrays.h"
 
 enum { PORTION = 1 << 20 }; /* floats downloaded at a time */
 /* Upper bounds in bytes, for the estimate of a checkpoint's size: of state.json without its frames,
@@ -50,7 +48,7 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
         if (all[r] != all[0])
             status = spin_fail(SPIN_E_DEVICE,
                                "rank %d has different parameters than rank 0 after iteration %lld: "
-                               "this MPI or NCCL does not give all ranks the same sums",
+                               "this MPI does not give all ranks the same sums",
                                r, (long long)t->iteration);
     return status;
 }
@@ -356,6 +354,40 @@ static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trai
     return SPIN_OK;
 }
 
+/* Removes the members that earlier versions recorded for options that are constants now, if they
+ * have the values of these constants. */
+static void remove_former_options(spin_json *j)
+{
+    static const struct {
+        const char *object, *key, *value;
+    } former[] = {{NULL, "normalise_radius", "0"},
+                  {NULL, "normalise_centre", "[0,0,0]"},
+                  {"options", "base_resolution", "[8,8,8,8]"},
+                  {"options", "init_log_scale", "-5"}};
+
+    for (size_t i = 0; i < sizeof former / sizeof *former; i++) {
+        spin_json *in = former[i].object ? json_object_get(j, former[i].object) : j;
+        SPIN_FREED char *text = spin_json_text(spin_json_get(in, former[i].key), false);
+
+        if (text && strcmp(text, former[i].value) == 0)
+            json_object_del(in, former[i].key);
+    }
+}
+
+bool spin_fingerprint_equal(const char *recorded, const char *own)
+{
+    SPIN_LEAVES(spin_json_freed) spin_json *j = NULL;
+    SPIN_FREED char *text = NULL;
+
+    if (strcmp(recorded, own) == 0)
+        return true;
+    if (spin_json_parse("fingerprint", recorded, strlen(recorded), &j) != SPIN_OK)
+        return false;
+    remove_former_options(j);
+    text = spin_json_text(j, false);
+    return text && strcmp(text, own) == 0;
+}
+
 /* Parses state.json. Fails if the checkpoint was made from another input or with other options. The
  * caller frees *out. */
 static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz *npz,
@@ -372,7 +404,7 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
     SPIN_TRY(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
     SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
-    if (!fingerprint || strcmp(fingerprint, c->fingerprint) != 0)
+    if (!fingerprint || !spin_fingerprint_equal(fingerprint, c->fingerprint))
         return spin_misuse("the checkpoint was made from another input or with other options, or "
                            "its images have changed; give the same ones, or %s to start anew",
                            c->restart);
@@ -470,5 +502,185 @@ spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer 
     c->saved = t->iteration;
     spin_log(0, "resuming at iteration %lld of %lld", (long long)t->iteration,
              (long long)t->rates.iterations);
+    return SPIN_OK;
+}
+
+/* ---- Arrays of a checkpoint ------------------------------------------------------------------ */
+
+static struct spin_state_array of_frame(int f, const char *what, const char *array,
+                                        float SPIN_DEV *at, size_t n)
+{
+    struct spin_state_array piece = {.at = at, .n = n, .frame = f};
+
+    snprintf(piece.name, sizeof piece.name, "%s/%05d/%s", what, f, array);
+    return piece;
+}
+
+spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
+                              struct spin_state_array **out, size_t *n)
+{
+    enum { N_PARAMS = 4 };
+    struct spin_param *param[N_PARAMS] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
+    const char *param_name[N_PARAMS] = {"table", "heads", "tracks", "exposure"};
+    const char *part_name[3] = {"p", "m", "v"};
+    struct spin_state_array *piece;
+    size_t k = 0;
+
+    SPIN_TRY(
+        spin_alloc(3 * N_PARAMS + 2 + 14 * (size_t)t->n_frames, sizeof *piece, (void **)&piece));
+    for (int i = 0; i < N_PARAMS; i++) {
+        float SPIN_DEV *at[3] = {param[i]->p, param[i]->m, param[i]->v};
+
+        for (int j = 0; j < 3; j++, k++) {
+            snprintf(piece[k].name, sizeof piece[k].name, "%s/%s", param_name[i], part_name[j]);
+            piece[k].at = at[j];
+            piece[k].n = param[i]->n;
+        }
+    }
+    if (t->lazy)
+        piece[k++] = (struct spin_state_array){.name = "table/last",
+                                               .kind = SPIN_STATE_STEPS,
+                                               .at = t->lazy->last,
+                                               .n = t->lazy->n_lines};
+    for (int f = 0; f < t->n_frames; f++) {
+        float SPIN_DEV *at[3] = {t->frame[f].pos, t->frame[f].m, t->frame[f].v};
+
+        for (int j = 0; j < 3; j++, k++)
+            piece[k] = of_frame(f, "frames", part_name[j], at[j], 3 * t->frame[f].size.n_pos);
+    }
+    for (int f = 0; f < t->n_frames && t->d_residual; f++) {
+        float SPIN_DEV *at[3] = {t->frame[f].residual, t->frame[f].residual_m,
+                                 t->frame[f].residual_v};
+
+        for (int j = 0; j < 3; j++, k++)
+            piece[k] = of_frame(f, "residual", part_name[j], at[j],
+                                SPIN_RESIDUAL * t->frame[f].size.n_residual);
+    }
+    for (int f = 0; f < t->n_frames && t->d_sh; f++) {
+        float SPIN_DEV *at[3] = {t->frame[f].sh, t->frame[f].sh_m, t->frame[f].sh_v};
+
+        for (int j = 0; j < 3; j++, k++)
+            piece[k] =
+                of_frame(f, "sh", part_name[j], at[j], t->frame[f].sh_width * t->frame[f].size.n);
+    }
+    for (int f = 0; f < t->n_frames && t->tracked; f++) {
+        const struct spin_train_frame *frame = &t->frame[f];
+        static const char *const name[] = {"gradient", "seen", "track", "place"};
+        float SPIN_DEV *at[] = {frame->gradient, (float SPIN_DEV *)(void SPIN_DEV *)frame->seen,
+                                (float SPIN_DEV *)(void SPIN_DEV *)frame->track, NULL};
+
+        for (int j = 0; j < 4; j++, k++) {
+            piece[k] = of_frame(f, "frames", name[j], at[j], frame->size.n);
+            piece[k].kind = SPIN_STATE_GRADIENT + j;
+        }
+        piece[k - 1].host = permutation ? permutation[f] : NULL;
+        if (frame->turn)
+            piece[k++] = of_frame(f, "frames", "turn", frame->turn, 4 * frame->size.n_pos);
+    }
+    if (t->average.n > 0)
+        piece[k++] = (struct spin_state_array){.name = "average",
+                                               .host = (uint32_t *)(void *)t->average.mean,
+                                               .n = t->average.n_values};
+    *out = piece;
+    *n = k;
+    return SPIN_OK;
+}
+
+/* The names of parameters, such as "table/p", end in p; those of other arrays do not. */
+bool spin_state_is_parameter(const struct spin_state_array *array)
+{
+    return array->name[strlen(array->name) - 1] == 'p';
+}
+
+/* ---- Polyak average -------------------------------------------------------------------------- */
+
+enum {
+    MOMENTS = 12,     /* largest number of averaged iterations */
+};
+
+struct spin_average spin_average_of(double share, int64_t until, int64_t iterations)
+{
+    int64_t first = iterations - (int64_t)(share * (double)iterations);
+
+    first = first > until ? first : until;
+    first = first < iterations ? first : iterations - 1;
+    return (struct spin_average){.first = first,
+                                 .every = (iterations - first + MOMENTS - 1) / MOMENTS};
+}
+
+/* Returns how many of the iterations up to `iteration` are averaged. These are counted backwards
+ * from the last iteration of the training, which is always averaged. */
+static int count_by(const struct spin_average *a, int64_t iterations, int64_t iteration)
+{
+    int64_t left = iterations - iteration;
+
+    if (a->every == 0 || iteration <= a->first)
+        return 0;
+    return (int)((iterations - a->first - 1) / a->every + 1 - (left + a->every - 1) / a->every);
+}
+
+spin_status spin_average_values(struct spin_trainer *t, size_t *n)
+{
+    SPIN_FREED struct spin_state_array *array = NULL;
+    size_t n_arrays;
+
+    *n = 0;
+    SPIN_TRY(spin_state_arrays(t, NULL, &array, &n_arrays));
+    for (size_t i = 0; i < n_arrays; i++)
+        if (spin_state_is_parameter(&array[i]))
+            *n += array[i].n;
+    return SPIN_OK;
+}
+
+static spin_status reserve_mean(struct spin_trainer *t)
+{
+    struct spin_average *a = &t->average;
+
+    SPIN_TRY(spin_average_values(t, &a->n_values));
+    return spin_grow(a->n_values + 1, sizeof *a->mean, (void **)&a->mean);
+}
+
+spin_status spin_average_resume(struct spin_trainer *t)
+{
+    t->average.n = count_by(&t->average, t->rates.iterations, t->iteration);
+    return t->average.n > 0 ? reserve_mean(t) : SPIN_OK;
+}
+
+/* Adds sample n to the mean of the first n - 1 samples. */
+static void add_sample(float *mean, const float *values, size_t n_values, int n)
+{
+    float share = 1 / (float)n;
+
+    for (size_t i = 0; i < n_values; i++)
+        mean[i] = n == 1 ? values[i] : mean[i] + share * (values[i] - mean[i]);
+}
+
+spin_status spin_average_step(struct spin_trainer *t)
+{
+    struct spin_average *a = &t->average;
+    struct spin_device *d = t->device;
+    SPIN_FREED struct spin_state_array *array = NULL;
+    SPIN_FREED float *portion = NULL;
+    size_t n_arrays;
+    float *mean;
+
+    if (count_by(a, t->rates.iterations, t->iteration) == a->n)
+        return SPIN_OK;
+    SPIN_TRY(a->n == 0 ? reserve_mean(t) : SPIN_OK);
+    SPIN_TRY(spin_alloc(PORTION, sizeof *portion, (void **)&portion));
+    SPIN_TRY(spin_state_arrays(t, NULL, &array, &n_arrays));
+    a->n++;
+    mean = a->mean;
+    for (size_t i = 0; i < n_arrays; i++)
+        for (size_t first = 0; spin_state_is_parameter(&array[i]) && first < array[i].n;
+             first += PORTION) {
+            size_t n = array[i].n - first < PORTION ? array[i].n - first : PORTION;
+
+            SPIN_TRY(d->op->download(d, portion, array[i].at + first, n * sizeof *portion));
+            add_sample(mean, portion, n, a->n);
+            if (t->iteration == t->rates.iterations)
+                d->op->upload(d, array[i].at + first, mean, n * sizeof *mean);
+            mean += n;
+        }
     return SPIN_OK;
 }

@@ -3,8 +3,45 @@
 #pragma once
 
 #include "io/output.h"
-#include "train/simd_paths.h"
 #include "train/step.h"
+#include "train/trainer.h"
+
+/* ---- Arrays of a checkpoint ------------------------------------------------------------------ */
+
+/* List of all arrays that a training keeps between iterations, for saving, loading, checking and
+ * averaging them. */
+
+/* An array that a training keeps. The values are floats or, for the kind SPIN_STATE_SEEN and later
+ * kinds, 32-bit unsigned integers. */
+struct spin_state_array {
+    char name[48];
+    enum {
+        SPIN_STATE_VALUES, /* parameters, moments, turns, and the Polyak average */
+        SPIN_STATE_STEPS,  /* the last Adam step of each line of the table, for lazy Adam */
+        SPIN_STATE_GRADIENT,
+        /* GRADIENT and SEEN are the statistics of a frame's splats. Each rank has a part of them;
+         * the sum of these parts is the whole. A checkpoint contains the whole sum; a resume gives
+         * it to rank 0, and zeros to the other ranks. */
+        SPIN_STATE_SEEN,
+        SPIN_STATE_TRACK, /* the track of each splat of a frame */
+        SPIN_STATE_PLACE  /* the row in the output of each splat of a frame */
+    } kind;
+    float SPIN_DEV *at;
+    /* If not NULL, the array is here, in host memory; otherwise it is at `at`, in device memory. */
+    uint32_t *host;
+    size_t n;
+    int frame;
+};
+
+/* Sets *out [*n] to the list of all arrays, which the caller frees. permutation [frames][splats] is
+ * the memory of the arrays of kind SPIN_STATE_PLACE; NULL if the caller does not need them. */
+spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
+                              struct spin_state_array **out, size_t *n);
+/* True if the array contains parameters, which the training optimises; false if it contains
+ * moments, statistics or anything else. */
+bool spin_state_is_parameter(const struct spin_state_array *array);
+
+/* ---- Checkpoints ----------------------------------------------------------------------------- */
 
 struct spin_checkpoint {
     /* Path of the checkpoint file. */
@@ -63,3 +100,25 @@ spin_status spin_read_device_values(struct spin_trainer *trainer, const char *na
 spin_status spin_write_device_array(struct spin_trainer *trainer, struct spin_zip_writer *w,
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n);
+/* True if a recorded fingerprint is that of this run. Members for options of earlier versions are
+ * ignored if these had the values that are constants now. */
+bool spin_fingerprint_equal(const char *recorded, const char *own);
+
+/* ---- Polyak average -------------------------------------------------------------------------- */
+
+/* Polyak average: the mean of the parameters over the last iterations. Every iteration draws other
+ * images, so at the end of a training the parameters fluctuate in proportion to the learning rates.
+ * The mean of the parameters fluctuates far less, so the learning rates need not decay to zero. The
+ * methods "tracks" and "4d" use the average. */
+
+/* Plans an average over the last `share` (0..1) of all `iterations`. Iterations up to `until` are
+ * never averaged, even if `share` includes them. */
+struct spin_average spin_average_of(double share, int64_t until, int64_t iterations);
+/* Must be called by all ranks after each iteration. Every few iterations it adds the parameters to
+ * the mean; after the last iteration it replaces the parameters by their mean. */
+spin_status spin_average_step(struct spin_trainer *t);
+/* After a resume, derives the number of averaged iterations from the trainer's iteration and
+ * allocates the mean, which the caller then loads from the checkpoint. */
+spin_status spin_average_resume(struct spin_trainer *t);
+/* Sets *n to the number of values that the average covers: all trained parameters. */
+spin_status spin_average_values(struct spin_trainer *t, size_t *n);

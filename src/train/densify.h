@@ -4,7 +4,8 @@
  * Density Control for 3D Gaussian Splatting"). */
 #pragma once
 
-#include "train/cloud.h"
+#include "train/train_frame.h"
+#include "train/step.h"
 
 /* Points with a smaller opacity are pruned. */
 extern const double spin_prune_opacity;
@@ -48,3 +49,19 @@ spin_status spin_densify(const struct spin_densify_options *o, int iteration,
 /* Removes points that have an opacity below prune_opacity or a value that is not finite. Returns
  * the number of removed points. */
 size_t spin_refine_prune(struct spin_refine_cloud *cloud, double prune_opacity);
+
+/* ---- Densification of tracks ----------------------------------------------------------------- */
+
+/* Densification of a clip with tracks: clones, splits and prunes tracks and splats without a track,
+ * according to the statistics gathered since the previous densification. A new track has a splat in
+ * every frame in which its parent has one. */
+
+/* Densifies the clip and clears the statistics of all frames. permutation [frames][splats] is the
+ * row of each splat in the output; the function replaces the array of each frame and gives the last
+ * rows to new splats. permutation NULL: the caller does not need the rows. Sets counts [frames] to
+ * the new numbers of splats. iteration and o->seed select the random numbers. o->max_points limits
+ * the number of splats of a frame; if the limit is reached, tracks take precedence over splats
+ * without a track. */
+spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
+                                int iteration, uint32_t **permutation, size_t *counts,
+                                struct spin_densify_change *change);

@@ -4,7 +4,7 @@
 #include <inttypes.h>
 
 #include "base/base.h"
-#include "train/settings.h"
+#include "train/options.h"
 
 static void add_images(spin_json *j, const struct spin_plan *plan, const struct spin_photos *photos,
                        int frame)
@@ -65,18 +65,12 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     const struct spin_retrain_options *o = plan->o;
     bool network = o->method != SPIN_METHOD_FRAMES;
     spin_json *j = network ? spin_field_to_json(&plan->field, true) : spin_json_object();
-    spin_json *frames = spin_json_array(), *centre = spin_json_array();
+    spin_json *frames = spin_json_array();
 
-    for (int c = 0; c < 3; c++)
-        spin_json_push_number(centre, o->normalise_centre[c]);
     if (network) { /* with the input, these members determine the scene transform */
         spin_json_set_integer(j, "normalise", o->normalise);
-        spin_json_set_number(j, "normalise_radius", o->normalise_radius);
-        spin_json_set(j, "normalise_centre", centre);
-        spin_json_set(j, "options", spin_settings_network(plan, o->init_log_scale));
+        spin_json_set(j, "options", spin_settings_network(plan));
         spin_json_set_string(j, "device", device->op->name);
-    } else {
-        spin_json_free(centre);
     }
     for (int f = 0; f < plan->clip.n_frames; f++) {
         spin_json_push_number(frames, spin_plan_info(plan, f)->number);
@@ -91,4 +85,34 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     spin_json_free(j);
     return *out ? SPIN_OK
                 : spin_fail(SPIN_E_MEMORY, "out of memory for the fingerprint of the run");
+}
+
+/* ---- Settings -------------------------------------------------------------------------------- */
+
+spin_json *spin_settings_refine(const struct spin_plan *plan)
+{
+    spin_json *j = spin_options_to_json(plan->o, SPIN_OPTIONS_OF_REFINEMENT);
+
+    spin_json_set_number(j, "spatial_extent", plan->extent);
+    if (spin_plan_frame_sh_degree(plan) > 0) {
+        spin_json_set_integer(j, "sh_degree", spin_plan_frame_sh_degree(plan));
+        spin_json_set_integer(j, "sh_increase_every", spin_plan_sh_increase_every(plan));
+    }
+    return j;
+}
+
+spin_json *spin_settings_network(const struct spin_plan *plan)
+{
+    spin_json *j = spin_options_to_json(plan->o, SPIN_OPTIONS_OF_NETWORK);
+    spin_json *test = spin_json_array();
+
+    for (size_t i = 0; i < plan->clip.views.n; i++)
+        if (plan->clip.views.view[i].test &&
+            plan->clip.views.view[i].dataset_frame == plan->clip.dataset_frame[0])
+            spin_json_push_number(test, plan->clip.views.view[i].camera_id);
+    spin_json_set_number(j, "spatial_extent", plan->extent);
+    spin_json_set(j, "test_cameras", test);
+    if (plan->o->refine > 0)
+        spin_json_set(j, "refine", spin_settings_refine(plan));
+    return j;
 }

@@ -4,6 +4,20 @@
 #pragma once
 
 #include "train/photos.h"
+#include "io/json.h"
+#include "train/plan.h"
+
+/* ---- Settings -------------------------------------------------------------------------------- */
+
+/* The settings that affect the result, as JSON. They are stored with the result; a resume requires
+ * that they are equal to those of the checkpoint. */
+
+/* Returns the settings that affect the refinement of a frame; the caller frees them. */
+spin_json *spin_settings_refine(const struct spin_plan *plan);
+/* Returns the settings that affect the training of the clip; the caller frees them. */
+spin_json *spin_settings_network(const struct spin_plan *plan);
+
+/* ---- Keys and fingerprints ------------------------------------------------------------------- */
 
 enum { SPIN_FRAME_KEY = 40 }; /* bytes of a key, including the terminating null */
 

@@ -3,9 +3,9 @@
 #include "train/loop.h"
 
 #include "base/base.h"
-#include "train/average.h"
-#include "train/densify_tracks.h"
-#include "train/test_views.h"
+#include "train/checkpoint.h"
+#include "train/densify.h"
+#include "train/photos.h"
 
 enum { CHECK_EVERY = 100 }; /* number of iterations between checks that all values are finite */
 static const double save_seconds = 300; /* seconds between checkpoints without --save-every */
@@ -29,8 +29,8 @@ static spin_status measure_clip(const struct spin_loop *l, struct spin_quality *
     char label[40];
     spin_status status;
 
-    spin_player_open_live(&live, t->device, &t->field, spin_trainer_network(t) != NULL, table,
-                          t->heads.p, frame_of, t);
+    spin_player_open_live(&live, t->device, &t->field, t->network != NULL, table, t->heads.p,
+                          frame_of, t);
     status = spin_exposures_read_lenses(&t->exposures, t->device, &lenses);
     if (status == SPIN_OK && t->exposures.param.n)
         status = spin_player_set_lenses(&live, &lenses);

@@ -4,8 +4,8 @@
 
 #include "train/checkpoint.h"
 #include "train/densify.h"
-#include "train/sampler.h"
-#include "train/step_log.h"
+#include "train/photos.h"
+#include "train/step.h"
 
 struct spin_loop {
     struct spin_plan *plan;

@@ -27,8 +27,6 @@ struct row {
 #define FLAG BOOL
 #define SWITCH BOOL
 #define GRID INT
-#define NORMALISE ENUM
-#define LOG_SCALE DOUBLE
 #define COLOUR FLOAT
 
 #define C_BOOL bool
@@ -251,8 +249,7 @@ static spin_status check_number(const struct row *row, size_t i, double value)
     if (row->type == ENUM && !name_at(row->argument, (size_t)value, &length))
         return spin_misuse("%s %g is not one of %s", row->field, value, row->argument);
     if (row->min >= row->max || (value >= row->min && value <= row->max) ||
-        is_fallback(row, i, value) ||
-        (isnan(value) && index_of_name("auto", row->argument) != SIZE_MAX))
+        is_fallback(row, i, value))
         return SPIN_OK;
     return spin_misuse("%s %.*g is not in the range %.*g to %.*g", row->field, digits, value,
                        digits, row->min, digits, row->max);
@@ -260,16 +257,9 @@ static spin_status check_number(const struct row *row, size_t i, double value)
 
 spin_status spin_options_check(const struct spin_retrain_options *o)
 {
-    const double *centre = o->normalise_centre;
-
     for (const struct row *row = rows; row < end; row++)
         for (size_t i = 0; i < row->n; i++)
             SPIN_TRY(check_number(row, i, get_value(row, o, i)));
-    if (o->normalise == SPIN_NORMALISE_GIVEN &&
-        !(isfinite(centre[0] + centre[1] + centre[2] + o->normalise_radius) &&
-          o->normalise_radius > 0))
-        return spin_misuse(
-            "normalise_centre and normalise_radius must be finite, and normalise_radius above 0");
     if (o->views_per_frame > batch_of(o))
         return spin_misuse("views_per_frame %d is more than batch %d", o->views_per_frame,
                            batch_of(o));
@@ -309,8 +299,6 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
 
         snprintf(text, sizeof text, "%.*s", (int)length, name);
         spin_json_set_string(j, key, text);
-    } else if (isnan(value)) {
-        spin_json_set_string(j, key, "auto");
     } else {
         spin_json_set_number(j, key, value);
     }

@@ -3,6 +3,7 @@
 
 #include "base/base.h"
 #include "io/image.h"
+#include "math/rng.h"
 
 spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan)
 {
@@ -152,4 +153,298 @@ uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_
             spin_hash(&hash, &photos->digest[median[k]], sizeof *photos->digest);
     }
     return hash;
+}
+
+/* ---- Views of an iteration ------------------------------------------------------------------- */
+
+enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* streams of random numbers, see math/rng.h */
+
+static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, size_t n)
+{
+    for (size_t i = n; i > 1; i--) {
+        size_t j = spin_rng_below(s->seed, STREAM_SHUFFLE, key << 32 | i, (uint32_t)i);
+        uint32_t keep = list[i - 1];
+
+        list[i - 1] = list[j];
+        list[j] = keep;
+    }
+}
+
+static bool is_single_frame(const struct spin_plan *plan)
+{
+    return plan->o->method == SPIN_METHOD_FRAMES;
+}
+
+static spin_status find_image(struct spin_sampler *s, size_t view, uint32_t *image)
+{
+    return spin_image_store_find(&s->images, view, image)
+               ? SPIN_OK
+               : spin_photos_put(s->photos, s->plan, view, &s->images, *image);
+}
+
+/* Sets s->sequence to the order of an epoch: a permutation of all pairs of a frame and a training
+ * camera. With views_per_frame V above 1, the pairs of each frame are permuted and cut into groups
+ * of at most V pairs, and then the groups of all frames are permuted. The order depends only on the
+ * seed and the epoch. */
+static void plan_epoch(struct spin_sampler *s, int64_t epoch)
+{
+    size_t n = s->plan->n_train, v = (size_t)s->plan->o->views_per_frame, n_groups = 0;
+    uint32_t *views = s->sequence + n, *groups = views + n;
+
+    if (s->epoch == epoch)
+        return;
+    for (size_t i = 0; i < n; i++)
+        s->sequence[i] = (uint32_t)i;
+    s->epoch = epoch;
+    if (v == 1) {
+        shuffle(s, 2 * (uint64_t)epoch, s->sequence, n);
+        return;
+    }
+    memcpy(views, s->sequence, n * sizeof *views);
+    shuffle(s, 2 * (uint64_t)epoch, views, n);
+    /* Sort by frame, in a stable way, so that the pairs of each frame are consecutive and keep
+     * their shuffled order. */
+    for (size_t f = 0, k = 0; f < (size_t)s->plan->clip.n_frames; f++) {
+        size_t first = k;
+
+        for (size_t i = 0; i < n; i++)
+            if (s->plan->train[views[i]].frame == (int)f)
+                s->sequence[k++] = views[i];
+        for (size_t i = first; i < k; i += v)
+            groups[n_groups++] = (uint32_t)i;
+    }
+    memcpy(views, s->sequence, n * sizeof *views);
+    shuffle(s, 2 * (uint64_t)epoch + 1, groups, n_groups);
+    for (size_t g = 0, k = 0; g < n_groups; g++) {
+        int frame = s->plan->train[views[groups[g]]].frame;
+
+        for (size_t i = groups[g];
+             i < n && i < groups[g] + v && s->plan->train[views[i]].frame == frame; i++)
+            s->sequence[k++] = views[i];
+    }
+}
+
+spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
+{
+    const struct spin_plan *plan = s->plan;
+    size_t batch = (size_t)plan->o->batch;
+    int64_t per_epoch = (int64_t)(plan->n_train / batch);
+
+    if (per_epoch < 1)
+        per_epoch = 1;
+    plan_epoch(s, iteration / per_epoch);
+    spin_image_store_begin_batch(&s->images);
+    for (size_t k = 0; k < batch; k++) {
+        size_t at = ((size_t)(iteration % per_epoch) * batch + k) % plan->n_train;
+        const struct spin_pair *pair = &plan->train[s->sequence[at]];
+        const struct spin_view *view = &plan->clip.views.view[pair->view];
+        struct spin_train_item *item = &s->items[k];
+
+        item->frame = pair->frame;
+        item->camera = &view->camera;
+        item->exposure = spin_plan_camera(plan, view->camera_id);
+        item->lens = plan->n_cameras + spin_lenses_find(&plan->lenses, &view->camera);
+        s->pairs[k] = pair;
+    }
+    for (size_t k = 0; k < batch; k++)
+        if (is_single_frame(plan) ||
+            spin_step_rank((int)k, (int)batch, spin_n_ranks()) == spin_rank())
+            SPIN_TRY(find_image(s, s->pairs[k]->view, &s->items[k].image));
+    return SPIN_OK;
+}
+
+/* Returns the number of images that the store can hold. On a GPU this is as many as fit in half of
+ * its free memory, but at least a batch and at most all. On the CPU it is a batch, since the image
+ * cache holds more in the same memory. For a single frame it is all its images. */
+static size_t images_kept(const struct spin_plan *plan)
+{
+    size_t batch = (size_t)plan->o->batch, most;
+
+    if (is_single_frame(plan))
+        return plan->n_train;
+    if (plan->device->is_host)
+        return batch;
+    most = plan->device->op->memory_available(plan->device) / 2 / spin_plan_image_bytes(plan);
+    most = plan->n_train < most ? plan->n_train : most;
+    return most > batch ? most : batch;
+}
+
+spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *plan,
+                              struct spin_photos *photos)
+{
+    size_t batch = (size_t)plan->o->batch;
+
+    s->plan = plan;
+    s->photos = photos;
+    s->epoch = -1;
+    s->seed = plan->o->seed;
+    if (is_single_frame(plan))
+        s->seed = spin_rng_u64(s->seed, STREAM_FRAME, (uint64_t)spin_plan_info(plan, 0)->number);
+    SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, (void **)&s->sequence));
+    SPIN_TRY(spin_photos_open_store(plan, plan->device, images_kept(plan), &s->images));
+    SPIN_TRY(spin_alloc(batch, sizeof *s->items, (void **)&s->items));
+    SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, (void **)&s->pairs));
+    for (size_t i = 0; is_single_frame(plan) && i < plan->n_train; i++) {
+        uint32_t image;
+
+        SPIN_TRY(find_image(s, plan->train[i].view, &image));
+    }
+    return SPIN_OK;
+}
+
+void spin_sampler_close(struct spin_sampler *s)
+{
+    free(s->sequence);
+    spin_image_store_close(&s->images);
+    free(s->items);
+    free(s->pairs);
+}
+
+/* ---- Test views ------------------------------------------------------------------------------ */
+
+spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
+                                    struct spin_player *shown, const size_t *live_counts,
+                                    const char *what, struct spin_quality *out)
+{
+    struct spin_metrics m = {.player = shown,
+                             .clip = &plan->clip,
+                             .pixels = &photos->cache,
+                             .pairs = plan->test,
+                             .n_pairs = plan->n_test,
+                             .background = plan->o->background,
+                             .live_counts = live_counts,
+                             .what = what};
+
+    memset(out, 0, sizeof *out);
+    return plan->n_test > 0 ? spin_metrics_run(&m, out) : SPIN_OK;
+}
+
+/* With --method 4d, makes the player of the input render the falloffs that were learned with the
+ * input. */
+static spin_status set_lenses(const struct spin_plan *plan, struct spin_player *input,
+                              struct spin_lenses *lenses)
+{
+    if (plan->o->method != SPIN_METHOD_4D)
+        return SPIN_OK;
+    SPIN_TRY(spin_lenses_from_json(spin_json_get(plan->clip.bundle.json, "lenses"),
+                                   plan->o->image_scale, lenses));
+    return spin_player_set_lenses(input, lenses);
+}
+
+spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_photos *photos,
+                                          struct spin_device *device, struct spin_quality *out)
+{
+    bool trained = plan->o->method == SPIN_METHOD_4D;
+    SPIN_LEAVES(spin_lenses_free) struct spin_lenses lenses = {0};
+    SPIN_LEAVES(spin_player_close) struct spin_player input = {0};
+
+    memset(out, 0, sizeof *out);
+    if (!trained && !spin_plan_has_source(plan))
+        return SPIN_OK;
+    SPIN_TRY(spin_player_open(&input, device, &plan->clip.bundle,
+                              trained ? SPIN_FROM_TRAINED : SPIN_FROM_SOURCE));
+    SPIN_TRY(set_lenses(plan, &input, &lenses));
+    return spin_test_views_measure(plan, photos, &input, NULL,
+                                   trained ? "evaluating the clip" : "evaluating the source", out);
+}
+
+/* Writes the preview of one view as a PNG. With `source` NULL it does not show the source. */
+static spin_status preview_view(struct spin_plan *plan, struct spin_photos *photos,
+                                struct spin_player *shown, struct spin_player *source,
+                                const struct spin_pair *pair, const char *label)
+{
+    const struct spin_view *view = &plan->clip.views.view[pair->view];
+    size_t pixels = 3 * (size_t)view->camera.width * (size_t)view->camera.height;
+    const float *picture[3];
+    char name[SPIN_IMAGE_NAME];
+    SPIN_FREED char *path = NULL;
+    SPIN_FREED float *values = NULL;
+    int n = 0;
+
+    SPIN_TRY(spin_alloc(3 * pixels, sizeof(float), (void **)&values));
+    SPIN_TRY(spin_image_cache_get(&photos->cache, pair->view, values));
+    picture[n++] = values;
+    if (source) {
+        SPIN_TRY(spin_player_show(source, spin_plan_index(plan, pair->frame)));
+        SPIN_TRY(spin_player_draw(source, &view->camera, plan->o->background, values + pixels));
+        picture[n++] = values + pixels;
+    }
+    SPIN_TRY(spin_player_draw(shown, &view->camera, plan->o->background, values + 2 * pixels));
+    picture[n++] = values + 2 * pixels;
+    spin_image_name(&plan->clip.views, pair->view, spin_plan_info(plan, pair->frame)->number, label,
+                    name);
+    SPIN_TRY(spin_path_join(plan->o->preview, name, &path));
+    return spin_write_beside(path, view->camera.width, view->camera.height, picture, n);
+}
+
+static spin_status write_previews(struct spin_plan *plan, struct spin_photos *photos,
+                                  struct spin_player *shown, const char *label)
+{
+    SPIN_LEAVES(spin_player_close) struct spin_player source = {0};
+    bool with_source = spin_plan_has_source(plan);
+    int middle = plan->clip.n_frames / 2;
+
+    if (!plan->o->preview || plan->n_test == 0)
+        return SPIN_OK;
+    if (with_source)
+        SPIN_TRY(spin_player_open(&source, shown->device, &plan->clip.bundle, SPIN_FROM_SOURCE));
+    SPIN_TRY(spin_player_show_live(shown, middle, plan->counts[middle]));
+    for (size_t i = 0; i < plan->n_test; i++)
+        if (plan->test[i].frame == middle)
+            SPIN_TRY(preview_view(plan, photos, shown, with_source ? &source : NULL, &plan->test[i],
+                                  label));
+    return SPIN_OK;
+}
+
+spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
+                                    struct spin_player *shown, const char *label)
+{
+    return spin_plan_beside(plan, write_previews(plan, photos, shown, label));
+}
+
+/* ---- Splats that no training camera sees ----------------------------------------------------- */
+
+static const float unseen_logit = 1.5f; /* opacity 0.8, for splats of a source of points */
+
+/* Sets out [n_train] to the training cameras of a frame, and returns their number. */
+static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_camera **out)
+{
+    size_t n = 0;
+
+    for (size_t i = 0; i < plan->n_train; i++)
+        if (plan->train[i].frame == f)
+            out[n++] = &plan->clip.views.view[plan->train[i].view].camera;
+    return n;
+}
+
+/* True if the point `place` is visible to at least one of the n cameras. */
+static bool is_seen(const struct spin_camera *const *camera, size_t n, const float place[3])
+{
+    double p[3];
+
+    for (size_t i = 0; i < n; i++)
+        if (spin_camera_project_visible(camera[i], place, p))
+            return true;
+    return false;
+}
+
+spin_status spin_show_unseen(const struct spin_plan *plan, const struct spin_splats *s, int f,
+                             struct spin_refine_cloud *cloud)
+{
+    SPIN_LEAVES(spin_refine_cloud_free) struct spin_refine_cloud source = {0};
+    SPIN_FREED const struct spin_camera **camera = NULL;
+    size_t n;
+
+    SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *camera, (void **)&camera));
+    n = cameras_of(plan, f, camera);
+    if (s->logit_opacities)
+        SPIN_TRY(spin_refine_init_from_splats(s, &source));
+    for (size_t i = 0; i < cloud->n; i++)
+        if (is_seen(camera, n, s->means + 3 * i))
+            cloud->point[i].seen = 1;
+        else if (source.n > 0)
+            cloud->point[i].p = source.point[i].p;
+        else
+            cloud->point[i].p.logit_opacity = unseen_logit;
+    return SPIN_OK;
 }

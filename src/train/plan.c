@@ -3,11 +3,10 @@
 #include "train/plan.h"
 
 #include "base/base.h"
-#include "train/average.h"
-#include "train/lazy_adam.h"
+#include "train/checkpoint.h"
+#include "train/trainer.h"
 #include "train/options.h"
-#include "train/point_sample.h"
-#include "train/cloud.h"
+#include "train/train_frame.h"
 
 /* Memory in bytes of the program without its data. OpenImageIO, which loads images other than PNG
  * and JPEG, needs 130 MB more, which are not counted. */
@@ -197,9 +196,12 @@ static spin_status plan_extent(struct spin_plan *plan)
     return SPIN_OK;
 }
 
+enum { BASE_RESOLUTION = 8 }; /* cells of the coarsest level along x, y, z and t */
+
 /* Computes the layout of the network from the options. */
 static spin_status plan_field(struct spin_plan *plan)
 {
+    static const int base[4] = {BASE_RESOLUTION, BASE_RESOLUTION, BASE_RESOLUTION, BASE_RESOLUTION};
     const struct spin_retrain_options *o = plan->o;
     int finest[4];
 
@@ -209,7 +211,7 @@ static spin_status plan_field(struct spin_plan *plan)
     SPIN_TRY(spin_field_plan(
         &plan->field, o->levels, o->features, o->hash_log2, o->hidden,
         o->method == SPIN_METHOD_NETWORK || o->method == SPIN_METHOD_FRAMES ? o->sh_degree : 0,
-        o->base_resolution, finest));
+        base, finest));
     plan->field.heads.relu = o->relu;
     plan->field.antialias = o->antialias;
     plan->field.transform.raw = o->normalise == SPIN_NORMALISE_NONE;
@@ -378,7 +380,6 @@ static struct spin_train_rates clip_rates(const struct spin_plan *plan)
         .warmup = o->warmup >= 0 ? o->warmup : o->iterations / 40,
         .iterations = o->iterations,
         .track_iterations = o->track_iterations,
-        .network_from = (int64_t)(o->network_start * o->iterations),
     };
 
     for (int k = 0; k < SPIN_HEADS; k++) {
@@ -409,8 +410,6 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     if (size->alone)
         t->rates.exposure = o->lr_exposure;
     t->lambda_dssim = (float)o->lambda_dssim;
-    t->lambda_scale = plan->extent > 0 ? (float)(o->lambda_scale / plan->extent) : 0;
-    t->lambda_opacity = (float)o->lambda_opacity;
     t->sh_increase_every = o->sh_increase_every;
     memcpy(t->background, o->background, sizeof t->background);
     if (averages(plan)) {

@@ -8,7 +8,7 @@
 #include "device/device.h"
 #include "model/field.h"
 #include "scene/lens.h"
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "train/trainer.h"
 
 struct spin_retrain_report {

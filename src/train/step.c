@@ -5,7 +5,13 @@
  * items. */
 #include "train/step.h"
 
+#include <fcntl.h>
+#include <string.h>
+#include <unistd.h>
+
 #include "model/residual.h"
+#include "base/base.h"
+#include "io/file.h"
 
 struct batch {
     const struct spin_images *images;
@@ -84,8 +90,6 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
 
     for (int f = 0; f < frames->n_frames; f++) {
         struct spin_frame_of_batch *frame = &frames->frame[f];
-        /* Share of the images of the batch that show the frame and that this rank renders. */
-        float share = 0;
 
         for (int i = first[f]; i < b->n; i++) {
             if (b->items[i].frame != b->items[first[f]].frame || rank_of(t, b, i) != t->rank)
@@ -93,10 +97,7 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
             if (views.n_views == t->raster.views || views.n_views == SPIN_MAX_VIEWS)
                 SPIN_TRY(draw_views(t, b, frames, &views));
             add_item(t, b, i, f, frame->n, &views);
-            share += 1.0f / (float)b->n;
         }
-        frame->d_scale = share * t->lambda_scale / (3 * (float)frame->n);
-        frame->d_opacity = share * t->lambda_opacity / (float)frame->n;
     }
     return draw_views(t, b, frames, &views);
 }
@@ -243,20 +244,17 @@ static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct ba
 static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 {
     const struct spin_param *param[] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
-    struct spin_device_sum sum[5];
-    size_t n = 0, own = 0;
+    size_t own = 0;
 
     if (t->n_ranks == 1)
         return SPIN_OK;
     for (int k = 0; k < 4; k++)
-        if (param[k]->n > 0 && (k > 1 || spin_trainer_network(t)))
-            sum[n++] = (struct spin_device_sum){param[k]->g, param[k]->n, false};
+        if (param[k]->n > 0)
+            SPIN_TRY(spin_rank_sum(&t->rank_sum, param[k]->g, param[k]->n, SPIN_SUM_F32));
     for (int i = 0; i < b->n; i++)
         if (is_first_of_frame(t, b, i, -1))
             own += own_floats(t, &t->frame[b->items[i].frame].size);
-    if (own > 0)
-        sum[n++] = (struct spin_device_sum){t->own_grad, own, false};
-    SPIN_TRY(spin_rank_sum(&t->rank_sum, sum, n));
+    SPIN_TRY(spin_rank_sum(&t->rank_sum, t->own_grad, own, SPIN_SUM_F32));
     for (int i = 0; i < b->n; i++) {
         struct spin_frame_batch frames = {0};
 
@@ -278,7 +276,7 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 static spin_status process_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                   int n)
 {
-    const struct spin_field *network = spin_trainer_network(t);
+    const struct spin_field *network = t->network;
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
     struct spin_frame_batch frames = {0};
     struct spin_device *d = t->device;
@@ -335,17 +333,17 @@ static int step_network(struct spin_trainer *t, struct spin_param_group *group)
 {
     const size_t *offset = t->field.heads.offset;
     struct spin_device *d = t->device;
-    int64_t step = spin_trainer_network_steps(t);
-    double lr = spin_trainer_network_rate(t, t->rates.table, step);
+    double lr = spin_trainer_rate(t, t->rates.table, t->iteration);
     int n = 0;
 
     if (t->lazy)
         d->op->lazy_adam_step(d, t->lazy, lr);
     else
-        group[n++] = spin_param_group(&t->table, 0, t->table.n, lr, step);
+        group[n++] = spin_param_group(&t->table, 0, t->table.n, lr, t->iteration);
     for (int k = 0; k < SPIN_HEADS; k++)
-        group[n++] = spin_param_group(&t->heads, offset[k], offset[k + 1],
-                                      spin_trainer_network_rate(t, t->rates.head[k], step), step);
+        group[n++] =
+            spin_param_group(&t->heads, offset[k], offset[k + 1],
+                             spin_trainer_rate(t, t->rates.head[k], t->iteration), t->iteration);
     return n;
 }
 
@@ -409,7 +407,7 @@ static void step_shared(struct spin_trainer *t)
     struct spin_param_group group[3 * SPIN_HEADS + 4];
     int n = 0;
 
-    if (spin_trainer_network(t))
+    if (t->network)
         n += step_network(t, group + n);
     if (t->n_tracks > 0)
         n += step_tracks(t, group + n);
@@ -458,11 +456,131 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *
 
     t->seen = false;
     t->n_drawn = 0;
-    spin_trainer_catch_up(t, spin_trainer_network_steps(t));
+    spin_trainer_catch_up(t, t->iteration);
     t->iteration++;
     t->field_eval.still = t->rates.position == 0 && t->rates.displacement == 0;
     SPIN_TRY(process_groups(t, &b));
     SPIN_TRY(sum_gradients(t, &b));
     step_shared(t);
     return read_values(t, n, values);
+}
+
+/* ---- Log ------------------------------------------------------------------------------------- */
+
+/* True for a character device, such as a terminal, to which the log may be written without --force.
+ * False for a FIFO, which could block the training. */
+static bool is_device(const char *path)
+{
+    struct stat st;
+
+    return stat(path, &st) == 0 && S_ISCHR(st.st_mode);
+}
+
+/* True if the file is empty or begins with a line of this log, as log_step() and evaluate_clip() in
+ * loop.c write them. */
+static bool is_log(const char *path)
+{
+    static const char *const begin[] = {"{\"iteration\":", "{\"refine\":"};
+    char head[16] = "";
+    size_t n;
+
+    if (spin_file_head(path, head, sizeof head - 1, &n) != SPIN_OK)
+        return false;
+    return n == 0 || strncmp(head, begin[0], strlen(begin[0])) == 0 ||
+           strncmp(head, begin[1], strlen(begin[1])) == 0;
+}
+
+spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool append, bool force)
+{
+    int fd, flags = O_WRONLY | O_CREAT | O_CLOEXEC;
+
+    log->path = path;
+    if (!path)
+        return SPIN_OK;
+    append = append && spin_path_is_taken(path) && (!force || is_log(path));
+    if (!is_device(path))
+        SPIN_TRY(spin_out_check(path, append || force));
+    if (append && !is_device(path) && !is_log(path))
+        return spin_fail(
+            SPIN_E_IO,
+            "cannot append to '%s': it is not a log of spin-retrain; give another name, "
+            "or --force to overwrite",
+            path);
+    pthread_mutex_init(&log->lock, NULL);
+    flags |= append ? O_APPEND : force || is_device(path) ? O_TRUNC : O_EXCL;
+    fd = open(path, flags, 0666);
+    log->file = fd >= 0 ? fdopen(fd, append ? "a" : "w") : NULL;
+    if (log->file)
+        return SPIN_OK;
+    (void)spin_fail(SPIN_E_IO, "cannot write the log '%s': %s", path, strerror(errno));
+    if (fd >= 0)
+        close(fd);
+    return SPIN_E_IO;
+}
+
+static void check_write(struct spin_step_log *log, bool flush)
+{
+    if (!ferror(log->file) && (!flush || fflush(log->file) == 0))
+        return;
+    snprintf(log->error, sizeof log->error, "%s", strerror(errno ? errno : EIO));
+    spin_warn("cannot write the log '%s': %s; the training goes on without it", log->path,
+              log->error);
+    fclose(log->file);
+    log->file = NULL;
+}
+
+FILE *spin_step_log_begin(struct spin_step_log *log)
+{
+    if (!log->path)
+        return NULL;
+    pthread_mutex_lock(&log->lock);
+    if (log->file)
+        return log->file;
+    pthread_mutex_unlock(&log->lock);
+    return NULL;
+}
+
+void spin_step_log_end(struct spin_step_log *log, bool flush)
+{
+    check_write(log, flush);
+    pthread_mutex_unlock(&log->lock);
+}
+
+void spin_step_log_close(struct spin_step_log *log)
+{
+    if (log->file)
+        check_write(log, true);
+    if (log->file && fclose(log->file) != 0)
+        snprintf(log->error, sizeof log->error, "%s", strerror(errno));
+    log->file = NULL;
+}
+
+/* ---- SIMD paths ------------------------------------------------------------------------------ */
+
+void spin_simd_paths_begin(struct spin_simd_paths *paths, const char *now)
+{
+    paths->now = now;
+    snprintf(paths->all, sizeof paths->all, "%s", now);
+}
+
+void spin_simd_paths_add(struct spin_simd_paths *paths, const char *before)
+{
+    bool other = false;
+
+    for (const char *at = before ? before : ""; *at;) {
+        size_t n = strcspn(at, "+"), used = strlen(paths->all);
+        char one[sizeof paths->all];
+
+        snprintf(one, sizeof one, "%.*s", (int)n, at);
+        at += n + (at[n] == '+');
+        if (one[strspn(one, "abcdefghijklmnopqrstuvwxyz0123456789")] || strstr(paths->all, one) ||
+            used + strlen(one) + 2 > sizeof paths->all)
+            continue;
+        snprintf(paths->all + used, sizeof paths->all - used, "%s%s", used ? "+" : "", one);
+        other = true;
+    }
+    if (other)
+        spin_warn("the SIMD path of this run is %s, but the work used more than one (%s): the "
+                  "output will differ from that of an uninterrupted run in the last bits",
+                  paths->now, paths->all);
 }

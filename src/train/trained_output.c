@@ -6,7 +6,7 @@
 #include "model/residual.h"
 #include "scene/data_path.h"
 #include "train/rows_4d.h"
-#include "train/settings.h"
+#include "train/key.h"
 
 /* ---- Precision ------------------------------------------------------------------------------- */
 
@@ -531,8 +531,7 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
 
     SPIN_TRY(cameras_to_json(output, &cameras));
     j = spin_field_to_json(&t->field, t->network != NULL);
-    spin_json_set(j, "options",
-                  spin_settings_network(output->plan, output->frames->init_log_scale));
+    spin_json_set(j, "options", spin_settings_network(output->plan));
     spin_json_set_string(j, "device", output->trainer->device->op->name);
     spin_json_set(j, "cameras", cameras);
     if (t->n_tracks > 0 && !t->motion)
@@ -632,7 +631,7 @@ bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint)
         return false;
     text = spin_json_string(spin_json_get(spin_json_get(bundle.json, method), "fingerprint"));
     precision = spin_json_string(spin_json_get(bundle.json, "precision"));
-    same = text && strcmp(text, fingerprint) == 0 && precision &&
+    same = text && spin_fingerprint_equal(text, fingerprint) && precision &&
            strcmp(precision, precision_name(plan->o)) == 0;
     spin_bundle_close(&bundle);
     return same;

@@ -2,9 +2,11 @@
  * table. */
 #include "train/trainer.h"
 
+#include <math.h>
+#include <string.h>
+
 #include "base/base.h"
 #include "math/adam.h"
-#include "train/lazy_adam.h"
 
 static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
@@ -168,21 +170,13 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
 spin_status spin_trainer_join_seen(struct spin_trainer *t)
 {
-    SPIN_FREED struct spin_device_sum *sum = NULL;
-    size_t n = 0;
-
-    if (t->n_ranks == 1 || !t->tracked)
-        return SPIN_OK;
-    SPIN_TRY(spin_alloc(2 * (size_t)t->n_frames, sizeof *sum, (void **)&sum));
-    for (int f = 0; f < t->n_frames; f++) {
+    for (int f = 0; t->n_ranks > 1 && t->tracked && f < t->n_frames; f++) {
         const struct spin_train_frame *frame = &t->frame[f];
 
-        if (frame->size.n == 0)
-            continue;
-        sum[n++] = (struct spin_device_sum){frame->gradient, frame->size.n, false};
-        sum[n++] = (struct spin_device_sum){frame->seen, frame->size.n, true};
+        SPIN_TRY(spin_rank_sum(&t->rank_sum, frame->gradient, frame->size.n, SPIN_SUM_F32));
+        SPIN_TRY(spin_rank_sum(&t->rank_sum, frame->seen, frame->size.n, SPIN_SUM_U32));
     }
-    return spin_rank_sum(&t->rank_sum, sum, n);
+    return SPIN_OK;
 }
 
 void spin_trainer_part_seen(struct spin_trainer *t)
@@ -276,33 +270,10 @@ double spin_trainer_track_rate(const struct spin_trainer *t, double lr0)
     return spin_lr(lr0, r->end, t->iteration, r->warmup, r->track_iterations);
 }
 
-int64_t spin_trainer_network_steps(const struct spin_trainer *t)
-{
-    return t->iteration > t->rates.network_from ? t->iteration - t->rates.network_from : 0;
-}
-
-double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step)
-{
-    const struct spin_train_rates *r = &t->rates;
-
-    return spin_lr(lr0, r->end, step, r->warmup, r->iterations - r->network_from);
-}
-
-static bool network_works(const struct spin_trainer *t)
-{
-    return t->network && spin_trainer_network_steps(t) > 0;
-}
-
-const struct spin_field *spin_trainer_network(const struct spin_trainer *t)
-{
-    return network_works(t) ? t->network : NULL;
-}
-
 int spin_trainer_sh_degree(const struct spin_trainer *t)
 {
     int64_t begun = t->iteration > 0 ? t->iteration - 1 : 0;
-    bool own = !network_works(t) && (t->tracked || !t->network);
-    int most = own ? t->sh_degree : t->field.sh_degree;
+    int most = t->network ? t->field.sh_degree : t->sh_degree;
 
     if (t->sh_increase_every <= 0 || begun / t->sh_increase_every >= most)
         return most;
@@ -314,15 +285,15 @@ int spin_trainer_sh_degree(const struct spin_trainer *t)
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done)
 {
     while (t->lazy && t->lazy->done < done)
-        t->device->op->lazy_adam_advance(
-            t->device, t->lazy, spin_trainer_network_rate(t, t->rates.table, t->lazy->done + 1));
+        t->device->op->lazy_adam_advance(t->device, t->lazy,
+                                         spin_trainer_rate(t, t->rates.table, t->lazy->done + 1));
 }
 
 float SPIN_DEV *spin_trainer_take_table(struct spin_trainer *t)
 {
     if (!t->lazy)
         return t->table.p;
-    spin_trainer_catch_up(t, spin_trainer_network_steps(t));
+    spin_trainer_catch_up(t, t->iteration);
     t->device->op->lazy_adam_flush(t->device, t->lazy, t->table.g);
     return t->table.g;
 }
@@ -331,4 +302,172 @@ void spin_trainer_put_back(struct spin_trainer *t)
 {
     if (t->lazy)
         t->device->op->zero(t->device, t->table.g, t->table.n * sizeof(float));
+}
+
+/* ---- All-reduce of device memory ------------------------------------------------------------- */
+
+enum { FIRST_BYTES = 1 << 16 };
+
+/* Ensures that the staging memory on the host has at least this size. Its contents are lost. */
+static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
+{
+    const struct spin_device_ops *op = s->device->op;
+
+    if (bytes <= s->host.bytes)
+        return SPIN_OK;
+    op->host_release(s->device, &s->host);
+    return op->host_reserve(s->device, bytes + bytes / 8, &s->host);
+}
+
+spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *device)
+{
+    *s = (struct spin_rank_sum){.device = device};
+    if (spin_n_ranks() == 1 || device->is_host)
+        return SPIN_OK;
+    SPIN_TRY(need_host(s, FIRST_BYTES));
+    spin_log(1, "all-reduce between GPUs: through %s host memory",
+             s->host.pinned ? "page-locked" : "ordinary");
+    return SPIN_OK;
+}
+
+void spin_rank_sum_close(struct spin_rank_sum *s)
+{
+    if (s->host.at)
+        s->device->op->host_release(s->device, &s->host);
+    *s = (struct spin_rank_sum){0};
+}
+
+spin_status spin_rank_sum(struct spin_rank_sum *s, void SPIN_DEV *at, size_t n, int kind)
+{
+    struct spin_device *d = s->device;
+    void *host;
+
+    if (spin_n_ranks() == 1 || n == 0)
+        return SPIN_OK;
+    SPIN_TRY(d->op->wait(d));
+    host = d->op->host_view(d, at);
+    if (host)
+        return spin_ranks_sum(host, n, kind);
+    SPIN_TRY(need_host(s, 4 * n));
+    SPIN_TRY(d->op->download(d, s->host.at, at, 4 * n));
+    SPIN_TRY(spin_ranks_sum(s->host.at, n, kind));
+    d->op->upload(d, at, s->host.at, 4 * n);
+    /* The next download may overwrite the host memory only after the upload. */
+    return d->op->wait(d);
+}
+
+/* ---- Exposure and falloff -------------------------------------------------------------------- */
+
+spin_status spin_exposures_open(struct spin_exposures *t, struct spin_device *d, int n_cameras,
+                                int n_lenses, const float *first, size_t pixels)
+{
+    size_t n = n_cameras == 0 ? 0 : SPIN_EXPOSURE * (size_t)(n_cameras + n_lenses);
+
+    memset(t, 0, sizeof *t);
+    SPIN_TRY(spin_param_open(&t->param, d, n, 0));
+    if (n == 0)
+        return SPIN_OK;
+    d->op->upload(d, t->param.p, first, n * sizeof(float));
+    t->n_cameras = (size_t)n_cameras;
+    t->pixels = pixels;
+    return d->op->reserve(d, 3 * pixels * sizeof(float), (void SPIN_DEV **)&t->exposed);
+}
+
+void spin_exposures_close(struct spin_exposures *t, struct spin_device *d)
+{
+    spin_param_close(&t->param, d);
+    d->op->release(d, t->exposed);
+    memset(t, 0, sizeof *t);
+}
+
+void spin_exposures_centre(struct spin_exposures *t, struct spin_device *d)
+{
+    if (t->param.n)
+        d->op->exposure_centre(d, t->n_cameras, t->param.p);
+}
+
+spin_status spin_exposures_read_lenses(const struct spin_exposures *t, struct spin_device *d,
+                                       struct spin_lenses *lenses)
+{
+    const float SPIN_DEV *row = t->param.p + SPIN_EXPOSURE * t->n_cameras;
+
+    for (int i = 0; i < lenses->n && t->param.n; i++)
+        SPIN_TRY(d->op->download(d, lenses->lens[i].falloff, row + SPIN_EXPOSURE * i,
+                                 sizeof lenses->lens[i].falloff));
+    return SPIN_OK;
+}
+
+/* ---- Parameters ------------------------------------------------------------------------------ */
+
+spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad)
+{
+    float SPIN_DEV **at[4] = {&param->p, &param->g, &param->m, &param->v};
+
+    memset(param, 0, sizeof *param);
+    param->n = n;
+    param->pad = pad;
+    for (int i = 0; i < 4; i++) {
+        SPIN_TRY(d->op->reserve(d, (n + pad) * sizeof(float), (void SPIN_DEV **)at[i]));
+        *at[i] += pad;
+    }
+    return SPIN_OK;
+}
+
+void spin_param_close(struct spin_param *param, struct spin_device *d)
+{
+    float SPIN_DEV *at[4] = {param->p, param->g, param->m, param->v};
+
+    for (int i = 0; i < 4; i++)
+        if (at[i])
+            d->op->release(d, at[i] - param->pad);
+    memset(param, 0, sizeof *param);
+}
+
+struct spin_param_group spin_param_group(const struct spin_param *param, size_t first, size_t last,
+                                         double lr, int64_t step)
+{
+    return (struct spin_param_group){.p = param->p + first,
+                                     .g = param->g + first,
+                                     .m = param->m + first,
+                                     .v = param->v + first,
+                                     .n = last - first,
+                                     .lr = lr,
+                                     .step = step};
+}
+
+/* ---- Lazy Adam ------------------------------------------------------------------------------- */
+
+/* Lazy Adam stores step numbers as floats, which represent integers exactly up to this number. */
+static const int64_t most_steps = 1 << 24;
+
+static size_t begin_of(const struct spin_field *field)
+{
+    return (size_t)field->grid.offset[spin_lazy_level(&field->grid)] *
+           (size_t)field->grid.n_features;
+}
+
+size_t spin_lazy_lines(const struct spin_field *field)
+{
+    return (field->n_table - begin_of(field)) / SPIN_LINE;
+}
+
+size_t spin_lazy_pad(const struct spin_field *field)
+{
+    return (SPIN_LINE - begin_of(field) % SPIN_LINE) % SPIN_LINE;
+}
+
+/* A splat reads 16 rows of a level, one for each corner of a 4D cell. Corners that are neighbours
+ * along x often share a line, so these rows are in about 9 lines. */
+bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps)
+{
+    const struct spin_grid *grid = &field->grid;
+    int level = spin_lazy_level(grid);
+    double rows, lines;
+
+    if (level == grid->n_levels || steps > most_steps || spin_lazy_lines(field) > UINT32_MAX)
+        return false;
+    rows = (double)grid->offset[level + 1] - grid->offset[level];
+    lines = rows * grid->n_features / SPIN_LINE;
+    return lines >= 1 && fmod(rows * grid->n_features, SPIN_LINE) == 0 &&
+           1 - exp(-9 * splats / lines) < 0.5;
 }

@@ -4,9 +4,88 @@
 
 #include "model/field_eval.h"
 #include "render/raster.h"
-#include "train/exposure.h"
-#include "train/rank_sum.h"
 #include "train/train_frame.h"
+#include "device/device.h"
+#include "io/ranks.h"
+#include "scene/lens.h"
+#include "model/field.h"
+
+/* ---- Parameters ------------------------------------------------------------------------------ */
+
+/* An array of parameters in device memory, with their gradient and Adam's moments. */
+
+struct spin_param {
+    float SPIN_DEV *p, *g, *m, *v; /* [n] parameters, gradient, first and second moments */
+    size_t n, pad;                 /* pad: number of unused floats before each array */
+};
+
+/* Allocates the four arrays and sets them to zero. Each array starts `pad` floats after the start
+ * of its allocation, see spin_lazy_pad(). Close it also after a failure. */
+spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad);
+void spin_param_close(struct spin_param *param, struct spin_device *d);
+/* Describes the parameters [first, last) to the device's adam(), for Adam step `step` with learning
+ * rate lr. */
+struct spin_param_group spin_param_group(const struct spin_param *param, size_t first, size_t last,
+                                         double lr, int64_t step);
+
+/* ---- Exposure and falloff -------------------------------------------------------------------- */
+
+/* Photometric model of the cameras, learned with the scene (math/exposure.h): gain and offset of
+ * each camera for each colour channel, and falloff of each lens. */
+
+struct spin_exposures {
+    /* [n_cameras + n_lenses][SPIN_EXPOSURE]: first the cameras, then the lenses. Empty (n is 0) if
+     * no exposure is learned. */
+    struct spin_param param;
+    size_t n_cameras;
+    /* [pixels][3] rendered images after exposure and falloff were applied. */
+    float SPIN_DEV *exposed;
+    size_t pixels;
+};
+
+/* Allocates the parameters and copies their initial values from `first`, which has the layout of
+ * `param`. `pixels` is the total number of pixels of the images that the device processes together.
+ * With n_cameras 0 no exposure is learned and nothing is allocated. Close it also after a failure.
+ */
+spin_status spin_exposures_open(struct spin_exposures *t, struct spin_device *d, int n_cameras,
+                                int n_lenses, const float *first, size_t pixels);
+void spin_exposures_close(struct spin_exposures *t, struct spin_device *d);
+
+/* Downloads the current falloff of the lenses. */
+spin_status spin_exposures_read_lenses(const struct spin_exposures *t, struct spin_device *d,
+                                       struct spin_lenses *lenses);
+
+/* Fixes the gauge after an Adam step: shifts the gains and offsets of all cameras so that the mean
+ * of the log gains and the mean of the offsets are 0. A held-out view, which has no exposure of its
+ * own, is thus rendered in the colours of this mean camera. Falloff needs no gauge, since its
+ * formula gives 1 at the image centre. */
+void spin_exposures_centre(struct spin_exposures *t, struct spin_device *d);
+
+/* ---- All-reduce of device memory ------------------------------------------------------------- */
+
+/* All-reduce (io/ranks.h) of values in device memory. On the CPU device this is host memory, where
+ * MPI sums the values in place. The values of a GPU are downloaded, summed by MPI and uploaded; the
+ * host memory for this is page-locked if possible (host_reserve() of device.h), which saves a copy.
+ */
+
+/* State of the all-reduce in a rank. All members are zero if there is only one rank. */
+struct spin_rank_sum {
+    struct spin_device *device;
+    struct spin_host_memory host; /* for values that are downloaded from a GPU and summed by MPI */
+};
+
+/* All ranks must call it. With -v it logs which host memory the values of a GPU pass through. */
+spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *device);
+void spin_rank_sum_close(struct spin_rank_sum *s);
+
+/* All-reduces an array of n values, after the queued work of the device is done: afterwards it
+ * contains the sum of the arrays of all ranks. kind: SPIN_SUM_F32 or SPIN_SUM_U32. All ranks must
+ * call it with the same n and kind. The sums are bit-identical on all ranks, and reproducible with
+ * the same number of ranks. Fails if memory is exhausted, if the device fails, or if another rank
+ * has failed. With only one rank it does nothing. */
+spin_status spin_rank_sum(struct spin_rank_sum *s, void SPIN_DEV *at, size_t n, int kind);
+
+/* ---- State of a training --------------------------------------------------------------------- */
 
 /* Learning rates. Each member is a peak: unless noted, the rate rises linearly to it over `warmup`
  * iterations, and then falls along a cosine to `end` in the last iteration. */
@@ -29,8 +108,6 @@ struct spin_train_rates {
     /* After this many iterations the rate of static tracks stays at `end`; if equal to
      * `iterations`, static tracks learn in all iterations. */
     int64_t track_iterations;
-    /* The network joins, and its warmup begins, after this many iterations. */
-    int64_t network_from;
     bool lenses_stay; /* true if falloff is fixed, so that only gains and offsets are learned */
 };
 
@@ -106,8 +183,6 @@ struct spin_trainer {
     struct spin_train_rates rates;
     struct spin_lazy_adam *lazy; /* lazy Adam of the table; NULL: Adam updates the whole table */
     float lambda_dssim, background[3];
-    /* Weights in the loss of the mean scale and the mean opacity of visible splats. */
-    float lambda_scale, lambda_opacity;
     /* Iterations after which the SH degree rises by one; 0: full degree from the start. */
     int sh_increase_every;
     int64_t iteration; /* number of iterations done */
@@ -160,10 +235,6 @@ spin_status spin_trainer_join_seen(struct spin_trainer *t);
  * All ranks must call it. */
 void spin_trainer_part_seen(struct spin_trainer *t);
 
-/* Returns the network; NULL if there is none or if it has not joined the training yet
- * (rates.network_from). */
-const struct spin_field *spin_trainer_network(const struct spin_trainer *t);
-
 /* Returns the SH degree of the current iteration; it may rise during training. The coefficients of
  * higher degrees must be zero, see spin_field_clear_sh(). */
 int spin_trainer_sh_degree(const struct spin_trainer *t);
@@ -181,12 +252,21 @@ double spin_trainer_position_rate(const struct spin_trainer *t);
 /* Returns the learning rate of static tracks in the current iteration, for values whose peak rate
  * is lr0. It falls within rates.track_iterations iterations instead of all. */
 double spin_trainer_track_rate(const struct spin_trainer *t, double lr0);
-/* Returns the learning rate of the network in its Adam step `step`, for parameters whose peak rate
- * is lr0. */
-double spin_trainer_network_rate(const struct spin_trainer *t, double lr0, int64_t step);
-/* Returns the number of Adam steps of the network so far, which is the number of iterations since
- * it joined. */
-int64_t spin_trainer_network_steps(const struct spin_trainer *t);
-/* Gives lazy Adam those learning rates of the network's first `done` Adam steps that it lacks. It
+/* Gives lazy Adam the learning rates of those of the first `done` Adam steps that it lacks. It
  * lacks rates only after a resume, since a checkpoint does not contain them. */
 void spin_trainer_catch_up(struct spin_trainer *t, int64_t done);
+
+/* ---- Lazy Adam ------------------------------------------------------------------------------- */
+
+/* Decides whether lazy Adam (device.h, struct spin_lazy_adam) is faster than an update of the whole
+ * hash table, and computes the sizes of its memory. */
+
+/* Number of floats by which the start of the table's parameters must be shifted so that the lines
+ * of lazy Adam coincide with cache lines. */
+size_t spin_lazy_pad(const struct spin_field *field);
+/* Number of lines in the hashed levels, the only part of the table that is divided into lines. */
+size_t spin_lazy_lines(const struct spin_field *field);
+/* True if the evaluation of `splats` splats in an iteration reads, on average, less than half of
+ * the lines of a hashed level; if it reads more, lazy Adam saves nothing. False also if lazy Adam
+ * does not support the sizes of the table or this number of Adam steps. */
+bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps);

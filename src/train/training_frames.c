@@ -5,12 +5,10 @@
 #include "math/turn.h"
 #include "model/residual.h"
 #include "train/backdrop.h"
-#include "train/cloud.h"
-#include "geometry/knn.h"
+#include "train/train_frame.h"
 #include "geometry/morton.h"
-#include "train/point_sample.h"
-#include "train/turns.h"
-#include "train/unseen.h"
+#include "train/track_matching.h"
+#include "train/photos.h"
 
 /* Reads a refined frame or, with refinement NULL, a frame of the source, to which it appends the
  * splats of the backdrop. Fails if a mean is not finite. */
@@ -31,17 +29,11 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
 
 /* Sets the centre and the radius of the scene transform. With --scene-normalise auto, the centre is
  * the median of the sampled points along each axis, and the radius is that of the ball around it
- * that contains 90 % of the points (docs/method.md 3.1). Otherwise the options give both, or the
- * transform stays the identity. */
+ * that contains 90 % of the points (docs/method.md 3.1). Otherwise the transform stays the
+ * identity. */
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
 {
-    if (o->normalise == SPIN_NORMALISE_GIVEN) {
-        for (int c = 0; c < 3; c++)
-            t->centre[c] = (float)o->normalise_centre[c];
-        t->inv_radius = (float)(1 / o->normalise_radius);
-        return;
-    }
     if (o->normalise == SPIN_NORMALISE_AUTO)
         t->inv_radius = 1.0f / fmaxf(spin_point_sample_enclose(sample, t->centre), 1e-20f);
 }
@@ -278,21 +270,6 @@ static void turn_first_tracks(struct first_tracks *first, const struct spin_turn
         }
 }
 
-/* Sets *log_scale to the log of the median distance between a splat and its three nearest
- * neighbours. */
-static spin_status measure_spacing(int n_threads, const struct spin_splats *s, double *log_scale)
-{
-    struct spin_pool *pool = NULL;
-    float square = 0;
-    spin_status status = spin_pool_create(n_threads, &pool);
-
-    if (status == SPIN_OK)
-        status = spin_knn_median_dist2(pool, s->n, s->means, &square);
-    *log_scale = 0.5 * log(fmax((double)square, 1e-7));
-    spin_pool_free(pool);
-    return status;
-}
-
 /* ---- The pass -------------------------------------------------------------------------------- */
 
 static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan,
@@ -318,8 +295,6 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
                 add_places(turns, tracks, f, s, frames->permutation[f], &trainer->frame[f].size));
     }
     trainer->frame[f].time = spin_plan_info(plan, f)->time;
-    if (isnan(plan->o->init_log_scale) && f == spin_plan_middle_frame(plan))
-        SPIN_TRY(measure_spacing(plan->o->n_threads, s, &frames->init_log_scale));
     if (!first_values)
         return SPIN_OK;
     return send_frame(plan, s, f, frames->permutation[f], first, trainer->device,
@@ -342,7 +317,6 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation,
                         (void **)&frames->permutation));
     frames->n = plan->clip.n_frames;
-    frames->init_log_scale = plan->o->init_log_scale;
     SPIN_TRY(open_first_tracks(&first, tracks));
     SPIN_TRY(spin_point_sample_open(&sample, plan->clip.n_frames));
     for (int f = 0; f < frames->n; f++) {

@@ -9,7 +9,6 @@ struct spin_frames {
     int n;
     /* [n][splats] for each frame: the row in the bundle of each of the trainer's splats. */
     uint32_t **permutation;
-    double init_log_scale; /* initial log scale of splats */
 };
 
 /* Checks that the means of the source are finite, and stores the share of the means outside the

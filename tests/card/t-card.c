@@ -261,8 +261,6 @@ static struct spin_frame_batch frames_of(struct side *s, bool own)
             .d_means = (float SPIN_DEV *)s->at[D_MEANS] + 3 * first,
             .residual = own ? (float SPIN_DEV *)s->at[OWN] + SPIN_RESIDUAL * first : NULL,
             .d_residual = own ? (float SPIN_DEV *)s->at[D_OWN] + SPIN_RESIDUAL * first : NULL,
-            .d_scale = 1e-4f,
-            .d_opacity = 1e-4f,
             .track = (uint32_t SPIN_DEV *)s->at[TRACK] + first,
             .own_means = (float SPIN_DEV *)s->at[MEANS] + 3 * first,
             .own_residual = (float SPIN_DEV *)s->at[OWN] + SPIN_RESIDUAL * first,
@@ -421,13 +419,6 @@ VERB(nonzero_grad)
         b.frame[f].d_means = NULL; /* all d_means are nonzero here */
     return OP(nonzero_grad, &b, s->at[D_ATTR], &active);
 }
-VERB(regularise_back)
-{
-    struct spin_frame_batch b = frames_of(s, false);
-    struct spin_active active = active_of(s);
-
-    return OP(regularise_back, &b, &active, s->at[D_ATTR]);
-}
 VERB(activate_back)
 {
     struct spin_frame_batch b = frames_of(s, false);
@@ -546,7 +537,6 @@ static const struct {
     {"densify_stats", do_densify_stats, 1e-4, {GRADIENT, SEEN, -1}},
     {"project_back", do_project_back, 1e-4, {D_ATTR, D_MEANS, -1}},
     {"nonzero_grad", do_nonzero_grad, 0, {ROWS, N_ROWS, -1}},
-    {"regularise_back", do_regularise_back, 1e-6, {D_ATTR, -1}},
     {"activate_back", do_activate_back, 1e-5, {D_RAW, -1}},
     {"residual_back", do_residual_back, 1e-6, {D_OWN, -1}},
     {"mlp_back", do_mlp_back, 1e-4, {D_HEADS, D_Z, -1}},

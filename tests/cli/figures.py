@@ -725,7 +725,7 @@ def check_export(frames, kept):
 def main():
     only, tracks = os.environ.get("TAP_PART"), path("tracks.spin")
     of_tracks = "--iterations 9 --eval-every 4 --scale 0.5".split()
-    small = "--levels 2 --hash-log2 18 --hidden 16 --base-resolution 24,24,24,2 --finest-resolution 48,48,48,2 --scale 0.5"
+    small = "--levels 2 --hash-log2 18 --hidden 16 --finest-resolution 48,48,48,8 --scale 0.5"
     frames = make_source()
     run("import", path("run"), "--data", CLIP, "-o", path("all.spin"))
     if only in (None, "imports"):

@@ -49,11 +49,10 @@ misuse "not '-1'" spin-retrain a -o b --seed -1
 misuse "from 0 to 9007199254740991, not '9007199254740992'" spin-retrain a -o b --seed 9007199254740992
 misuse "not '1.5'" spin-retrain a -o b --lambda-dssim 1.5
 misuse "not 'tpu'" spin-retrain a -o b --device tpu
-misuse "not '1,2'" spin-retrain a -o b --base-resolution 1,2
-misuse "not '4.5'" spin-retrain a -o b --base-resolution 4.5
+misuse "not '1,2'" spin-retrain a -o b --finest-resolution 1,2
+misuse "not '4.5'" spin-retrain a -o b --finest-resolution 4.5
 misuse "not '65537'" spin-retrain a -o b --finest-resolution 65537
-misuse "not 'big'" spin-retrain a -o b --init-log-scale big
-misuse "not '0,0,0,-1'" spin-retrain a -o b --scene-normalise 0,0,0,-1
+misuse "not '0,0,0,1'" spin-retrain a -o b --scene-normalise 0,0,0,1
 misuse "not '1,2,3'" spin-retrain a -o b --background 1,2,3
 misuse "not '0,0,1,1'" spin-retrain a -o b --background 0,0,1,1
 misuse "not 'big'" spin-retrain a -o b --preset big

@@ -6,7 +6,7 @@
 
 few='--device cpu --range 0:2 --scale 0.25 --refine 136'
 one='--device cpu --range 1:2 --scale 0.25 --refine 136'
-net='--levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16 --iterations 30 --init-log-scale auto'
+net='--levels 4 --hash-log2 10 --finest-resolution 32 --hidden 16 --iterations 30'
 in=$work/in.spin
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in"
 is "$code" 0 "imports the clip"
@@ -68,7 +68,7 @@ greater "$((n_source + 8))" "$(splats_of "$work/capped.spin")"
 ok $? "--max-points is kept, and frames start from the source's attributes"
 
 # What goes beyond 3DGS: other frames, the same bytes on other threads, and measured as they were trained.
-for more in '--sh-increase-every 50' '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4' '--lambda-opacity 3' '--lambda-scale 3'; do
+for more in '--sh-increase-every 50' '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4'; do
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method frames --densify off $more --force --json \
         --precision half

@@ -48,7 +48,7 @@ is "$code" 0 "imports a clip that one moving camera sees"
 
 # The extent that a bundle's network was trained with; meta.json is stored as it is.
 extent_of() { tr -d ' \n' <"$1" | LC_ALL=C grep -a -o '"spatial_extent":[0-9.e+-]*' | sed 's/.*://; q'; }
-run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --iterations 12 --lambda-scale 1
+run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --iterations 12
 is "$code" 0 "one view a time: retrains"
 extent=$(extent_of "$work/moving.spin")
 greater "$extent" 0.1
@@ -58,8 +58,7 @@ is $? 1 "and nothing is said of one place"
 run "$bin/spin-retrain" "$in" -o "$work/refined.spin" $small --iterations 3 --refine 12
 is "$code" 0 "one view a time: frames can be refined"
 
-run "$bin/spin-retrain" "$in" --data "$work/single" -o "$work/single.spin" $small --iterations 12 \
-    --lambda-scale 1
+run "$bin/spin-retrain" "$in" --data "$work/single" -o "$work/single.spin" $small --iterations 12
 is "$code" 0 "one camera in one place: retrains"
 err_has "are at one position" "and says where the extent comes from"
 extent=$(extent_of "$work/single.spin")

@@ -64,11 +64,11 @@ plain=$small
 small="$small --residual points"
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped KILL 137
-# Tracks that are densified, with a network that joins late, and without one; then frames that share no splat.
+# Tracks that are densified, with a network and without one; then frames that share no splat.
 still=$in
 "$bin/spin-export" "$in" --to ply -o "$work/apart" -q && rm "$work/apart/sequence.json"
 run "$bin/spin-import" "$work/apart" --data "$data" --pair order -o "$work/apart.spin"
-for more in "$net --tracks auto --network-start 0.5" '--method tracks' '--method tracks --lr-tracked 1'; do
+for more in "$net --tracks auto" '--method tracks' '--method tracks --lr-tracked 1'; do
     case $more in *lr-tracked*) in=$work/apart.spin ;; esac
     small="$bare $more --densify-every 15 --densify-threshold 1e-5 --max-points 1500 --precision half"
     run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force

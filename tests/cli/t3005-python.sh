@@ -61,7 +61,7 @@ same() {
 }
 same "$in" source "an imported bundle"
 small='--scale 0.25 --test-cams 0 --device cpu -q'
-net='--preset paper --levels 4 --hash-log2 12 --finest-resolution 64,64,64,16 --hidden 16 --hash-init-range 0.5'
+net='--preset paper --levels 4 --hash-log2 12 --finest-resolution 64,64,64,16 --hidden 16 --lr-table 0.5 --warmup 0'
 for precision in compact half full; do
     for kind in "tracks:retrained:--preset quick --iterations 40 --densify-every 10" \
         "network:retrained:$net --iterations 3" \

@@ -6,7 +6,7 @@
 . tests/cli/ranks.sh
 
 in=$work/in.spin
-small='--preset paper --device cpu --levels 8 --hash-log2 10 --base-resolution 4,4,4,2 --finest-resolution 64 --hidden 16'
+small='--preset paper --device cpu --levels 8 --hash-log2 10 --finest-resolution 64 --hidden 16'
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
 is "$code" 0 "imports a clip"
 
@@ -38,8 +38,8 @@ alike "more ranks than images of a step, with values of their own" 6 1e-3 $small
     --residual points --lr-residual 2 --batch 4 --preview "$work/preview"
 alike "several frames of a process, with values of their own" 2 1e-3 $small --iterations 6 \
     --residual points --lr-residual 2 --batch 4
-alike "tracks that are densified, before and with a network" 2 0.01 $small --iterations 12 --tracks auto \
-    --densify-every 3 --densify-threshold 1e-6 --densify-until 0.4 --network-start 0.5 --batch 5 --eval-every 5
+alike "tracks that are densified, with a network" 2 0.01 $small --iterations 12 --tracks auto \
+    --densify-every 3 --densify-threshold 1e-6 --densify-until 0.4 --batch 5 --eval-every 5
 tracks='--device cpu --scale 0.5 --densify-every 3 --densify-threshold 1e-6 --lr-tracked 1'
 for n in 3 4; do
     alike "tracks without a network, several views of a frame" $n 0.01 $tracks --iterations 9 --batch 5 \

@@ -41,8 +41,8 @@ fails 1 spin-eval "weights that are not there"
 err_has "x.pth" "says which"
 
 run "$bin/spin-retrain" "$work/court.spin" -o "$work/better.spin" --preset paper --device cpu --iterations 300 \
-    --levels 8 --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 \
-    --sh-degree 1 --head-lr-factor 8 --init-log-scale auto --eval-every 150 --log "$work/log" --json
+    --levels 8 --hash-log2 15 --finest-resolution 128,128,128,8 \
+    --sh-degree 1 --head-lr-factor 8 --residual points --eval-every 150 --log "$work/log" --json
 is "$code" 0 "retrains"
 is_json "spin-retrain --json is one document"
 cp "$work/out" "$work/retrain.json"

@@ -99,7 +99,7 @@ retrained() { # IMPORTER RADIUS LAST_TIME [IMPORT_OPTIONS]
     run "$bin/spin-import" "$in" --data "$data" -o "$work/$1-b.spin" --json $4
     is "$code $(member frames)" "0 3" "$1: with its own pictures"
     run "$bin/spin-retrain" "$work/$1-b.spin" -o "$work/$1-c.spin" --preset paper --iterations 20 --hash-log2 14 --json --scene-normalise auto \
-        --init-log-scale auto --head-lr-factor 4 \
+        --head-lr-factor 4 \
         --log "$work/$1.jsonl"
     is "$code $(member iterations)" "0 20" "$1: 20 iterations"
     greater "$(tr -d '\n' <"$work/out" | sed 's/.*"before": {[^}]*"psnr": \([0-9.]*\).*/\1/')" 40

@@ -305,8 +305,12 @@ worse() { figure '"the result is worse than the source, test PSNR %.3f dB instea
 retrain --iterations 3 --backdrop off
 warns "tracks that are worse" "$(worse)more --iterations, or --preset best"
 small='--levels 2 --hash-log2 8 --hidden 16 --finest-resolution 16'
+"$bin/spin-export" "$in" --to ply --source --scale 20 -o "$work/large" -q && rm "$work/large/sequence.json"
+"$bin/spin-import" "$work/large" --data "$work/data" --pair order -o "$work/large.spin" -q
+normal=$in in=$work/large.spin
 # shellcheck disable=SC2086
-retrain --preset paper --iterations 2 $small --scene-normalise 0,0,0,0.05 --resume
+retrain --preset paper --iterations 2 $small --resume
+in=$normal
 warns "points outside the ball, a network that is worse, nothing to resume" \
     "nothing to resume: '$work/out.spin' has no checkpoint, starting from the beginning" \
     "nearly all points are outside the unit ball: consider --scene-normalise auto" \

@@ -289,36 +289,14 @@ static void is_mix(const struct run *r, double lambda)
     near(number(r->options, "lambda_dssim"), lambda, 0, "as the bundle says");
 }
 
-/* Mean opacity, or mean scale, of the network's splats in frame 1. */
-static double mean_of(unsigned column)
-{
-    struct spin_scene *scene = NULL;
-    struct spin_splats s = {0};
-    char path[600];
-    double sum = 0;
-
-    snprintf(path, sizeof path, "%s/run.spin", folder);
-    if (!ok(spin_scene_open(path, &scene) == SPIN_OK &&
-                spin_scene_read(scene, 0, SPIN_FROM_TRAINED, column, &s) == SPIN_OK,
-            "decodes the network"))
-        exit(tap_done());
-    for (size_t i = 0; i < s.n; i++)
-        sum += column == SPIN_COL_LOGIT_OPACITIES ? (double)s.logit_opacities[i] / (double)s.n
-                                                  : (double)s.log_scales[3 * i] / (double)s.n;
-    spin_splats_free(&s);
-    spin_scene_close(scene);
-    return sum;
-}
-
 static void test_loss(void)
 {
     struct run *one = retrain(""), *l1 = retrain("--lambda-dssim 0"),
                *ssim = retrain("--lambda-dssim 1"), *white = retrain("--background white"),
                *ones = retrain("--background 1,1,1"), *red = retrain("--background 1,0,0.5"),
                *blue = retrain("--background 0.5,0,1"), *moving = retrain("--dynamic-weight 4"),
-               *anti = retrain("--antialias on"), *small = retrain("--scale 0.5"), *other;
+               *anti = retrain("--antialias on"), *small = retrain("--scale 0.5");
     bool flag = false;
-    double opacity, scale;
 
     is_mix(one, 0.2);
     is_mix(l1, 0);
@@ -344,19 +322,6 @@ static void test_loss(void)
        "--scale: other images");
     drop(l1), drop(ssim), drop(white), drop(ones), drop(red), drop(blue), drop(moving), drop(anti),
         drop(small);
-
-    other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0");
-    opacity = mean_of(SPIN_COL_LOGIT_OPACITIES);
-    scale = mean_of(SPIN_COL_LOG_SCALES);
-    drop(other);
-    other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0 --lambda-opacity 100");
-    ok(mean_of(SPIN_COL_LOGIT_OPACITIES) < opacity - 0.1, "--lambda-opacity makes splats fainter");
-    near(number(other->options, "lambda_opacity"), 100, 0, "and is in the bundle");
-    drop(other);
-    other = retrain("--lr-opacity 0.1 --lr-scale 0.1 --warmup 0 --lambda-scale 100");
-    ok(mean_of(SPIN_COL_LOG_SCALES) < scale - 0.1, "--lambda-scale makes splats smaller");
-    near(number(other->options, "lambda_scale"), 100, 0, "and is in the bundle");
-    drop(other);
     drop(one);
 }
 
@@ -367,6 +332,9 @@ static void test_loss(void)
  * difference to a run of rate 0 is the rate. With one step of warm-up it is the rate as given. */
 static const char still[] =
     "--iterations 1 --warmup 1 --lr-table 0 --head-lr-factor 0 --lr-position 0";
+/* The table has large values from the first iteration on, so that the second shows what becomes of
+ * positions. */
+static const char wide[] = "--iterations 2 --warmup 0 --lr-table 0.5";
 
 static double moved(const struct run *a, const struct run *b, int head)
 {
@@ -443,9 +411,9 @@ static void test_defaults(void)
         retrain("--iterations 40 --warmup 1 --lr-table 8e-3 --lr-sh 1e-3 --lr-scale 3e-4 "
                 "--lr-rotation 3e-5 --lr-opacity 8e-4 --lr-position 1.6e-4 --head-lr-factor 1 "
                 "--lambda-dssim 0.2 --seed 0 --batch 3 --views-per-frame 1 --sh-degree 3 "
-                "--base-resolution 8 --features 4 --hash-init-range 1e-4 --init-log-scale -5 "
+                "--features 4 "
                 "--scene-normalise off --residual off --activation gelu --sh-increase-every 0 "
-                "--lambda-opacity 0 --lambda-scale 0 --dynamic-weight 1 --background black "
+                "--dynamic-weight 1 --background black "
                 "--method network --refine 0 --pair auto --preset paper --test-cams 0,15");
     two = retrain("--iterations 40 --warmup 2");
     ok(moved_array(one, said_so, "trained/table") == 0 &&
@@ -643,7 +611,8 @@ static void test_auto_exposure(void)
     ok(shell("%s/spin-retrain %s/in.spin --data %s/tinted -o %s/tinted.spin %s --test-cams "
              "0,3,12,15,19,23 --learn-exposure on",
              bin, folder, folder, folder, one) == 0 &&
-           strstr(said, "exposures and falloff start from neutral values") && !strstr(said, "cameras differ"),
+           strstr(said, "exposures and falloff start from neutral values") &&
+           !strstr(said, "cameras differ"),
        "and learn all the same when that is asked for: %s", said);
     ok(shell("%s/spin-eval %s/tinted.spin --data %s/tinted --device cpu --threads 1", bin, folder,
              folder) == 0 &&
@@ -935,14 +904,10 @@ static void test_network(void)
     near(bias_of(one), -5, 0, "the first log scale is -5");
     ok(one->field.transform.inv_radius == 1 && !one->field.transform.raw && !one->field.heads.relu,
        "nothing is normalised, and the heads are GELU's");
-    near(number(one->options, "init_log_scale"), -5, 0, "as the bundle says");
 
     snprintf(more, sizeof more,
-             "%s --levels 6 --features 2 --hash-log2 9 --hidden 8 --sh-degree 1 --base-resolution "
-             "4,5,6,2 "
-             "--finest-resolution 20,21,22,7 --hash-init-range 0.5 --init-log-scale -3 "
-             "--activation relu "
-             "--scene-normalise 1,2,3,4",
+             "%s --levels 6 --features 2 --hash-log2 9 --hidden 8 --sh-degree 1 "
+             "--finest-resolution 20,21,22,9 --activation relu",
              still);
     r = retrain(more);
     ok(r->field.grid.n_levels == 6, "--levels");
@@ -951,19 +916,10 @@ static void test_network(void)
        "--hash-log2: at most 2^9 rows a level");
     ok(r->field.heads.hidden == 8, "--hidden");
     ok(r->field.sh_degree == 1, "--sh-degree");
-    ok(r->field.grid.res[0][0] == 4 && r->field.grid.res[0][1] == 5 &&
-           r->field.grid.res[0][2] == 6 && r->field.grid.res[0][3] == 2,
-       "--base-resolution, axis by axis");
     ok(r->field.grid.res[5][0] == 20 && r->field.grid.res[5][1] == 21 &&
-           r->field.grid.res[5][2] == 22 && r->field.grid.res[5][3] == 7,
+           r->field.grid.res[5][2] == 22 && r->field.grid.res[5][3] == 9,
        "--finest-resolution, axis by axis");
-    ok(most_of(r->table, r->n_table) <= 0.5f && most_of(r->table, r->n_table) > 0.45f,
-       "--hash-init-range");
-    near(bias_of(r), -3, 0, "--init-log-scale");
     ok(r->field.heads.relu, "--activation relu");
-    ok(r->field.transform.centre[0] == 1 && r->field.transform.centre[1] == 2 &&
-           r->field.transform.centre[2] == 3 && r->field.transform.inv_radius == 0.25f,
-       "--scene-normalise CX,CY,CZ,R");
     ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-3, "and the network draws otherwise");
     drop(r);
 
@@ -974,38 +930,28 @@ static void test_network(void)
        "--seed: other first values");
     drop(r);
 
-    snprintf(more, sizeof more, "%s --base-resolution 6", still);
-    r = retrain(more);
-    ok(r->field.grid.res[0][0] == 6 && r->field.grid.res[0][1] == 6 &&
-           r->field.grid.res[0][2] == 6 && r->field.grid.res[0][3] == 6,
-       "one --base-resolution is that of all axes");
-    drop(r);
-
-    snprintf(more, sizeof more, "%s --scene-normalise auto --init-log-scale auto", still);
+    snprintf(more, sizeof more, "%s --scene-normalise auto", still);
     r = retrain(more);
     norm_of(r, centre, &inverse);
     ok(fabs((double)r->field.transform.inv_radius / inverse - 1) < 1e-4 &&
            memcmp(r->field.transform.centre, centre, sizeof centre) == 0,
        "--scene-normalise auto: from the points");
-    ok(bias_of(r) < -1 && bias_of(r) > -4 &&
-           bias_of(r) == (float)number(r->options, "init_log_scale"),
-       "--init-log-scale auto: from the points");
     drop(r);
     drop(one);
-    snprintf(more, sizeof more, "%s --hash-init-range 0.5", still);
+    snprintf(more, sizeof more, "%s", wide);
     one = retrain(more);
-    snprintf(more, sizeof more, "%s --hash-init-range 0.5 --scene-normalise none", still);
+    snprintf(more, sizeof more, "%s --scene-normalise none", wide);
     r = retrain(more);
     ok(spin_json_bool(
            spin_json_get(spin_json_get(spin_json_get(r->network, "field"), "norm"), "raw"),
            &flag) &&
            flag,
        "--scene-normalise none: without the contraction");
-    ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-6, "which draws otherwise");
+    ok(fabs(r->step[1].l1 - one->step[1].l1) > 1e-6, "which draws otherwise");
     drop(r);
-    snprintf(more, sizeof more, "%s --hash-init-range 0.5 --activation relu", still);
+    snprintf(more, sizeof more, "%s --activation relu", wide);
     r = retrain(more);
-    ok(fabs(r->step[0].l1 - one->step[0].l1) > 1e-6, "--activation alone draws otherwise");
+    ok(fabs(r->step[1].l1 - one->step[1].l1) > 1e-6, "--activation alone draws otherwise");
     drop(r), drop(one);
 }
 
@@ -1168,9 +1114,6 @@ static void test_idle(void)
     warns("--residual off",
           "warning: --residual has no effect with tracks, which have their own values\n");
     warns("--residual source", "");
-    warns("--preset short --residual off --init-log-scale -4", "");
-    warns("--preset short --init-log-scale -4",
-          "warning: --init-log-scale has no effect if splats have their own values\n");
     warns("--method frames --tracks auto",
           "warning: --tracks has no effect with --method frames\n");
 }
@@ -1422,10 +1365,7 @@ static void test_tracks(void)
                *last = retrain("--method tracks --warmup 0 --iterations 1 --average 0.3"),
                *none = retrain("--method tracks --warmup 0 --iterations 1 --average 0"),
                *mean = retrain("--method tracks --warmup 0 --average 1 --densify-every 0"),
-               *ends = retrain("--method tracks --warmup 0 --average 0.01 --densify-every 0"),
-               *late = retrain("--tracks auto --warmup 0 --network-start 0.5"),
-               *never = retrain("--tracks auto --warmup 0 --network-start 1"),
-               *never_two = retrain("--tracks auto --warmup 0 --network-start 1 --iterations 2");
+               *ends = retrain("--method tracks --warmup 0 --average 0.01 --densify-every 0");
     const spin_json *tracks = spin_json_get(all->network, "tracks");
     double n = number(tracks, "n");
     size_t moving = (size_t)number(tracks, "moving");
@@ -1471,16 +1411,10 @@ static void test_tracks(void)
            largest(soon, "trained/residual/00000") > 1e-4,
        "--track-iterations 2: after two steps tracks that stand still stay, the others do not");
     ok(splats_of(soon_grown) == splats_of(only), "nor are they densified then");
-    ok(same_order(off, 0, late, 0, 4) && late->step[1].loss != all->step[1].loss &&
-           late->step[0].loss == only->step[0].loss && late->step[1].loss == only->step[1].loss,
-       "--network-start 0.5: two steps of four without the network");
-    ok(farthest(late->table, never->table, 0, late->n_table) > 0 &&
-           farthest(never_two->table, never->table, 0, late->n_table) == 0,
-       "then it is trained; with 1 never");
     drop(off), drop(all), drop(only), drop(fixed), drop(values), drop(places), drop(shared),
         drop(zero), drop(slow);
     drop(last), drop(none), drop(mean), drop(ends);
-    drop(grown), drop(capped), drop(early), drop(calm), drop(late), drop(never), drop(never_two);
+    drop(grown), drop(capped), drop(early), drop(calm);
 }
 
 /* ---- All ----------------------------------------------------------------------------------------

@@ -365,7 +365,6 @@ QUEUED2(residual_set, S, spin_frame_batch, P, float)
 QUEUED3(residual_back, S, spin_frame_batch, S, spin_active, P, floats)
 QUEUED3(activate, S, spin_frame_batch, P, floats, P, float)
 QUEUED5(activate_back, S, spin_frame_batch, S, spin_active, P, floats, P, floats, P, float)
-QUEUED3(regularise_back, S, spin_frame_batch, S, spin_active, P, float)
 QUEUED3(nonzero_grad, S, spin_frame_batch, P, floats, S, spin_active)
 QUEUED5(project, S, spin_view_batch, S, spin_frame_batch, P, floats, V, int, P, struct spin_splat2d)
 QUEUED7(project_back, S, spin_view_batch, S, spin_frame_batch, P, floats, V, int,
@@ -513,7 +512,6 @@ struct spin_device *strict_open(struct spin_device *inner, int frames_at_once, i
         .tracks_back = tracks_back,
         .activate = activate,
         .activate_back = activate_back,
-        .regularise_back = regularise_back,
         .nonzero_grad = nonzero_grad,
         .project = project,
         .project_back = project_back,

@@ -171,37 +171,6 @@ static void active_edges(void)
     check_device_free(d);
 }
 
-static void shrinks(void)
-{
-    enum { N = 5000, ROWS = 2500 };
-    float *g[4];
-    uint32_t *rows = net_take(ROWS, sizeof *rows);
-    int wrong = 0;
-
-    for (uint32_t i = 0; i < ROWS; i++)
-        rows[i] = 2 * i + 1;
-    for (int k = 0; k < check_n_threads(); k++) {
-        struct spin_device *d = check_device(check_thread_counts[k]);
-
-        g[k] = net_random((size_t)N * SPIN_ATTR, 8, -1, 1);
-        on_regularise_back(d, ROWS, rows, 0.5f, 0.25f, g[k]);
-        check_device_free(d);
-        check_same_bits(g[k], g[0], (size_t)N * SPIN_ATTR * sizeof(float), "shrink: same bits");
-    }
-    g[1] = (free(g[1]), net_random((size_t)N * SPIN_ATTR, 8, -1, 1));
-    for (size_t i = 0; i < N; i++)
-        for (size_t k = 0; k < SPIN_ATTR; k++) {
-            float more = k < 3 ? 0.5f : k == SPIN_ATTR_OPACITY ? 0.25f : 0;
-            float want = g[1][i * SPIN_ATTR + k] + (i % 2 ? more : 0);
-
-            wrong += g[0][i * SPIN_ATTR + k] != want;
-        }
-    ok(wrong == 0, "shrink adds to scales and opacity of the rows listed, and to nothing else");
-    for (int k = 0; k < check_n_threads(); k++)
-        free(g[k]);
-    free(rows);
-}
-
 static void sane(void)
 {
     struct spin_device *d = check_device(1);
@@ -235,6 +204,5 @@ TAP_MAIN
     differences();
     rows_and_threads();
     active_edges();
-    shrinks();
     sane();
 }

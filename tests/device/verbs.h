@@ -274,20 +274,6 @@ VERB void on_activate_back(struct spin_device *d, size_t n_rows, const uint32_t 
     settle(&l);
 }
 
-VERB void on_regularise_back(struct spin_device *d, size_t n_rows, const uint32_t *rows,
-                             float d_scale, float d_opacity, float *d_attr)
-{
-    struct loans l = {.d = d};
-    struct spin_active active = lend_active(&l, rows, n_rows);
-    size_t n = rows_reach(rows, n_rows);
-    struct spin_frame_batch frames = frame_of(n);
-
-    frames.frame[0].d_scale = d_scale;
-    frames.frame[0].d_opacity = d_opacity;
-    d->op->regularise_back(d, &frames, &active, lend_both(&l, d_attr, n * ATTR_BYTES));
-    settle(&l);
-}
-
 /* Returns the number of rows. */
 VERB size_t on_nonzero_grad(struct spin_device *d, size_t n, const float *d_attr,
                             const float *d_pos, uint32_t *rows)

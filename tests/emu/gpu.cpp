@@ -15,14 +15,12 @@
 #include "device/cuda/gpu.h"
 
 #include <algorithm>
-#include <atomic>
 #include <malloc.h>
 #include <map>
 #include <numeric>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
-#include <unistd.h>
 #include <vector>
 
 static size_t used, work, blocks, copied[2]; /* copied: ordinary, page-locked memory */
@@ -55,13 +53,8 @@ static struct {
     size_t bytes;
 } late;
 
-/* The stream of nccl.cpp: number of message groups in flight. Later operations wait for them. */
-static std::atomic<int> messages;
-
 static void copy_late(void)
 {
-    while (messages > 0)
-        usleep(50);
     if (late.bytes)
         memcpy(late.to, late.host, late.bytes);
     late.bytes = 0;
@@ -111,8 +104,6 @@ bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
     lost = false;
     snprintf(gpu->name, sizeof gpu->name, "%s", name && *name ? name : "emulated");
     gpu->number = number;
-    snprintf(gpu->id, sizeof gpu->id, "emulated %d", gpu->number);
-    gpu->stream = &messages;
     gpu->major = 8;
     gpu->processors = 3;
     gpu->shared = EMU_MOST_SHARED;
@@ -215,8 +206,6 @@ const char *gpu_wait(struct gpu *gpu)
     copy_late();
     return gpu_error(gpu);
 }
-
-bool gpu_done(struct gpu *) { return messages == 0; }
 
 void *gpu_mark_new(struct gpu *) { return calloc(1, sizeof(double)); }
 void gpu_mark_free(void *mark) { free(mark); }

@@ -64,7 +64,7 @@ foreign() {
     src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
     src/io/ranks_mpi.c) echo '^mpi\.h$' ;;
     src/device/cpu/*) echo '^[a-z0-9]*intrin\.h$|^arm_neon\.h$' ;;
-    src/device/cuda/*) echo '^(cuda.*|cub/.*|cooperative_groups.*|nccl\.h)$' ;;
+    src/device/cuda/*) echo '^(cuda.*|cub/.*|cooperative_groups.*)$' ;;
     src/base/mem.c) echo '^sanitizer/asan_interface\.h$' ;;
     *) echo '^$' ;;
     esac

@@ -436,7 +436,7 @@ def targets_of(tree, tests):
             wanted.add("all")
         if "tests/emu" in open(os.path.join(tree, t[0])).read():
             wanted |= {"test-tools", *(BUILD + "/tests/emu/%s.so" % so for so in
-                                       ("spin-cuda", "spin-cuda-race", "faults", "faults-race", "nccl"))}
+                                       ("spin-cuda", "spin-cuda-race", "faults", "faults-race"))}
         if "bench" in t[0]:
             wanted.add("test-bins")
     return wanted

@@ -7,7 +7,7 @@
 #include "math/rng.h"
 #include "tests/check.h"
 #include "tests/tap.h"
-#include "train/cloud.h"
+#include "train/train_frame.h"
 #include "train/loop.h"
 
 /* What a step did. */
@@ -26,7 +26,7 @@ struct one_frame {
     struct spin_densify_options densify;
     bool learns_exposure;
     const float *falloff; /* [SPIN_EXPOSURE] of all lenses, or NULL */
-    double lambda_dssim, lambda_scale, lambda_opacity;
+    double lambda_dssim;
     bool antialias, no_final_prune;
     float background[3];
     void (*watch)(void *context, const struct one_step *step); /* or NULL */
@@ -166,8 +166,6 @@ static spin_status one_trainer(struct one_bench *b, const struct one_frame *o,
     t->field.antialias = o->antialias;
     t->rates = o->rates;
     t->lambda_dssim = (float)o->lambda_dssim;
-    t->lambda_scale = (float)(o->lambda_scale / o->densify.extent);
-    t->lambda_opacity = (float)o->lambda_opacity;
     t->sh_increase_every = o->sh_increase_every;
     memcpy(t->background, o->background, sizeof t->background);
     return spin_refine_cloud_send(cloud, b->plan.device, &t->frame[0]);

@@ -1,6 +1,6 @@
 /* Places whose look changes, as cameras tell them from what passes in front.
  * K: tracks appearance */
-#include "train/appearance.h"
+#include "train/tracks.h"
 
 #include "tests/check.h"
 #include "tests/tap.h"

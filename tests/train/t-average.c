@@ -2,7 +2,7 @@
  * the parameters. K: retrain */
 #include "tests/train/tracked.h"
 
-#include "train/average.h"
+#include "train/checkpoint.h"
 
 /* The iterations that count, and the mean of their numbers. */
 static int counts(double share, int64_t until, int64_t iterations, int64_t *first, double *mean)

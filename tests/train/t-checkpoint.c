@@ -7,9 +7,9 @@
 
 #include "base/log.h"
 #include "io/json.h"
-#include "train/average.h"
+#include "train/checkpoint.h"
 #include "train/key.h"
-#include "train/lazy_adam.h"
+#include "train/trainer.h"
 
 /* In place of Jansson's: what the library allocates by, so that the memory can end. */
 static int n_left = INT_MAX;
@@ -416,8 +416,6 @@ static void by_test_view(struct input *in) { in->view[1].test = true; }
 static void by_extent(struct input *in) { in->plan.extent = 4; }
 static void by_seed(struct input *in) { in->o.seed++; }
 static void by_rate(struct input *in) { in->o.lr_table *= 2; }
-static void by_centre(struct input *in) { in->o.normalise_centre[2] += 1; }
-static void by_radius(struct input *in) { in->o.normalise_radius += 1; }
 static void by_way(struct input *in) { in->o.normalise++; }
 static void by_levels(struct input *in) { in->plan.field.grid.n_levels--; }
 static void by_device(struct input *in) { in->op.name = "cuda"; }
@@ -441,8 +439,6 @@ static void check_fingerprint(void)
               {"the extent of the cameras", by_extent, false},
               {"the seed", by_seed, false},
               {"a rate", by_rate, false},
-              {"the centre of the scene", by_centre, false},
-              {"its radius", by_radius, false},
               {"how it is fitted", by_way, false},
               {"the network's shape", by_levels, false},
               {"the device", by_device, false}};
@@ -465,6 +461,31 @@ static void check_fingerprint(void)
                    alone ? ", frame by frame" : "");
             free(was), free(now);
         }
+}
+
+/* Earlier versions recorded options that are constants now. */
+static void check_former_options(void)
+{
+    static const char own[] = "{\"normalise\":1,\"options\":{\"lr_table\":0.04}}";
+    static const struct {
+        const char *radius, *base, *log_scale;
+        bool equal;
+    } of[] = {{"0", "[8,8,8,8]", "-5", true},
+              {"2", "[8,8,8,8]", "-5", false},
+              {"0", "[8,8,8,4]", "-5", false},
+              {"0", "[8,8,8,8]", "\"auto\"", false}};
+    char recorded[300];
+
+    for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+        snprintf(recorded, sizeof recorded,
+                 "{\"normalise\":1,\"normalise_radius\":%s,\"normalise_centre\":[0,0,0],"
+                 "\"options\":{\"lr_table\":0.04,\"base_resolution\":%s,\"init_log_scale\":%s}}",
+                 of[i].radius, of[i].base, of[i].log_scale);
+        ok(spin_fingerprint_equal(recorded, own) == of[i].equal,
+           "radius %s, coarsest level %s, log scale %s: %s", of[i].radius, of[i].base,
+           of[i].log_scale, of[i].equal ? "the run of today" : "another run");
+    }
+    ok(!spin_fingerprint_equal("{", own), "a damaged fingerprint is another run");
 }
 
 /* ---- Code paths ---------------------------------------------------------------------------------
@@ -512,5 +533,6 @@ TAP_MAIN
     check_refused(d);
     check_device_free(d);
     check_fingerprint();
+    check_former_options();
     check_code_paths();
 }

@@ -11,8 +11,8 @@
 /* ---- Golden values ------------------------------------------------------------------------------
  */
 
-enum kind { FLAG, SWITCH, INT, GRID, ENUM, NORMALISE, UINT64, DOUBLE, LOG_SCALE, COLOUR };
-static const size_t width[] = {1, 1, 4, 4, 4, 4, 8, 8, 8, 4}; /* bytes of one value */
+enum kind { FLAG, SWITCH, INT, GRID, ENUM, UINT64, DOUBLE, COLOUR };
+static const size_t width[] = {1, 1, 4, 4, 4, 8, 8, 4}; /* bytes of one value */
 
 static const struct row {
     const char *field;
@@ -38,7 +38,6 @@ static double number(const struct row *row, const char *options, size_t i)
     case UINT64:
         return (double)*(const uint64_t *)at;
     case DOUBLE:
-    case LOG_SCALE:
         return *(const double *)at;
     case COLOUR:
         return *(const float *)at;
@@ -81,19 +80,14 @@ static void print_stored(FILE *to)
     print_json(to, "network", SPIN_OPTIONS_OF_NETWORK, ",");
     print_json(to, "refinement", SPIN_OPTIONS_OF_REFINEMENT, ",");
     o.dynamic_weight = 2;
-    o.lambda_opacity = 3;
-    o.lambda_scale = 4;
     o.antialias = true;
     o.learn_exposure = SPIN_EXPOSURE_ON;
     o.sh_increase_every = 5;
     o.tracks = true;
     o.backdrop = SPIN_BACKDROP_ON;
-    o.network_start = 0.25;
     o.max_points = 7;
     o.refine_start = SPIN_REFINE_FROM_SOURCE;
     o.densify = false;
-    o.hash_init_range = 0.5;
-    o.init_log_scale = NAN;
     o.residual = SPIN_RESIDUAL_SOURCE;
     o.seed = 9007199254740991;
     print_json(to, "changed network", SPIN_OPTIONS_OF_NETWORK, ",");
@@ -198,8 +192,6 @@ static void test_limits(void)
     LIMIT(views_per_frame, 1, 0);
     LIMIT(lambda_dssim, 1, 1.01);
     LIMIT(dynamic_weight, 1e-3, 0);
-    LIMIT(lambda_opacity, 1e3, -1);
-    LIMIT(lambda_scale, 1e3, INFINITY);
     LIMIT(warmup, 0, -2);
     LIMIT(lr_table, 0, -1e-3);
     LIMIT(lr_sh, 1, 2);
@@ -221,7 +213,6 @@ static void test_limits(void)
     LIMIT(lr_displacement, 1, 2);
     LIMIT(densify_threshold, 1, 2);
     LIMIT(densify_until, 1, 1.5);
-    LIMIT(network_start, 1, -1);
     LIMIT(refine, 0, -1);
     LIMIT(refine_start, SPIN_REFINE_FROM_SOURCE, SPIN_REFINE_FROM_SOURCE + 1);
     LIMIT(max_points, 0, -1);
@@ -230,17 +221,10 @@ static void test_limits(void)
     LIMIT(hash_log2, 4, 27);
     LIMIT(hidden, 256, 0);
     LIMIT(sh_degree, 0, 4);
-    LIMIT(base_resolution[3], 2, 1);
     LIMIT(finest_resolution[0], 65536, 65537);
-    LIMIT(hash_init_range, 10, -1);
-    LIMIT(init_log_scale, NAN, INFINITY);
-    LIMIT(normalise, SPIN_NORMALISE_NONE, SPIN_NORMALISE_GIVEN); /* which has no radius yet */
-    LIMIT(normalise, SPIN_NORMALISE_OFF, SPIN_NORMALISE_GIVEN + 1);
+    LIMIT(normalise, SPIN_NORMALISE_NONE, SPIN_NORMALISE_NONE + 1);
     LIMIT(residual, SPIN_RESIDUAL_SOURCE, SPIN_RESIDUAL_SOURCE + 1);
     LIMIT(lr_residual, 0, 1001);
-    o.normalise = SPIN_NORMALISE_GIVEN;
-    o.normalise_radius = 1;
-    is_refused(false, "a radius");
     o.method = SPIN_METHOD_FRAMES;
     is_refused(true, "--refine");
     o.method = SPIN_METHOD_TRACKS;

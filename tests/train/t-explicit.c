@@ -39,8 +39,6 @@ static struct one_frame same_options(const struct spin_retrain_options *from, do
 
     one_frame_defaults(&o, from->refine, extent);
     o.lambda_dssim = from->lambda_dssim;
-    o.lambda_scale = from->lambda_scale;
-    o.lambda_opacity = from->lambda_opacity;
     o.antialias = from->antialias;
     memcpy(o.background, from->background, sizeof o.background);
     o.learns_exposure = from->learn_exposure == SPIN_EXPOSURE_ON;
@@ -325,8 +323,6 @@ static void compare_keys(void)
     o = base, o.seed = 1, another_key(o, "seed");
     o = base, o.background[1] = 0.5f, another_key(o, "background");
     o = base, o.lambda_dssim = 0.3, another_key(o, "weight of SSIM");
-    o = base, o.lambda_scale = 1, another_key(o, "weight of the scale");
-    o = base, o.lambda_opacity = 1, another_key(o, "weight of the opacity");
     o = base, o.dynamic_weight = 2, another_key(o, "weight of what moves");
     o = base, o.max_points = 9999, another_key(o, "limit of points");
     o = base, o.densify = false, another_key(o, "densification");
@@ -376,8 +372,6 @@ TAP_MAIN
     o.refine_start = SPIN_REFINE_FROM_SOURCE;
     o.learn_exposure = SPIN_EXPOSURE_ON;
     o.lr_exposure = 0.03;
-    o.lambda_scale = 2;
-    o.lambda_opacity = 3;
     o.antialias = true;
     o.dynamic_weight = 4;
     compare(&o, "from the source, all that goes beyond 3DGS");

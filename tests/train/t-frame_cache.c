@@ -1,7 +1,7 @@
 /* Refined frames on a shelf: found and read under their key only.  K: retrain refine */
 #include <unistd.h>
 
-#include "train/frame_cache.h"
+#include "train/refinement.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

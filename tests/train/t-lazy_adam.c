@@ -3,7 +3,7 @@
  * of threads.
  * K: adam network threads lazy */
 
-#include "train/lazy_adam.h"
+#include "train/trainer.h"
 #include "math/adam.h"
 #include "tests/device/net.h"
 

@@ -1,6 +1,6 @@
 /* Links between the splats of two frames, against trying all pairs, and the search of the k-d tree.
  * K: tracks threads */
-#include "train/link.h"
+#include "train/track_matching.h"
 
 #include "math/rng.h"
 #include "tests/tap.h"

@@ -565,61 +565,6 @@ static void camera_colours(struct fixture *f)
     free(exposed.truth);
 }
 
-static double mean_of(const struct spin_refine_cloud *c, bool opacity)
-{
-    double sum = 0;
-
-    for (size_t i = 0; i < c->n; i++) {
-        const struct spin_refine_row *p = &c->point[i].p;
-
-        if (opacity)
-            sum += 1 / (1 + exp(-(double)p->logit_opacity));
-        for (int k = 0; !opacity && k < 3; k++)
-            sum += exp((double)p->log_scale[k]) / 3;
-    }
-    return sum / (double)c->n;
-}
-
-/* The first step's moments are a tenth of the slopes: what a weight of 10 adds to them. */
-static void weights_are_means(struct fixture *f)
-{
-    struct log log = {0};
-    struct one_frame o = plain_options(&log);
-    struct spin_refine_cloud plain, c[2];
-    double worst[2] = {0}, n;
-
-    o.watch = NULL;
-    o.iterations = 1;
-    ok(run(f, &o, NULL, 2, &log, &plain, NULL) == SPIN_OK, "a step");
-    n = (double)plain.n;
-    for (int k = 0; k < 2; k++) {
-        o.lambda_opacity = k ? 0 : 10;
-        o.lambda_scale = k ? 10 : 0;
-        ok(run(f, &o, NULL, 2, &log, &c[k], NULL) == SPIN_OK, "and a weight on the %s",
-           k ? "scales" : "opacities");
-    }
-    for (size_t i = 0; i < plain.n; i++) {
-        const struct spin_refine_row *first = &f->start.point[i].p, *m = &plain.point[i].m;
-        double opacity = 1 / (1 + exp(-(double)first->logit_opacity)),
-               slope = opacity * (1 - opacity) / n;
-
-        worst[0] = larger(
-            worst[0],
-            fabs((double)c[0].point[i].m.logit_opacity - (double)m->logit_opacity - slope) / slope);
-        for (int k = 0; k < 3; k++) {
-            slope = exp((double)first->log_scale[k]) / (3 * o.densify.extent * n);
-            worst[1] = larger(worst[1], fabs((double)c[1].point[i].m.log_scale[k] -
-                                             (double)m->log_scale[k] - slope) /
-                                            slope);
-        }
-    }
-    ok(worst[0] < 0.01, "lambda_opacity is of the mean opacity (%.2g off)", worst[0]);
-    ok(worst[1] < 0.01, "lambda_scale of the mean scale by the scene's size (%.2g off)", worst[1]);
-    spin_refine_cloud_free(&plain);
-    spin_refine_cloud_free(&c[0]);
-    spin_refine_cloud_free(&c[1]);
-}
-
 /* Each option does what it is for. */
 static void options_act(struct fixture *f)
 {
@@ -629,19 +574,6 @@ static void options_act(struct fixture *f)
 
     o.schedule.every = 0;
     ok(run(f, &o, NULL, 2, &log, &plain, NULL) == SPIN_OK, "as it is");
-    o.lambda_opacity = 10;
-    o.watch = NULL;
-    ok(run(f, &o, NULL, 2, &log, &c, NULL) == SPIN_OK &&
-           mean_of(&c, true) < 0.9 * mean_of(&plain, true),
-       "a weight on the opacity lowers it");
-    spin_refine_cloud_free(&c);
-    o.lambda_opacity = 0;
-    o.lambda_scale = 10;
-    ok(run(f, &o, NULL, 2, &log, &c, NULL) == SPIN_OK &&
-           mean_of(&c, false) < 0.99 * mean_of(&plain, false),
-       "a weight on the scale makes splats smaller");
-    spin_refine_cloud_free(&c);
-    o.lambda_scale = 0;
     o.watch = watch;
     o.context = &faint;
     o.antialias = true;
@@ -751,7 +683,6 @@ TAP_MAIN
     PART(sh_rises, &f);
     PART(sh_densified, &f);
     PART(options_act, &f);
-    PART(weights_are_means, &f);
     PART(strictly, &f);
     PART(refuses, &f);
     spin_refine_cloud_free(&f.start);

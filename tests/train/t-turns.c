@@ -6,7 +6,7 @@
 #include "math/rng.h"
 #include "tests/check.h"
 #include "tests/tap.h"
-#include "train/turns.h"
+#include "train/track_matching.h"
 
 enum { FRAMES = 5, SIDE = 8, BODY = SIDE * SIDE, MIDDLE = (FRAMES + 1) / 2 };
 /* Where the kinds of tracks begin, see place_of(). */

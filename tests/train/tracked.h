@@ -5,7 +5,7 @@
 #include "tests/check.h"
 #include "tests/tap.h"
 #include "train/checkpoint.h"
-#include "train/densify_tracks.h"
+#include "train/densify.h"
 
 /* Four tracks: 0 and 1 move, 2 stands still and varies, 3 does neither. Frame 0 has two splats
  * without a track and lacks track 1, frame 1 has one and lacks track 0. */

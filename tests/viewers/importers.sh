@@ -17,7 +17,7 @@ learn() { # NAME IN LAST_TIME
     import "$1-bare" "$2" --data "$1-data" --data-from transforms:ending=.jpg || return
     rm -f "$1.spin"
     "$bin/spin-retrain" -q "$1-bare.spin" -o "$1.spin" --preset paper --device cpu --iterations 20 --hash-log2 14 \
-        --sh-degree 1 --scene-normalise auto --init-log-scale auto ||
+        --sh-degree 1 --scene-normalise auto ||
         { fail "$1 does not retrain"; return 1; }
 }
 

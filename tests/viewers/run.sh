@@ -197,8 +197,8 @@ clip=$root/fixtures/court-mini
 import mini-source --from d3dgs "$clip" --data "$clip" &&
     rm -f mini.spin &&
     "$bin/spin-retrain" -q mini-source.spin -o mini.spin --preset paper --device cpu --iterations 300 --levels 8 \
-        --hash-log2 15 --base-resolution 8,8,8,2 --finest-resolution 128,128,128,8 --sh-degree 1 \
-        --head-lr-factor 4 --init-log-scale auto &&
+        --hash-log2 15 --finest-resolution 128,128,128,8 --sh-degree 1 \
+        --head-lr-factor 4 --residual points &&
     show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41 &&
     echo "a page of another site" &&
     { node "$here/embed.mjs" "$bin/../player" mini/page.html mini-shots || fail "mini: a page of another site does not hold the clip"; } &&

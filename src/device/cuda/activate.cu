@@ -86,32 +86,6 @@ void cuda_activate_back(struct spin_device *d, const struct spin_frame_batch *,
              (float4 *)d_raw);
 }
 
-static __global__ void regularise_kernel(struct cuda_rows rows, float d_scale, float d_opacity,
-                                         float *d_attr)
-{
-    size_t i = GPU_INDEX(), row;
-
-    if (!cuda_row(rows, i, &row))
-        return;
-    for (int k = 0; k < 3; k++)
-        d_attr[row * SPIN_ATTR + SPIN_ATTR_SCALE + k] += d_scale;
-    d_attr[row * SPIN_ATTR + SPIN_ATTR_OPACITY] += d_opacity;
-}
-
-void cuda_regularise_back(struct spin_device *d, const struct spin_frame_batch *frames,
-                          const struct spin_active *active, float *d_attr)
-{
-    cuda_clocked clocked(d, SPIN_OP_ACTIVATE_BACK);
-    for (int f = 0; f < frames->n_frames; f++) {
-        const auto *frame = &frames->frame[f];
-
-        if (frame->d_scale != 0 || frame->d_opacity != 0)
-            GPU_EACH(gpu_of(d), active->most, regularise_kernel,
-                     cuda_rows_of(active, frame->first, frame->n), frame->d_scale, frame->d_opacity,
-                     d_attr + frame->first * SPIN_ATTR);
-    }
-}
-
 /* ---- The list of active rows ----------------------------------------------------------------- */
 
 /* Returns a number that is nonzero if any value is nonzero. NaN is nonzero, -0 is zero. The bits of

@@ -83,7 +83,6 @@ static spin_status open_cuda(struct spin_device *d, int n_threads)
     d->frames_at_once = SPIN_MAX_FRAMES;
     d->views_at_once = SPIN_MAX_VIEWS;
     snprintf(d->description, sizeof d->description, "cuda (%s)", cuda->gpu.name);
-    snprintf(d->card, sizeof d->card, "%s", cuda->gpu.id);
     return SPIN_OK;
 }
 
@@ -93,9 +92,6 @@ static void close_cuda(struct spin_device *d)
 
     if (!cuda)
         return;
-#ifdef SPIN_NCCL
-    cuda_unlink(d);
-#endif
     gpu_wait(&cuda->gpu);
     for (int i = 0; i < CUDA_SCRATCHES; i++)
         if (cuda->scratch[i].block)
@@ -337,12 +333,6 @@ static const struct spin_device_ops ops = {
     .host_release = host_release,
     .host_view = host_view,
     .copy_rows = cuda_copy_rows,
-#ifdef SPIN_NCCL
-    .link_ready = cuda_link_ready,
-    .link_name = cuda_link_name,
-    .link = cuda_link,
-    .sum = cuda_sum,
-#endif
     .memory_available = memory_available,
     .clock = clock_of,
     SPIN_DEVICE_VERBS(LISTED) /* LISTED appends the comma */

@@ -42,8 +42,6 @@ struct cuda {
     struct cuda_clock clock[SPIN_N_OPS];
     /* number of pairs of each view, kept from tile_count() to tile_fill() */
     uint64_t view_pairs[SPIN_MAX_VIEWS];
-    /* the link to the GPUs of other ranks, used by nccl.cu; NULL: none */
-    void *link;
 };
 
 static inline struct cuda *cuda_of(struct spin_device *d) { return (struct cuda *)d->state; }
@@ -56,8 +54,6 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
  * is for a host that is out of memory, cuda_fail() for any other failure. */
 spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
-/* Closes the link to other GPUs, if there is one (nccl.cu). */
-void cuda_unlink(struct spin_device *d);
 /* An object of this type measures the time of a verb, and checks for launch errors when its scope
  * ends. */
 struct cuda_clocked {
@@ -127,7 +123,3 @@ static inline __device__ double cuda_block_sum(double *sum, double value)
 #define CUDA_VERB(name) __typeof__(*((struct spin_device_ops *)0)->name) cuda_##name;
 SPIN_DEVICE_VERBS(CUDA_VERB)
 CUDA_VERB(copy_rows)
-CUDA_VERB(link_ready) /* nccl.cu */
-CUDA_VERB(link_name)
-CUDA_VERB(link)
-CUDA_VERB(sum)

@@ -86,8 +86,6 @@ bool gpu_open(struct gpu *gpu, int number, char *why, size_t n_why)
     gpu->processors = card.multiProcessorCount;
     gpu->shared = (int)card.sharedMemPerBlockOptin;
     snprintf(gpu->name, sizeof gpu->name, "%s", card.name);
-    for (int i = 0; i < 16; i++)
-        snprintf(gpu->id + 2 * i, 3, "%02x", (unsigned char)card.uuid.bytes[i]);
     return true;
 }
 
@@ -201,8 +199,6 @@ const char *gpu_wait(struct gpu *gpu)
 
     return before ? before : after;
 }
-
-bool gpu_done(struct gpu *gpu) { return cudaStreamQuery(stream_of(gpu)) != cudaErrorNotReady; }
 
 void *gpu_mark_new(struct gpu *gpu)
 {

@@ -46,7 +46,6 @@ struct gpu {
     void *stream;
     void *pool;       /* memory pool, which keeps freed memory; NULL: no pool */
     char name[48];    /* name of the GPU */
-    char id[40];      /* unique id of the GPU */
     int number;       /* index among the GPUs of this machine */
     int major, minor; /* compute capability */
     int processors;   /* number of multiprocessors */
@@ -81,7 +80,6 @@ void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes);
  * queued work is done. */
 const char *gpu_error(struct gpu *gpu);
 const char *gpu_wait(struct gpu *gpu);
-bool gpu_done(struct gpu *gpu); /* whether all queued work is done or has failed */
 
 /* Functions for events in the stream. gpu_mark_new() creates an event, or returns NULL if that
  * fails; the other functions accept NULL. gpu_mark() queues the event. gpu_seconds() waits for the
