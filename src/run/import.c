@@ -792,8 +792,8 @@ static void fill_report(struct import *im)
     double low[3], high[3];
 
     for (int c = 0; c < 3; c++) {
-        low[c] = (double)im->low[c];
-        high[c] = (double)im->high[c];
+        low[c] = (double)im->low[c] + t->shift[c];
+        high[c] = (double)im->high[c] + t->shift[c];
     }
     spin_json_set_string(report, "variant", t->variant);
     spin_json_set_string(report, "upstream", im->importer->upstream ? im->importer->upstream : "");
