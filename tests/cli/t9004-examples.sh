@@ -202,6 +202,7 @@ chmod +x "$work"/path/*
 
 # lacks SCRIPT: what this machine has not and the example needs.
 lacks() {
+    grep -q '^ *\(colmap\|ffmpeg\) ' "$1" && echo "footage for COLMAP"
     grep -q '^mpirun' "$1" && { command -v mpirun >/dev/null && [ -f "$bin/../lib/spin-mpi.so" ] || echo "Open MPI"; }
     grep -q -e '--to video\|\.mp4\|\.webm' "$1" && { [ -f "$bin/../lib/spin-video.so" ] || echo FFmpeg; }
     grep -q '| jq' "$1" && { command -v jq >/dev/null || echo jq; }
