@@ -172,7 +172,7 @@ static void compare_run(struct run *run, const struct spin_splats_4d *rows, cons
 /* The run of this importer in a fixture: the folder, or one in it. */
 static const char *run_in(const struct spin_importer *importer, const char *folder)
 {
-    static const char *const names[] = {"", "model", "run", "output"};
+    static const char *const names[] = {"", "model", "run", "output", "scene.ply"};
     const struct spin_importer *found;
 
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {

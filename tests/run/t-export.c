@@ -224,7 +224,7 @@ TAP_MAIN
     check_check();
     check_empty(false);
     check_empty(true);
-    check_small(1, SPLATS, 0.01);
-    check_small(1, 1, 0.01);
-    check_small(0.001f, SPLATS, 0.01);
+    check_small(1, SPLATS, 0.005);
+    check_small(1, 1, 0.005);
+    check_small(0.001f, SPLATS, 0.005);
 }
