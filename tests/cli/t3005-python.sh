@@ -327,7 +327,7 @@ for path in sys.argv[3:]:
             series = re.sub("(/[0-9]{5})?[.]npy$", "", name)
             series = re.sub("^(source|refined)/.*", r"\1/<column>", series)
             assert name == "meta.json" or series in arrays, (name, series, arrays)
-optional = {"fps", "absolute", "cov2d"}  # no bundle of this test has them
+optional = {"fps", "absolute", "cov2d", "shift"}  # no bundle of this test has them
 assert listed <= seen | optional, listed - seen
 E
 ok $? "keys and arrays are those of the manual"
