@@ -595,7 +595,7 @@ bool spin_state_is_parameter(const struct spin_state_array *array)
 /* ---- Polyak average -------------------------------------------------------------------------- */
 
 enum {
-    MOMENTS = 12,     /* largest number of averaged iterations */
+    MOMENTS = 12, /* largest number of averaged iterations */
 };
 
 struct spin_average spin_average_of(double share, int64_t until, int64_t iterations)

@@ -211,7 +211,7 @@ rm -rf anti anti.spin
 echo
 echo "== anti"
 if "$bin/spin-retrain" -q mini-source.spin -o anti.spin --device cpu --method frames --refine 100 \
-    --densify off --antialias on --lambda-scale 300; then
+    --densify off --antialias on; then
     mkdir -p anti && use_page anti --picture-only --size 160,100 --min-psnr 43
 else
     fail "antialiased splats cannot be made"
