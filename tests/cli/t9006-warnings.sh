@@ -157,7 +157,7 @@ open(path("behind/sparse/0/images.bin"), "wb").write(images)
 print(name, file=counts)
 shutil.copytree(fixtures + "/datasets4d/freetimegs_mini/scene", path("renamed"))
 for name in os.listdir(path("renamed", "images")):
-    os.rename(path("renamed", "images", name), path("renamed", "images", "x" + name))
+    os.rename(path("renamed", "images", name), path("renamed", "images", "view_" + "abc"[int(name[-1])]))
 shutil.copytree(fixtures + "/datasets4d/easyvolcap_mini/scene", path("uneven"))
 os.remove(path("uneven/images/01/000002.jpg"))
 
@@ -251,7 +251,7 @@ warns "cfg_args of another kind" "$@"
 
 with() { run "$bin/spin-import" --info fixtures/splats/splat --data "$work/$1" --pair order; }
 with missing
-warns "images are missing" "'$work/missing': 17 images for 5 cameras and 4 frames: some images are missing"
+warns "images are missing" "'$work/missing': 17 images for 5 cameras and 4 frames: 3 images are missing"
 with focal
 warns "focal lengths differ" \
     "'$work/focal': focal lengths differ between cameras; each keeps its own, other readers use the first for all"
@@ -264,10 +264,10 @@ camera; if its 9 images were taken at the same time, put them into a folder for 
 
 with renamed
 warns "folders of other names" "'$work/renamed/images': the folders of frames are not named like the cameras of the model: \
-'xcam000' is used for 'cam000', and so on in the order of their names"
+'view_a' is used for 'cam000', and so on in the order of their names"
 run "$bin/spin-import" --info fixtures/splats/splat --data "$work/uneven" --range 0:2 --pair order
-warns "a camera with a frame less" "'$work/uneven/images/01' has 2 frames and '$work/uneven/images/00' has 3: the first 2 \
-frames of each camera are read"
+warns "a camera with a frame less" "'$work/uneven/images/01' ends with frame 1 and '$work/uneven/images/00' with \
+frame 2: the clip ends with frame 1"
 
 # ---- Cameras against points ------------------------------------------------------------------------
 
@@ -373,7 +373,7 @@ warns "a splat far away" \
     "frame 1: a coordinate of a splat is 3000: positions of this and all later frames are rounded to steps of 1/2048"
 of sequence --data "$work/missing"
 run "$bin/spin-export" "$work/x.spin" --to images --size 40x30 -o "$work/images"
-warns "frames without a test view" "'$work/missing': 17 images for 5 cameras and 4 frames: some images are missing" \
+warns "frames without a test view" "'$work/missing': 17 images for 5 cameras and 4 frames: 3 images are missing" \
     "2 of 4 frames were not rendered: the data set has no view of them that --views selects"
 mv "$work/data" "$work/gone"
 run "$bin/spin-export" "$in" --to images --size 40x30 --range 0:1 -o "$work/images2"
