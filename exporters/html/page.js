@@ -342,7 +342,7 @@ function label() {
     $('play').textContent = state.playing ? 'Pause' : 'Play';
     root.classList.toggle('playing', state.playing);
     // A clip that waits in a frame of another page looks like an image without this button.
-    $('start').hidden = !embedded || !state.drawn || state.playing || state.engaged || clip.numbers.length < 2;
+    $('start').hidden = !embedded || !state.drawn || state.playing || clip.numbers.length < 2;
     for (const b of $('versions').children) b.setAttribute('aria-pressed', b.dataset.version === (state.wipe ? 'wipe' : clip.versions[state.version].name));
     $('wipe').hidden = !state.wipe;
 }
@@ -481,7 +481,6 @@ canvas.oncontextmenu = (e) => e.preventDefault();
 const engage = (on) => {
     state.engaged = on || !embedded;
     canvas.style.touchAction = state.engaged ? 'none' : 'pan-y';
-    label();
 };
 window.addEventListener('blur', () => engage(false));
 for (const type of ['pointermove', 'pointerdown', 'keydown', 'focusin']) {
