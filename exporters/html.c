@@ -49,6 +49,7 @@ static const struct spin_plugin_option options[] = {
     {"camera", "N|FILE", "first view: camera N of the data set, or the first of a camera path",
      NULL},
     {"up", "AXIS", "axis of the source that points up in the page: x, y, z, -x, -y or -z", NULL},
+    {"rotate", "X,Y,Z", "show the scene rotated about x, then y, then z, in degrees", NULL},
     {0},
 };
 

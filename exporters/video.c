@@ -7,7 +7,6 @@
 
 static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,
-    {"camera", "ID", "a camera of the data set; default: the first held-out one", NULL},
     SPIN_DRAWING_OPTIONS,
     {"fps", "F",
      "frames per second; default: the bundle's, else 30, or fewer if the video would take less "
@@ -41,26 +40,15 @@ static const struct spin_view *view_of(const struct export *x, int frame, int ca
 static spin_status choose_camera(struct export *x)
 {
     const struct spin_export_job *job = x->drawing.job;
-    const char *text = spin_plugin_value(job->values, "camera", NULL);
-    int row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
-    int id = 0;
+    int row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0, id = x->drawing.camera_id;
 
-    if (text && spin_camera_path_is_own(&x->drawing))
-        return spin_misuse("--camera: %s", job->views
-                                               ? "the camera of --path is not one of the data "
-                                                 "set's; leave out one of the two options"
-                                               : "there is no data set; give --data DIR");
     if (spin_camera_path_is_own(&x->drawing))
         return SPIN_OK;
-    x->first = spin_initial_view_view(job->views, row, true);
-    if (!x->first)
+    x->first = id < 0 ? spin_initial_view_view(job->views, row, true) : view_of(x, 0, id);
+    if (!x->first && id < 0)
         x->first = &job->views->view[0];
-    if (!text)
-        return SPIN_OK;
-    SPIN_TRY(spin_option_count(job->values, "camera", 0, 1000000000, &id));
-    x->first = view_of(x, 0, id);
     if (!x->first)
-        return spin_not_found("the data set has no camera %s for the first frame", text);
+        return spin_not_found("the data set has no camera %d for the first frame", id);
     return SPIN_OK;
 }
 

@@ -11,6 +11,7 @@ scene of the splats, as spin-export --up does."""
 import json
 import math
 import os
+import re
 import sys
 
 import bpy
@@ -57,7 +58,7 @@ def over(folder, out):
     splats.image.source = "SEQUENCE"
     splats.frame_duration = len(files)
     splats.frame_start = scene.frame_start
-    splats.frame_offset = int(files[0][:-4].rsplit("_", 1)[1]) - 1
+    splats.frame_offset = int(re.search(r"(\d+)\.exr$", files[0])[1]) - 1
     splats.use_auto_refresh = True
     render, both, result = (nodes.new(n) for n in ("CompositorNodeRLayers", "CompositorNodeZcombine",
                                                    "CompositorNodeComposite"))

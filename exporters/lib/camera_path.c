@@ -90,6 +90,49 @@ static spin_status parse_path(struct spin_camera_path *d)
     return spin_path_file_open(text, &d->file);
 }
 
+/* Returns an error if an option of the view would have no effect. */
+static spin_status check_view(const struct spin_camera_path *d, bool placed)
+{
+    static const char *const words[] = {"up", "rotate"};
+    const struct spin_plugin_values *v = d->job->values;
+
+    if (spin_plugin_value(v, "camera", NULL) &&
+        (d->path == SPIN_PATH_TRAIN || (d->path == SPIN_PATH_FILE && !d->fixed)))
+        return spin_misuse("--camera has no effect: --path has a camera for each image");
+    for (int i = 0; i < 2; i++)
+        if (!placed && spin_plugin_value(v, words[i], NULL))
+            return spin_misuse("--%s has no effect on a camera of the data set or of a file: use "
+                               "--path orbit or spiral",
+                               words[i]);
+    return SPIN_OK;
+}
+
+/* Parses --camera: the number of a camera of the data set, or a file of cameras, of which the first
+ * renders all images. For an orbit or a spiral, spin_initial_view_chosen() reads the option. */
+static spin_status parse_camera(struct spin_camera_path *d)
+{
+    const char *text = spin_plugin_value(d->job->values, "camera", NULL);
+    bool turns = d->path == SPIN_PATH_ORBIT || d->path == SPIN_PATH_SPIRAL;
+
+    d->camera_id = -1;
+    if (d->path != SPIN_PATH_CAMERA || !text)
+        return check_view(d, turns || (d->path == SPIN_PATH_CAMERA && !d->job->views));
+    if (text[strspn(text, "0123456789")] == '\0') {
+        if (!d->job->views)
+            return spin_misuse("--camera %s: there is no data set; give --data DIR, or a file",
+                               text);
+        SPIN_TRY(spin_option_count(d->job->values, "camera", 0, 1000000000, &d->camera_id));
+        return check_view(d, false);
+    }
+    if (!spin_path_exists(text) || spin_path_is_folder(text))
+        return spin_misuse("--camera '%s': expected the number of a camera or a file of cameras",
+                           text);
+    d->path = SPIN_PATH_FILE;
+    d->fixed = true;
+    SPIN_TRY(spin_path_file_open(text, &d->file));
+    return check_view(d, false);
+}
+
 /* Sets the number of images and the number of images per second. */
 static spin_status parse_pace(struct spin_camera_path *d)
 {
@@ -97,19 +140,21 @@ static spin_status parse_pace(struct spin_camera_path *d)
     double seconds = 0;
     int repeat = 1;
 
-    d->fps = d->file.fps > 0 ? d->file.fps : d->job->fps > 0 ? d->job->fps : DEFAULT_FPS;
+    d->fps = d->file.fps > 0 && !d->fixed ? d->file.fps
+             : d->job->fps > 0            ? d->job->fps
+                                          : DEFAULT_FPS;
     SPIN_TRY(spin_option_number(v, "fps", 0.01, 1000, &d->fps));
     SPIN_TRY(spin_option_count(v, "repeat", 1, 10000, &repeat));
     SPIN_TRY(spin_option_number(v, "duration", 0.001, 1e6, &seconds));
     d->n_pictures = (int64_t)d->job->n_frames * repeat;
-    if (d->path == SPIN_PATH_FILE) {
+    if (d->path == SPIN_PATH_FILE && !d->fixed) {
         d->n_pictures = (int64_t)d->file.n;
         return seconds > 0 || spin_plugin_value(v, "repeat", NULL)
                    ? spin_misuse("--duration and --repeat have no effect: the file of --path has "
                                  "one camera for each image")
                    : SPIN_OK;
     }
-    if (seconds <= 0 && d->path != SPIN_PATH_CAMERA && !spin_plugin_value(v, "repeat", NULL))
+    if (seconds <= 0 && spin_camera_path_moves(d) && !spin_plugin_value(v, "repeat", NULL))
         seconds = fmax(DEFAULT_SECONDS, d->job->n_frames / d->fps);
     if (seconds <= 0) {
         if (d->job->n_frames > 1 && !spin_plugin_value(v, "fps", NULL))
@@ -186,12 +231,12 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
 {
     static const char *const name[] = {"front", "orbit", "spiral", "train", "path"};
 
-    return name[d->path];
+    return d->fixed ? "camera" : name[d->path];
 }
 
-/* Without a data set: aims the moving camera at the moving part of the scene, from a position where
- * no other splats hide that part. If there is no such position, the camera is in front of all
- * splats. */
+/* Without a data set and --camera: aims the moving camera at the moving part of the scene, from a
+ * position where no other splats hide that part. If there is no such position, the camera is in
+ * front of all splats. */
 static spin_status look_at_subject(struct spin_camera_path *d)
 {
     static const double origin[3] = {0};
@@ -209,6 +254,7 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
     d->job = job;
     d->source_frame = -1;
     SPIN_TRY(parse_path(d));
+    SPIN_TRY(parse_camera(d));
     d->row = job->dataset_frame_of ? job->dataset_frame_of[0] : 0;
     SPIN_TRY(parse_pace(d));
     SPIN_TRY(parse_panels(d, spin_plugin_value(job->values, "panels", "after")));
@@ -219,10 +265,12 @@ spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin
         SPIN_TRY(spin_rig_path_open(job->views, d->row, &d->rig));
     set_lens(d);
     SPIN_TRY(spin_initial_view_middle_after_empty(job, d->middle, &d->reach));
-    if (!job->views && d->path != SPIN_PATH_FILE)
+    if (!job->views && d->path != SPIN_PATH_FILE &&
+        !spin_plugin_value(job->values, "camera", NULL)) {
         spin_log(0, "no data set: the camera is in front of the scene");
-    if (!job->views && job->again && d->path != SPIN_PATH_FILE)
-        SPIN_TRY(look_at_subject(d));
+        if (job->again)
+            SPIN_TRY(look_at_subject(d));
+    }
     d->labels = spin_plugin_value(job->values, "no-labels", NULL) == NULL;
     return SPIN_OK;
 }
@@ -432,16 +480,6 @@ static void look_at(const double eye[3], const double target[3], const double up
     cross_product(axis[2], axis[0], axis[1]);
 }
 
-/* Sets out to v, rotated about a unit axis by an angle in radians (Rodrigues' formula). */
-static void turn_about(const double v[3], const double axis[3], double angle, double out[3])
-{
-    double across[3], along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2];
-
-    cross_product(axis, v, across);
-    for (int c = 0; c < 3; c++)
-        out[c] = v[c] * cos(angle) + across[c] * sin(angle) + axis[c] * along * (1 - cos(angle));
-}
-
 /* Sets `eye` to the position of the moving camera at share `turn`, 0 to 1, of its path. The orbit
  * is a circle around the target. The spiral consists of three loops beside the position of the
  * first view, with an amplitude of a tenth of the distance to the target, while the camera moves
@@ -461,7 +499,7 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
         return;
     }
     if (d->path == SPIN_PATH_ORBIT) {
-        turn_about(away, d->look.up, angle, eye);
+        spin_initial_view_turn(away, d->look.up, angle, eye);
         for (int c = 0; c < 3; c++)
             eye[c] += to[c];
         return;
@@ -500,7 +538,9 @@ static spin_status set_first_view(struct spin_camera_path *d, const struct spin_
     if (d->reach == 0)
         SPIN_TRY(spin_initial_view_middle(splats, d->middle, &d->reach));
     spin_initial_view_first(views, d->row, true, d->middle, d->reach, &d->look);
-    move_into_rig(d, d->row);
+    if (!spin_plugin_value(d->job->values, "camera", NULL))
+        move_into_rig(d, d->row);
+    SPIN_TRY(spin_initial_view_chosen(d->job, d->row, d->middle, d->reach, &d->look));
     d->lens.z_near = d->look.z_near;
     d->looked = true;
     return SPIN_OK;
@@ -516,7 +556,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
         SPIN_TRY(set_first_view(d, splats));
     *out = d->lens;
     if (d->path == SPIN_PATH_FILE) {
-        const struct spin_path_pose *pose = &d->file.pose[picture];
+        const struct spin_path_pose *pose = &d->file.pose[d->fixed ? 0 : picture];
 
         memcpy(out->w2c, pose->w2c, sizeof out->w2c);
         if (pose->fovy_deg > 0) {

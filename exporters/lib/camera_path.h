@@ -16,10 +16,15 @@
             "camera"                                                                               \
     }
 
-/* Options of the moving camera and of panels. */
+/* Options of the view, of the moving camera and of panels. */
 #define SPIN_DRAWING_OPTIONS                                                                       \
-    {"panels", "LIST", "images side by side: truth (the data set's image), before, after",         \
-     "after"},                                                                                     \
+    {"camera", "N|FILE",                                                                           \
+     "camera N of the data set, or the first of a camera path; a moving camera starts there",      \
+     NULL},                                                                                        \
+        {"up", "AXIS", "axis of the source that points up: x, y, z, -x, -y or -z", NULL},          \
+        {"rotate", "X,Y,Z", "show the scene rotated about x, then y, then z, in degrees", NULL},   \
+        {"panels", "LIST", "images side by side: truth (the data set's image), before, after",     \
+         "after"},                                                                                 \
         {"repeat", "N", "draw each frame N times while the camera moves on", "1"},                 \
         {"no-labels", NULL, "do not label the panels", NULL},                                      \
         {"size", "WxH",                                                                            \
@@ -77,6 +82,8 @@ struct spin_camera_path {
     int row;                       /* data-set frame of the first exported frame */
     struct spin_rig_path rig;      /* for SPIN_PATH_TRAIN */
     struct spin_path_file file;    /* for SPIN_PATH_FILE: one camera per image */
+    bool fixed;                    /* the first camera of `file` renders all images */
+    int camera_id;                 /* --camera, for SPIN_PATH_CAMERA; -1: not given */
     struct spin_camera lens;       /* intrinsics and near plane of a moving camera */
     double middle[3], reach;       /* centre and half extent of the scene; reach 0: not yet known */
     bool looked;                   /* true: `look` is set */
@@ -104,6 +111,11 @@ int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
  * pixels are kept; the image is extended or cropped at its left and right. */
 void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
 
+/* Whether the camera moves along a path. */
+static inline bool spin_camera_path_moves(const struct spin_camera_path *d)
+{
+    return d->path != SPIN_PATH_CAMERA && !d->fixed;
+}
 /* Whether images are rendered from a camera that is not one of the data set's. */
 static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 {

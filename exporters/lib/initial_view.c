@@ -4,6 +4,7 @@
 
 #include "base/base.h"
 #include "exporters/lib/path_file.h"
+#include "exporters/lib/splat_rows.h"
 #include "geometry/viewpoints.h"
 
 #define FRONT_FOVY_DEG 50.0
@@ -293,6 +294,58 @@ static spin_status set_up(const struct spin_plugin_values *values, double up[3])
     return SPIN_OK;
 }
 
+void spin_initial_view_turn(const double v[3], const double axis[3], double angle, double out[3])
+{
+    double along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2], turned[3];
+
+    for (int c = 0; c < 3; c++) { /* Rodrigues' formula */
+        int a = (c + 1) % 3, b = (c + 2) % 3;
+
+        turned[c] = v[c] * cos(angle) + (axis[a] * v[b] - axis[b] * v[a]) * sin(angle) +
+                    axis[c] * along * (1 - cos(angle));
+    }
+    memcpy(out, turned, sizeof turned);
+}
+
+/* Parses --rotate and inverts it. q: the unit quaternion w x y z; the identity without --rotate. */
+static spin_status parse_inverse(const struct spin_plugin_values *values, double q[4])
+{
+    const char *text = spin_plugin_value(values, "rotate", NULL);
+
+    q[0] = 1;
+    q[1] = q[2] = q[3] = 0;
+    if (text)
+        SPIN_TRY(spin_splat_rows_parse_rotate(text, q));
+    for (int c = 1; c < 4; c++)
+        q[c] = -q[c];
+    return SPIN_OK;
+}
+
+/* Rotates v by a unit quaternion. */
+static void turn_by(const double q[4], double v[3])
+{
+    double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), axis[3];
+
+    if (sine < 1e-12)
+        return;
+    for (int c = 0; c < 3; c++)
+        axis[c] = q[1 + c] / sine;
+    spin_initial_view_turn(v, axis, 2 * atan2(sine, q[0]), v);
+}
+
+/* Rotates the position and `up` of the view about its target. */
+static void turn_view(const double q[4], struct spin_initial_view *out)
+{
+    double away[3];
+
+    for (int c = 0; c < 3; c++)
+        away[c] = out->eye[c] - out->target[c];
+    turn_by(q, away);
+    turn_by(q, out->up);
+    for (int c = 0; c < 3; c++)
+        out->eye[c] = out->target[c] + away[c];
+}
+
 spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
                                      const double middle[3], double size,
                                      struct spin_initial_view *out)
@@ -300,7 +353,9 @@ spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
     const char *text = spin_plugin_value(job->values, "camera", NULL);
     const struct spin_camera *camera = NULL;
     struct spin_camera own;
+    double back[4];
 
+    SPIN_TRY(parse_inverse(job->values, back));
     if (text)
         SPIN_TRY(parse_camera(text, job->views, row, &own, &camera));
     for (int c = 0; c < 3 && camera && !job->views; c++)
@@ -310,7 +365,20 @@ spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
         set_camera(camera, middle, size, out);
     if (camera && job->views)
         set_reach(job->views, row, out);
+    turn_view(back, out);
     return SPIN_OK;
+}
+
+/* Rotates the position of the view about `up` by the part of a rotation that is about `up`. */
+static void turn_sideways(const double q[4], struct spin_initial_view *out)
+{
+    double away[3], along = q[1] * out->up[0] + q[2] * out->up[1] + q[3] * out->up[2];
+
+    for (int c = 0; c < 3; c++)
+        away[c] = out->eye[c] - out->target[c];
+    spin_initial_view_turn(away, out->up, 2 * atan2(along, q[0]), away);
+    for (int c = 0; c < 3; c++)
+        out->eye[c] = out->target[c] + away[c];
 }
 
 /* A camera nearer to the subject than this, in radii of the subject, shows only a part of it. */
@@ -322,13 +390,15 @@ spin_status spin_initial_view_subject(const struct spin_export_job *job, int wid
     SPIN_LEAVES(spin_viewpoints_close) struct spin_viewpoints placed = {0};
     struct spin_viewpoints_options o = {
         .width = width, .height = height, .fovy_deg = out->fovy_deg};
-    double distance = 0;
+    double distance = 0, back[4];
     spin_status status;
 
     *found = false;
     if (!job->again)
         return SPIN_OK;
     SPIN_TRY(set_up(job->values, out->up));
+    SPIN_TRY(parse_inverse(job->values, back));
+    turn_by(back, out->up);
     memcpy(o.up, out->up, sizeof o.up);
     status = spin_viewpoints_open(&o, job->n_frames, job->again, job->context, &placed);
     if (status != SPIN_OK)
@@ -340,6 +410,7 @@ spin_status spin_initial_view_subject(const struct spin_export_job *job, int wid
         return SPIN_OK;
     memcpy(out->eye, placed.front, sizeof out->eye);
     memcpy(out->target, placed.centre, sizeof out->target);
+    turn_sideways(back, out);
     out->z_near = fmin(SPIN_NEAR, 0.05 * distance);
     out->keep = placed.radius / sqrt(fmax(distance * distance - placed.radius * placed.radius,
                                           0.01 * distance * distance));

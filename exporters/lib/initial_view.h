@@ -58,13 +58,18 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
 
 /* Without a data set: aims the view at what moves or, without motion, at the densest part of the
  * scene, from a place without a wall before the lens. Uses the view's field of view, and its `up`
- * unless --up is given. width, height: of the image, in pixels. *found: false if no such place was
- * found; the view is then unchanged. Must be called before the first frame is exported. */
+ * as changed by --up and --rotate. width, height: of the image, in pixels. *found: false if no such
+ * place was found; the view is then unchanged. Must be called before the first frame is exported.
+ */
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found);
 
+/* Sets out to v, rotated about a unit axis by an angle in radians. */
+void spin_initial_view_turn(const double v[3], const double axis[3], double angle, double out[3]);
+
 /* Changes the view as the job's options demand: --camera, the number of a camera of the data set or
- * a file with a camera path, and --up, the axis of the world that points up. */
+ * a file with a camera path; --up, the axis of the world that points up; --rotate, a rotation of
+ * the scene about the view's target, for which the view is rotated the other way. */
 spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
                                      const double middle[3], double size,
                                      struct spin_initial_view *out);

@@ -194,7 +194,7 @@ static spin_status parse_up(const char *text, double q[4])
     return spin_misuse("--up '%s': expected x, y, z, -x, -y or -z", text);
 }
 
-static spin_status parse_rotate(const char *text, double q[4])
+spin_status spin_splat_rows_parse_rotate(const char *text, double q[4])
 {
     const char *at = text;
     double turned[4] = {1, 0, 0, 0};
@@ -226,7 +226,7 @@ static spin_status parse_turn(struct spin_splat_rows *rows, const struct spin_pl
     if (up)
         SPIN_TRY(parse_up(up, q));
     if (rotate)
-        SPIN_TRY(parse_rotate(rotate, more));
+        SPIN_TRY(spin_splat_rows_parse_rotate(rotate, more));
     spin_scene_rotation_join(q, more, rows->turn_q);
     spin_scene_rotation_from(rows->turn_q, &rows->turn);
     rows->up = up && !rotate;

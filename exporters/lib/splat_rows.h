@@ -81,6 +81,9 @@ struct spin_splat_rows {
     struct spin_export_report *report; /* the report of the job; NULL: none */
 };
 
+/* Sets q (w x y z) to the rotation of --rotate "X,Y,Z". */
+spin_status spin_splat_rows_parse_rotate(const char *text, double q[4]);
+
 /* Reads the common options. `axes` (quaternion w x y z) rotates the source's axes to those of the
  * format, unless --up is given; NULL: the axes are the same. Call spin_splat_rows_end() also
  * after a failure. */

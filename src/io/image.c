@@ -352,6 +352,23 @@ static void colour_of(const struct spin_film *film, size_t i, float out[3])
         out[3] = alpha;
 }
 
+/* Express frames per second as a fraction: N/1, N * 1000/1001 as in 29.97, or thousandths. */
+static void set_rate(double fps, int out[2])
+{
+    double ntsc = fps * 1.001;
+
+    if (fabs(fps - rint(fps)) < 1e-6) {
+        out[0] = (int)rint(fps);
+        out[1] = 1;
+    } else if (fabs(ntsc - rint(ntsc)) < 1e-3) {
+        out[0] = 1000 * (int)rint(ntsc);
+        out[1] = 1001;
+    } else {
+        out[0] = (int)rint(1000 * fps);
+        out[1] = 1000;
+    }
+}
+
 spin_status spin_film_write(const char *path, const struct spin_film *film, bool sync)
 {
     static const char *const all[] = {"R", "G", "B", "A", "Z", "ZMedian"};
@@ -373,6 +390,8 @@ spin_status spin_film_write(const char *path, const struct spin_film *film, bool
         if (k < 3 || (k == 3 ? film->alpha != NULL : film->depth != NULL))
             names[n++] = all[k];
     out.n_channels = (int)n;
+    if (film->fps > 0)
+        set_rate(film->fps, out.fps);
     SPIN_TRY(spin_alloc(plane, n * sizeof *pixels, (void **)&pixels));
     for (size_t i = 0; i < plane; i++) {
         colour_of(film, i, pixels + n * i);

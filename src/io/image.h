@@ -49,6 +49,7 @@ struct spin_film {
     bool exr;    /* write an EXR file; if false, a PNG file */
     int bits;    /* bits per value; PNG: 8 or 16; EXR: 16 (half) or 32 */
     bool linear; /* write linear colours, converted from sRGB; false for PNG */
+    double fps;  /* frames per second, stored in EXR files; 0: unknown */
 };
 spin_status spin_film_write(const char *path, const struct spin_film *film, bool sync);
 

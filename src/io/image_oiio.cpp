@@ -33,6 +33,7 @@ void configure_library()
     static const bool done = [] {
         OIIO::attribute("threads", 1); /* one, since callers read several images in parallel */
         OIIO::attribute("exr_threads", 1);
+        OIIO::attribute("debug", 0); /* OpenImageIO would report the ignored DateTime on stderr */
         OIIO::attribute("plugin_searchpath", std::string());
         return true;
     }();
@@ -233,6 +234,25 @@ enum spin_image_result image_encode_png(int width, int height, const uint8_t *rg
     });
 }
 
+/* Set the standard attributes of OpenEXR that describe the colours and the frame rate. OpenImageIO
+ * stores the time of day as capDate unless DateTime exists; it ignores a DateTime that is not a
+ * string, so that equal images give equal bytes. */
+void describe_film(OIIO::ImageSpec &spec, const struct spin_image_out *image)
+{
+    static const float rec709[8] = {0.64f, 0.33f, 0.30f, 0.60f, 0.15f, 0.06f, 0.3127f, 0.3290f};
+
+    spec.attribute("DateTime", 0);
+    spec.attribute("chromaticities", OIIO::TypeDesc(OIIO::TypeDesc::FLOAT, 8), rec709);
+    spec.attribute("ImageDescription",
+                   image->linear
+                       ? "Display-referred sRGB colours (Rec. 709 primaries, D65 white), decoded "
+                         "to linear light with the sRGB curve"
+                       : "Display-referred sRGB colours (Rec. 709 primaries, D65 white), encoded "
+                         "with the sRGB curve");
+    if (image->fps[0] > 0)
+        spec.attribute("framesPerSecond", OIIO::TypeRational, image->fps);
+}
+
 enum spin_image_result image_encode(const struct spin_image_out *image, unsigned char **bytes,
                                     size_t *n_bytes, char *why, size_t n_why)
 {
@@ -253,8 +273,8 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
             if (std::strcmp(image->names[c], "A") == 0)
                 spec.alpha_channel = c;
         spec.attribute("oiio:ColorSpace", image->linear ? "Linear" : "sRGB");
-        if (exr) /* write a fixed time, so that equal images give equal bytes */
-            spec.attribute("DateTime", "1980:01:01 00:00:00");
+        if (exr)
+            describe_film(spec, image);
         else
             spec.attribute("oiio:UnassociatedAlpha", 1);
         encode(spec, image->format, OIIO::TypeDesc::FLOAT, image->pixels, bytes, n_bytes);

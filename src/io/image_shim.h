@@ -10,7 +10,7 @@
 extern "C" {
 #endif
 
-#define SPIN_IMAGE_SHIM_ABI 3
+#define SPIN_IMAGE_SHIM_ABI 4
 #define SPIN_IMAGE_SHIM_SYMBOL "spin_image_shim_table"
 
 enum spin_image_result {
@@ -31,6 +31,8 @@ struct spin_image_out {
     int n_colours; /* how many of the channels are R, G, B or A: 3 or 4 */
     int bits;      /* bits per value in the file, for R, G, B and A; PNG: 8 or 16; EXR: 16 or 32 */
     bool linear;   /* the colours are linear; if false, they are sRGB */
+    /* Frames per second as a fraction, which EXR stores; fps[0] = 0: unknown. */
+    int fps[2];
     /* [h][w][n_channels]; alpha is straight for PNG, premultiplied for EXR. */
     const float *pixels;
 };

@@ -59,9 +59,9 @@ if command -v bash >/dev/null 2>&1; then
     offers "" spin-retrain --iterations ""
     offers "" spin-retrain in.spin --output ""
     offers "" spin-retrain in.spin -o ""
-    offers "" spin-export in.spin --pat
-    offers "--path" spin-export in.spin --to images --pat
-    offers "--path" spin-export --pat --to = images --pat
+    offers "" spin-export in.spin --pan
+    offers "--panels" spin-export in.spin --to images --pan
+    offers "--panels" spin-export --pan --to = images --pan
     offers "orbit" spin-export in.spin --to images --path o
     offers "black white" spin-export --background ""
     offers "import retrain eval export" spin4d ""

@@ -78,6 +78,47 @@ holds "16 bits are finer than 8, and the same picture" '
 a, b = png(sys.argv[1]), png(sys.argv[2])
 assert a.shape == b.shape and np.abs(a - b).max() < .51 / 255 and len(np.unique(b)) > 2 * len(np.unique(a))' "$work/eight/$of.png" "$work/black/$of.png"
 
+# What the header says of the colours and the rate, and what it does not say: the time of day.
+draw rate --format exr --fps 29.97
+draw rate2 --format exr --fps 12.5 --transfer srgb
+holds "the header has the primaries, the curve and the rate, but no time" '
+import struct
+from pictures import exr_head
+a, b, c = (exr_head(p)[0] for p in sys.argv[1:])
+rec709 = (.64, .33, .3, .6, .15, .06, .3127, .329)
+assert np.allclose(struct.unpack("<8f", a["chromaticities"]), rec709) and a["chromaticities"] == b["chromaticities"]
+assert b"decoded to linear light" in a["comments"] and b"encoded with the sRGB curve" in b["comments"]
+assert struct.unpack("<iI", a["framesPerSecond"]) == (30000, 1001)
+assert struct.unpack("<iI", b["framesPerSecond"]) == (12500, 1000) and "framesPerSecond" not in c
+assert not [k for h in (a, b, c) for k in h if "date" in k.lower() or "utc" in k.lower()]' \
+    "$work/rate/$of.exr" "$work/rate2/$of.exr" "$work/half/$of.exr"
+run "$bin/spin-export" "$work/court.spin" --to images --fps 24 -o "$work/never"
+fails 2 spin-export "--fps where no file has it"
+
+# Names by a pattern, from a number on, of one camera.
+names() { # WHAT WANT OPTION...
+    what=$1 want=$2
+    shift 2
+    rm -rf "$work/named"
+    run "$bin/spin-export" "$work/court.spin" --range 2:5 --to images "$@"
+    is "$code $(ls "$work/named" | grep -v sequence | tr '\n' ' ')" "0 $want " "$what"
+}
+names "the output as a pattern, EXR by its ending" "shot.1001.exr shot.1002.exr shot.1003.exr" \
+    --camera 3 --start 1001 -o "$work/named/shot.####.exr"
+names "--pattern, by the clip's numbers" "a_02.v3.png a_03.v3.png a_04.v3.png" \
+    --camera 3 --pattern a_%02d.v3.png -o "$work/named"
+names "--start without a pattern" "cam_03_frame_00007.png cam_03_frame_00008.png cam_03_frame_00009.png" \
+    --camera 3 --start 7 -o "$work/named"
+names "of a moving camera" "o.05.png o.06.png" --path orbit --duration 1 --fps 2 --start 5 -o "$work/named/o.##.png"
+for wrong in '--views all --pattern %d.png' '--pattern %d.tif --camera 3' '--pattern %d.exr --format png --camera 3' '--clamp' \
+    '--camera 3 --views all' '--camera 3 --path train' '--camera 3 --up y' '--rotate 1,2,3'; do
+    # shellcheck disable=SC2086
+    run "$bin/spin-export" "$work/court.spin" --to images $wrong -o "$work/never"
+    fails 2 spin-export "$wrong"
+done
+run "$bin/spin-export" "$work/court.spin" --to images --camera 77 -o "$work/never"
+fails 1 spin-export "a camera that is not there"
+
 # Without OpenImageIO, as in what `make portable` writes: no EXR. By OpenImageIO alone: the same pixels in PNG.
 for without in IMAGE IMAGE_PLAIN; do
     run env SPIN_${without}_SHIM=/none "${SPIN_BUILD:-build/release}/tests/io/t-image"
@@ -131,6 +172,26 @@ assert none["Z"].min() == none["ZMedian"].min() == np.float32(1e10)' "$work/wall
 run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/list.txt" --size 64x48 --format exr --depth --translate 0,0,1 --scale 2 -o "$work/walls2"
 holds "of a scene of another size" '
 assert np.abs(exr(sys.argv[1])["ZMedian"] - 6).max() < 1e-5' "$work/walls2/path_frame_00000.exr"
+
+# One camera of a file for the whole clip; one splat of twice the brightness of white.
+run "$bin/spin-export" "$work/walls.spin" --to images --camera "$work/list.txt" --size 64x48 --format exr --depth -o "$work/one"
+is "$code $(ls "$work/one" | tr '\n' ' ')" "0 camera_frame_00000.exr sequence.json " "a camera of a file"
+run cmp "$work/one/camera_frame_00000.exr" "$work/walls/path_frame_00000.exr"
+is "$code" 0 "is the first of the file"
+sed '/^0 0 2/d; s/vertex 2/vertex 1/; s/^0 0 0 1 1 1/0 0 0 5 5 5/' "$work/walls.ply" >"$work/bright.ply"
+run "$bin/spin-import" "$work/bright.ply" -o "$work/bright.spin"
+bright() { # OPTION...
+    run "$bin/spin-export" "$work/bright.spin" --to images --camera "$work/list.txt" --size 64x48 --format exr -o "$work/bright$*" "$@"
+}
+bright
+err_has "3072 pixels are brighter than white, by a factor of up to 1.7.* before decoding to light; --clamp limits them" "fireflies are counted"
+bright --clamp
+is "$code $(grep -c brighter "$work/err")" "0 0" "--clamp"
+bright --background none
+err_has "3072 pixels are brighter" "with alpha too"
+holds "limits them to white" '
+a, b = exr(sys.argv[1]), exr(sys.argv[2])
+assert a["R"].min() > 3 and b["R"].min() == b["R"].max() == 1' "$work/bright/camera_frame_00000.exr" "$work/bright--clamp/camera_frame_00000.exr"
 
 # The same place by a file of nerfstudio, a list in JSON, and lists that are wrong.
 cat >"$work/studio.json" <<'E'

@@ -625,6 +625,44 @@ static void test_chosen(void)
     ok(choose(&views, NULL, "w", &got) == SPIN_E_USAGE, "--up w: %s", spin_last_error());
 }
 
+/* --rotate: the view is rotated the other way about its target. */
+static void test_rotated(void)
+{
+    static const char *const pairs[] = {"rotate", "90,0,0", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {.n_frames = 1, .values = &values};
+    static const double middle[3] = {1.5, 2.5, 2};
+    struct spin_initial_view got;
+
+    spin_initial_view_first(NULL, 0, false, middle, 2, &got);
+    ok(spin_initial_view_chosen(&job, 0, middle, 2, &got) == SPIN_OK, "--rotate 90,0,0");
+    near(fabs(got.eye[0] - 1.5) + fabs(got.eye[1] + 3.5) + fabs(got.eye[2] - 2), 0, 1e-9,
+         "the front is where y is less");
+    near(fabs(got.up[0]) + fabs(got.up[1]) + fabs(got.up[2] - 1), 0, 1e-9, "z points up");
+    near(fabs(got.target[0] - 1.5) + fabs(got.target[1] - 2.5) + fabs(got.target[2] - 2), 0, 1e-9,
+         "the target stays");
+}
+
+/* An orbit that begins at a camera of the data set, upright in z. */
+static void test_begun(void)
+{
+    static const char *const pairs[] = {"path", "orbit", "repeat", "12", "camera",
+                                        "1",    "up",    "z",      NULL};
+    struct spin_camera got[PICTURES];
+    double worst = 0, eye[3];
+
+    follow(pairs, PICTURES, got);
+    for (int i = 0; i < PICTURES; i++) {
+        spin_initial_view_eye(&got[i], eye);
+        worst = larger(worst, fabs(eye[2] - rig[1][1].eye[2]));
+        worst = larger(worst, fabs(got[i].w2c[2])); /* the right axis is level */
+    }
+    spin_initial_view_eye(&got[0], eye);
+    for (int c = 0; c < 3; c++)
+        worst = larger(worst, fabs(eye[c] - rig[1][1].eye[c]));
+    near(worst, 0, 1e-9, "an orbit from camera 1, at its height in z");
+}
+
 /* A small ball that moves from frame to frame in front of a large wall at z = 9. */
 static spin_status read_ball(void *context, int f, const struct spin_splats **out)
 {
@@ -655,13 +693,15 @@ static spin_status read_ball(void *context, int f, const struct spin_splats **ou
 static void test_subject(void)
 {
     const char *pairs[] = {NULL, NULL, NULL}, *up[] = {"up", "y", NULL};
+    static const char *const upside[] = {"rotate", "180,0,0", NULL}, *const sideways[] = {
+                                                                         "rotate", "0,90,0", NULL};
     struct spin_plugin_values values = {pairs};
     struct spin_splats s = {0};
     struct spin_export_job job = {
         .n_frames = 8, .values = &values, .again = read_ball, .context = &s};
     static const double origin[3] = {0}, ball[3] = {1.075, -0.8, 5.2};
     struct spin_initial_view got;
-    double off = 0, away = 0;
+    double off = 0, away = 0, was[3], first[3];
     bool found;
 
     spin_initial_view_first(NULL, 0, false, origin, 1, &got);
@@ -678,9 +718,26 @@ static void test_subject(void)
     ok(got.keep > 0.02 && got.keep < 1 && got.up[1] == -1 && got.reach[0] < sqrt(away) &&
            got.reach[1] >= sqrt(away),
        "and knows how wide the subject is: %g", got.keep);
+    memcpy(first, got.eye, sizeof first);
     values.pairs = up;
     ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && got.up[1] == 1,
        "--up y turns it");
+    memcpy(was, got.eye, sizeof was);
+    values.pairs = upside;
+    spin_initial_view_first(NULL, 0, false, origin, 1, &got);
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found,
+       "--rotate 180,0,0");
+    near(fabs(got.up[1] - 1) + fabs(got.eye[0] - was[0]) + fabs(got.eye[1] - was[1]) +
+             fabs(got.eye[2] - was[2]),
+         0, 1e-9, "is the same as --up y");
+    values.pairs = sideways;
+    spin_initial_view_first(NULL, 0, false, origin, 1, &got);
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found,
+       "--rotate 0,90,0");
+    near(fabs(got.eye[0] - got.target[0] + first[2] - got.target[2]) +
+             fabs(got.eye[2] - got.target[2] - first[0] + got.target[0]) +
+             fabs(got.eye[1] - first[1]),
+         0, 1e-9, "shows the scene from another side");
     job.again = NULL;
     ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && !found,
        "frames that cannot be read twice");
@@ -762,6 +819,8 @@ TAP_MAIN
     test_curve();
     test_first();
     test_chosen();
+    test_rotated();
+    test_begun();
     test_subject();
     test_middle();
     test_pivot();

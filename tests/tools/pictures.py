@@ -1,4 +1,5 @@
 """exr(path): the channels of an EXR of scan lines, as arrays by name; without compression, or by ZIP.
+exr_head(path): the attributes of its header, as bytes by name, and where the header ends.
 png(path): [height, width, channels] of a PNG, 0 to 1."""
 import struct
 import zlib
@@ -11,7 +12,7 @@ def text(data, at):
     return data[at:end].decode(), end + 1
 
 
-def exr(path):
+def exr_head(path):
     data = open(path, "rb").read()
     assert data[:4] == b"\x76\x2f\x31\x01" and data[4] == 2 and not data[5] & 2, "scan lines of EXR 2"
     at, head = 8, {}
@@ -21,7 +22,11 @@ def exr(path):
         size, = struct.unpack_from("<i", data, at)
         head[name] = data[at + 4:at + 4 + size]
         at += 4 + size
-    at += 1
+    return head, at + 1
+
+
+def exr(path):
+    data, (head, at) = open(path, "rb").read(), exr_head(path)
     channels, k = [], 0
     while head["channels"][k]:
         name, k = text(head["channels"], k)
