@@ -17,6 +17,7 @@
 #include "exporters/lib/page_draft.h"
 #include "exporters/lib/page_group.h"
 #include "exporters/lib/page_rows.h"
+#include "exporters/lib/poster.h"
 #include "exporters/lib/sort_rows.h"
 #include "io/file.h"
 #include "io/json.h"
@@ -49,6 +50,8 @@ static const struct spin_plugin_option options[] = {
     {"camera", "N|FILE", "first view: camera N of the data set, or the first of a camera path",
      NULL},
     {"up", "AXIS", "axis of the source that points up in the page: x, y, z, -x, -y or -z", NULL},
+    {"poster", NULL, "write an image of the first view beside the page, for previews of links",
+     NULL},
     {"rotate", "X,Y,Z", "show the scene rotated about x, then y, then z, in degrees", NULL},
     {0},
 };
@@ -86,8 +89,8 @@ struct version {
 struct export
 {
     const struct spin_export_job *job;
-    struct spin_out out, data;
-    bool split;
+    struct spin_out out, data, poster;
+    bool split, has_poster;
     /* The encoder of the draft, which shows the first version; used only with --split. */
     struct spin_page_draft draft;
     size_t draft_splats; /* number of splats in the draft; 0: there is no draft */
@@ -396,6 +399,7 @@ static void free_export(void *self)
 
     spin_out_abandon(&x->out);
     spin_out_abandon(&x->data);
+    spin_out_abandon(&x->poster);
     for (int i = 0; i < 2; i++) {
         spin_page_group_free(&x->version[i].group);
         free(x->version[i].frame);
@@ -426,6 +430,7 @@ static spin_status parse_options(struct export *x)
      * of the scene is known. */
     SPIN_TRY(spin_page_bounds_from(v, 1, &bounds));
     x->split = spin_plugin_value(v, "split", NULL) != NULL;
+    x->has_poster = spin_plugin_value(v, "poster", NULL) != NULL;
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
     if (x->job->n_frames > 1 && x->job->n_frames < LEAST_SECONDS * x->fps)
         x->fps = x->job->n_frames / LEAST_SECONDS;
@@ -469,22 +474,28 @@ static spin_status add_versions(struct export *x)
     return SPIN_OK;
 }
 
-/* Opens the page and, with --split, the file beside it, whose extension is .bin. */
-static spin_status open_files(struct export *x)
+/* Opens a file beside the page, with the page's name and another extension. */
+static spin_status open_beside(const struct export *x, const char *ending, struct spin_out *out)
 {
     const struct spin_export_job *job = x->job;
     char path[4096];
 
-    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
-    x->out.sync = job->sync;
-    if (!x->split)
-        return SPIN_OK;
-    snprintf(path, sizeof path, "%.*s.bin", (int)fmin((double)stem_of(job->output), 4000),
-             job->output);
+    snprintf(path, sizeof path, "%.*s%s", (int)fmin((double)stem_of(job->output), 4000),
+             job->output, ending);
     spin_out_sweep(path);
-    SPIN_TRY(spin_out_open(path, job->force, &x->data));
-    x->data.sync = job->sync;
+    SPIN_TRY(spin_out_open(path, job->force, out));
+    out->sync = job->sync;
     return SPIN_OK;
+}
+
+/* Opens the page and, with --split and --poster, the files beside it. */
+static spin_status open_files(struct export *x)
+{
+    SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
+    x->out.sync = x->job->sync;
+    if (x->split)
+        SPIN_TRY(open_beside(x, ".bin", &x->data));
+    return x->has_poster ? open_beside(x, ".png", &x->poster) : SPIN_OK;
 }
 
 /* Writes the title, or the name of the file if there is no title, as HTML text. */
@@ -501,6 +512,25 @@ static spin_status write_title(struct export *x)
     return SPIN_OK;
 }
 
+/* Writes the address of the poster, which is relative to the page. */
+static spin_status write_poster_tags(struct export *x)
+{
+    char text[160];
+
+    SPIN_TRY(write_text(x, "<meta property=\"og:image\" content=\""));
+    for (const char *c = spin_path_name(x->poster.path); *c; c++) {
+        bool plain = isalnum((unsigned char)*c) || strchr("._-~", *c);
+
+        snprintf(text, sizeof text, plain ? "%c" : "%%%02X", (unsigned char)*c);
+        SPIN_TRY(write_text(x, text));
+    }
+    snprintf(text, sizeof text,
+             "\">\n<meta property=\"og:image:width\" content=\"%d\">\n"
+             "<meta property=\"og:image:height\" content=\"%d\">\n",
+             SPIN_POSTER_WIDTH, SPIN_POSTER_HEIGHT);
+    return write_text(x, text);
+}
+
 /* Writes the elements with the title for the tabs of browsers and for search engines, and for the
  * previews of links. The title that the page displays is in the JSON. */
 static spin_status write_titles(struct export *x)
@@ -509,7 +539,10 @@ static spin_status write_titles(struct export *x)
     SPIN_TRY(write_title(x));
     SPIN_TRY(write_text(x, "</title>\n<meta property=\"og:title\" content=\""));
     SPIN_TRY(write_title(x));
-    return write_text(x, "\">\n<style>\n");
+    SPIN_TRY(write_text(x, "\">\n"));
+    if (x->has_poster)
+        SPIN_TRY(write_poster_tags(x));
+    return write_text(x, "<style>\n");
 }
 
 /* Without cameras, looks for a view that shows what moves. */
@@ -539,7 +572,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
 }
 
 /* Sets the centre, the size and the initial view of the scene from the first frame and the data
- * set, and passes them to the encoders. */
+ * set, passes them to the encoders, and writes the poster. */
 static spin_status set_space(struct export *x, const struct spin_splats *s, int frame)
 {
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : -1;
@@ -556,7 +589,7 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
     x->draft.group.space = x->space;
     x->draft.group.n_sh = x->version[0].n_sh;
     x->draft.group.pool = x->rows.pool;
-    return SPIN_OK;
+    return x->has_poster ? spin_poster_write(x->job, &x->view, s, &x->poster) : SPIN_OK;
 }
 
 static spin_status html_frame(void *self, int frame, const struct spin_frame_info *info,
@@ -657,7 +690,7 @@ static spin_status fill_report(struct export *x)
              (double)x->data_bytes / fmax((double)x->n_splats, 1));
     if (!x->split && page > SPLIT_BYTES)
         spin_log(0,
-                 "html: browsers load all %s before they show the first image; for a web server, "
+                 "html: browsers load all %s before they show the first image; on a web server, "
                  "--split shows it sooner",
                  spin_text_bytes(page, text[0]));
     spin_splat_rows_warn_empty(x->version[0].n_empty, (size_t)x->n_written);
@@ -711,19 +744,35 @@ static void say_errors(const struct export *x)
     }
 }
 
-/* Commits the file of blocks before the page, so that a page never exists without its blocks. */
+/* Commits a file beside the page, if there is one. *path receives its path, allocated. */
+static spin_status commit_beside(struct spin_out *out, char **path)
+{
+    SPIN_FREED char *own = NULL;
+
+    if (!out->path)
+        return SPIN_OK;
+    SPIN_TRY(spin_strdup(out->path, &own));
+    SPIN_TRY(spin_out_commit(out));
+    *path = own;
+    own = NULL;
+    return SPIN_OK;
+}
+
+/* Commits the files beside the page before the page, so that a page never exists without them. */
 static spin_status commit_files(struct export *x)
 {
-    SPIN_FREED char *path = NULL;
-    spin_status status;
+    SPIN_FREED char *data = NULL;
+    SPIN_FREED char *poster = NULL;
+    spin_status status = commit_beside(&x->data, &data);
 
-    if (!x->split)
-        return spin_out_commit(&x->out);
-    SPIN_TRY(spin_strdup(x->data.path, &path));
-    SPIN_TRY(spin_out_commit(&x->data));
-    status = spin_out_commit(&x->out);
-    if (status != SPIN_OK)
-        unlink(path);
+    if (status == SPIN_OK)
+        status = commit_beside(&x->poster, &poster);
+    if (status == SPIN_OK)
+        status = spin_out_commit(&x->out);
+    if (status != SPIN_OK && data)
+        unlink(data);
+    if (status != SPIN_OK && poster)
+        unlink(poster);
     return status;
 }
 
@@ -741,8 +790,8 @@ static spin_status finish_export(struct export *x)
     SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"fragment\"", spin_html_fragment));
     SPIN_TRY(write_script(x, "", spin_html_script));
     SPIN_TRY(write_text(x, "</body>\n</html>\n"));
-    SPIN_TRY(fill_report(x));
     say_errors(x);
+    SPIN_TRY(fill_report(x));
     return commit_files(x);
 }
 

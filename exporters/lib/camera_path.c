@@ -453,33 +453,6 @@ void spin_rig_path_camera(const struct spin_rig_path *path, double share, double
 
 /* ---- A camera that moves --------------------------------------------------------------------- */
 
-static void make_unit(double v[3])
-{
-    double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-
-    for (int c = 0; c < 3; c++)
-        v[c] /= length + 1e-300;
-}
-
-static void cross_product(const double a[3], const double b[3], double out[3])
-{
-    for (int c = 0; c < 3; c++)
-        out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
-}
-
-/* Sets axis[0..2] to the axes (right, down, forward) of a camera at `eye` that looks at
- * `target`. */
-static void look_at(const double eye[3], const double target[3], const double up[3],
-                    double axis[3][3])
-{
-    for (int c = 0; c < 3; c++)
-        axis[2][c] = target[c] - eye[c];
-    make_unit(axis[2]);
-    cross_product(axis[2], up, axis[0]);
-    make_unit(axis[0]);
-    cross_product(axis[2], axis[0], axis[1]);
-}
-
 /* Sets `eye` to the position of the moving camera at share `turn`, 0 to 1, of its path. The orbit
  * is a circle around the target. The spiral consists of three loops beside the position of the
  * first view, with an amplitude of a tenth of the distance to the target, while the camera moves
@@ -504,7 +477,7 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
             eye[c] += to[c];
         return;
     }
-    look_at(from, to, d->look.up, axis);
+    spin_initial_view_axes(from, to, d->look.up, axis);
     for (int c = 0; c < 3; c++)
         eye[c] = from[c] + 0.1 * distance *
                                (sin(3 * angle) * axis[0][c] +
@@ -549,7 +522,7 @@ static spin_status set_first_view(struct spin_camera_path *d, const struct spin_
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out)
 {
-    double eye[3], axis[3][3];
+    double eye[3];
     double turn = (double)picture / (double)d->n_pictures;
 
     if (!d->looked)
@@ -573,14 +546,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
         return SPIN_OK;
     }
     eye_of(d, turn, eye);
-    look_at(eye, d->look.target, d->look.up, axis);
-    for (int r = 0; r < 3; r++) {
-        out->w2c[4 * r + 3] = 0;
-        for (int c = 0; c < 3; c++) {
-            out->w2c[4 * r + c] = axis[r][c];
-            out->w2c[4 * r + 3] -= axis[r][c] * eye[c];
-        }
-    }
+    spin_initial_view_pose(eye, d->look.target, d->look.up, out->w2c);
     return SPIN_OK;
 }
 

@@ -294,6 +294,46 @@ static spin_status set_up(const struct spin_plugin_values *values, double up[3])
     return SPIN_OK;
 }
 
+static void make_unit(double v[3])
+{
+    double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+
+    for (int c = 0; c < 3; c++)
+        v[c] /= length + 1e-300;
+}
+
+static void cross_product(const double a[3], const double b[3], double out[3])
+{
+    for (int c = 0; c < 3; c++)
+        out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
+}
+
+void spin_initial_view_axes(const double eye[3], const double target[3], const double up[3],
+                            double axis[3][3])
+{
+    for (int c = 0; c < 3; c++)
+        axis[2][c] = target[c] - eye[c];
+    make_unit(axis[2]);
+    cross_product(axis[2], up, axis[0]);
+    make_unit(axis[0]);
+    cross_product(axis[2], axis[0], axis[1]);
+}
+
+void spin_initial_view_pose(const double eye[3], const double target[3], const double up[3],
+                            double w2c[12])
+{
+    double axis[3][3];
+
+    spin_initial_view_axes(eye, target, up, axis);
+    for (int r = 0; r < 3; r++) {
+        w2c[4 * r + 3] = 0;
+        for (int c = 0; c < 3; c++) {
+            w2c[4 * r + c] = axis[r][c];
+            w2c[4 * r + 3] -= axis[r][c] * eye[c];
+        }
+    }
+}
+
 void spin_initial_view_turn(const double v[3], const double axis[3], double angle, double out[3])
 {
     double along = v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2], turned[3];

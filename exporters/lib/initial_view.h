@@ -64,6 +64,13 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found);
 
+/* Sets axis[0..2] to the axes (right, down, forward) of a camera at `eye` that looks at `target`;
+ * spin_initial_view_pose() sets w2c to its pose, as in struct spin_camera. */
+void spin_initial_view_axes(const double eye[3], const double target[3], const double up[3],
+                            double axis[3][3]);
+void spin_initial_view_pose(const double eye[3], const double target[3], const double up[3],
+                            double w2c[12]);
+
 /* Sets out to v, rotated about a unit axis by an angle in radians. */
 void spin_initial_view_turn(const double v[3], const double axis[3], double angle, double out[3]);
 

@@ -382,13 +382,18 @@ static spin_status say_lens(const struct export *x)
     return SPIN_OK;
 }
 
+/* Whether the output shows the splats: as images, or in the player of a page. */
+static bool draws(const struct export *x)
+{
+    return x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0;
+}
+
 static void warn_of_background(const struct export *x)
 {
     const struct spin_export_options *o = x->o;
     const float *rgb = o->background;
-    bool draws = x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0;
 
-    if (draws && !o->transparent)
+    if (draws(x) && !o->transparent)
         spin_training_warn_background(&x->clip.bundle, x->from, rgb, "draws");
     else if (!o->transparent && !o->check && !o->decimate &&
              (rgb[0] != 0 || rgb[1] != 0 || rgb[2] != 0))
@@ -396,10 +401,7 @@ static void warn_of_background(const struct export *x)
 }
 
 /* Whether the output has the coordinates of the bundle, not those of the run. */
-static bool is_relative(const struct export *x)
-{
-    return x->o->relative || x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0;
-}
+static bool is_relative(const struct export *x) { return x->o->relative || draws(x); }
 
 /* Makes --crop relative to the shift of the bundle. */
 static void shift_crop(struct export *x)
@@ -448,7 +450,7 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_player_choose(&x->clip.bundle, o->source, &x->from));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &x->device));
     SPIN_TRY(spin_player_open(&x->player, &x->device, &x->clip.bundle, x->from));
-    if (x->exporter->needs_renderer || o->check) {
+    if (draws(x) || o->check) {
         SPIN_TRY(spin_alloc(1, sizeof *x->renderer, (void **)&x->renderer));
         SPIN_TRY(spin_player_open(&x->renderer->player, &x->device, NULL, SPIN_FROM_SOURCE));
     }

@@ -193,6 +193,27 @@ holds "limits them to white" '
 a, b = exr(sys.argv[1]), exr(sys.argv[2])
 assert a["R"].min() > 3 and b["R"].min() == b["R"].max() == 1' "$work/bright/camera_frame_00000.exr" "$work/bright--clamp/camera_frame_00000.exr"
 
+# The poster of a page is an image of its first view.
+run "$bin/spin-import" "$clip" -o "$work/bare.spin"
+echo '-.7457 .2022 -.6353 1.84  0 .9535 .3035 -1.88  .6663 .2263 -.7110 2.08' >"$work/court.txt"
+first="--camera $work/court.txt"
+# shellcheck disable=SC2086
+run "$bin/spin-export" "$work/bare.spin" $first --size 1200x630 --range 2:3 --to images -o "$work/view"
+# shellcheck disable=SC2086
+run "$bin/spin-export" "$work/bare.spin" $first --range 2:4 --poster -o "$work/a page.html"
+is "$code" 0 "a page with a poster"
+holds "which is drawn from the first view" '
+a, b = png(sys.argv[1]), png(sys.argv[2])
+assert a.shape == (630, 1200, 3) and a.std() > .05 and np.abs(a - b).max() < 1.5 / 255' "$work/a page.png" "$work/view/camera_frame_00000.png"
+is "$(grep -c '<meta property="og:image" content="a%20page.png">' "$work/a page.html")" 1 "previews of links find it beside the page"
+rm "$work/a page.html"
+run "$bin/spin-export" "$work/court.spin" --split --poster -o "$work/a page.html"
+fails 1 spin-export "a poster that exists"
+nothing_at "$work/a page.html" "and no page was written"
+nothing_at "$work/a page.bin" "nor its frames"
+run "$bin/spin-export" "$work/court.spin" --range 2:3 -o "$work/plain.html"
+is "$code $(grep -c og:image "$work/plain.html") $(find "$work" -name 'plain.*' | wc -l)" "0 0 1" "no poster unless asked for"
+
 # The same place by a file of nerfstudio, a list in JSON, and lists that are wrong.
 cat >"$work/studio.json" <<'E'
 {"camera_type": "perspective", "render_height": 48, "render_width": 96, "fps": 12, "seconds": 1,

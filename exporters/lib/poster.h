@@ -1,0 +1,13 @@
+/* The poster of a page: a PNG file with the first view of the clip. */
+#pragma once
+
+#include "exporters/lib/initial_view.h"
+
+/* The size in pixels that previews of links expect. */
+enum { SPIN_POSTER_WIDTH = 1200, SPIN_POSTER_HEIGHT = 630 };
+
+/* Renders the splats from this view and writes the image to an open file. Like the page, it shows
+ * at least the view's field of view in both directions. */
+spin_status spin_poster_write(const struct spin_export_job *job,
+                              const struct spin_initial_view *view,
+                              const struct spin_splats *splats, struct spin_out *out);
