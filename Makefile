@@ -223,15 +223,17 @@ PLUGIN_LD  := -Wl,--dynamic-list=$(PLUGIN_SYM) \
               $(shell sed -n 's/^ *\(spin_[a-z_]*\);$$/-Wl,-u,\1/p' $(PLUGIN_SYM))
 
 # The commands of `make portable` find all libraries, including indirect ones, in lib/spin4d beside
-# their bin/.
+# their bin/. The libraries that they need to start are linked statically, since the loader finds
+# that folder without /proc only if they have restarted with LD_ORIGIN_PATH set.
+STATIC_LIBS := -l:libz.a -l:liblzma.a -l:libjansson.a
 define COMMAND_RULE
 $(B)$(1)/bin/%: $(B)/src/cmd/%.o $(CMD_O) $(LIB) $(PLUGIN_SYM)
 	@mkdir -p $$(@D)
 	$(SAY) LINK $$@
-	$(Q)$(LINK) $(PLUGIN_LD) $(2) -o $$@ $(B)/src/cmd/$$*.o $(CMD_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
+	$(Q)$(LINK) $(PLUGIN_LD) $(2) -o $$@ $(B)/src/cmd/$$*.o $(CMD_O) $(LIB) $(3) $(SPIN_LDLIBS) $(LDLIBS)
 endef
 $(eval $(call COMMAND_RULE))
-$(eval $(call COMMAND_RULE,/portable,-Wl$(comma)--disable-new-dtags -Wl$(comma)-rpath$(comma)'$$$$ORIGIN/../lib/spin4d'))
+$(eval $(call COMMAND_RULE,/portable,-Wl$(comma)--disable-new-dtags -Wl$(comma)-rpath$(comma)'$$$$ORIGIN/../lib/spin4d',$(STATIC_LIBS)))
 
 # Pages as C strings, without indentation and comment lines.
 C_STRING := sed -e 's/^ *//' -e '/^\/\//d' -e 's/\\/\\\\/g' -e 's/"/\\"/g' -e 's/??/?\\?/g' -e 's/^/    "/' -e 's/$$/\\n"/'
@@ -500,6 +502,9 @@ hero: all ## generate docs/hero.webp, for README.md, from a retrained bundle: IN
 DEST    := $(DESTDIR)$(PREFIX)
 DESTLIB := $(DESTDIR)$(LIBDIR)
 EXAMPLE := share/doc/spin4d/example-plugin
+# What the manual names, and a clip to try the commands on.
+DOCS    := $(wildcard docs/*.md docs/*.jpg docs/*.png docs/how-to/*)
+SAMPLE  := $(filter-out %/gt_points.npz,$(shell find fixtures/court-mini -type f | sort))
 SHARED  := $(notdir $(LIB_SO)) libspin.so.$(SOVERSION) libspin.so
 BASH    := $(COMMANDS:%=share/bash-completion/completions/%)
 ZSH     := $(COMMANDS:%=share/zsh/site-functions/_%)
@@ -523,8 +528,10 @@ install: all $(LIB) ## install into PREFIX, libraries into LIBDIR, all below DES
 	    -e 's|@LIBS@|$(SPIN_LDLIBS)|' src/spin4d.pc.in >$(DESTLIB)/pkgconfig/spin4d.pc
 	install -d $(DESTDIR)$(PYTHONDIR)
 	install -m 644 exporters/python/spin4d.py $(DESTDIR)$(PYTHONDIR)
-	install -d $(DEST)/share/spin4d/player
+	install -d $(DEST)/share/spin4d/player $(DEST)/share/doc/spin4d/docs/how-to
 	install -m 644 $(PLAYER) $(DEST)/share/spin4d/player
+	for file in $(DOCS); do install -m 644 $$file $(DEST)/share/doc/spin4d/$$file || exit 1; done
+	for file in $(SAMPLE:fixtures/court-mini/%=%); do install -D -m 644 fixtures/court-mini/$$file $(DEST)/share/spin4d/sample/$$file || exit 1; done
 	for page in $(PAGES); do install -m 644 $$page $(DEST)/share/man/man$${page##*.}; done
 	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(DEST)/$(EXAMPLE)
 	install -d $(sort $(dir $(addprefix $(DEST)/,$(BASH) $(ZSH))))
@@ -539,11 +546,14 @@ uninstall: ## remove installed files, with the same PREFIX, LIBDIR, PYTHONDIR an
 	rm -f $(foreach p,$(PAGES),$(DEST)/share/man/man$(subst .,,$(suffix $p))/$(notdir $p))
 	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))
 	rm -f $(addprefix $(DEST)/share/spin4d/player/,$(notdir $(PLAYER)))
-	-rmdir $(DEST)/share/spin4d/player $(DEST)/share/spin4d
+	rm -f $(addprefix $(DEST)/share/doc/spin4d/,$(DOCS)) $(SAMPLE:fixtures/court-mini/%=$(DEST)/share/spin4d/sample/%)
+	-rmdir $(sort $(dir $(SAMPLE:fixtures/court-mini/%=$(DEST)/share/spin4d/sample/%)))
+	-rmdir $(DEST)/share/spin4d/sample/ims $(DEST)/share/spin4d/sample $(DEST)/share/spin4d/player $(DEST)/share/spin4d
+	-rmdir $(DEST)/share/doc/spin4d/docs/how-to $(DEST)/share/doc/spin4d/docs
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d
 
 # DEBIAN= builds it in a chroot whose older C library makes it run on more machines.
-portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS))) ## BUILD/spin4d-VERSION-linux-*.tar.gz, self-contained; DEBIAN=bullseye (build it there) ARCH=arm64 (by QEMU)
+portable: $(if $(DEBIAN),dist,$(BINS) $(BINS:$(B)/%=$(B)/portable/%) $(filter %-gltf.so %-cuda.so %-plain.so,$(SHIMS)) $(PLAYER)) ## BUILD/spin4d-VERSION-linux-*.tar.gz, self-contained; DEBIAN=bullseye (build it there) ARCH=arm64 (by QEMU)
 	@$(if $(DEBIAN),sh src/packaging/chroot.sh $(DEBIAN) $(VERSION),sh src/packaging/portable.sh $(VERSION) $(B)) $(BUILD) $(if $(DEBIAN),$(ARCH))
 
 windows: ## BUILD/windows/spin4d-VERSION-windows-x86_64.zip, built with MinGW

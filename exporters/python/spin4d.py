@@ -16,6 +16,10 @@ A frame has the inputs of gsplat's rasterization(): means [n,3]; quats [n,4], un
 scales [n,3], standard deviations; opacities [n], 0 to 1; sh [n,k,3], k = (degree + 1)^2.
 frame(i, torch=True) returns tensors. The file format is described in spin-bundle(5).
 
+Of a scene far from 0, frame() returns means, and views() poses, in the coordinates of the source,
+as float64. To render such a scene in float32, pass relative=True to both: they are then relative to
+clip.shift, as they are stored.
+
 A file that cannot be opened raises OSError. A file that is not a bundle, is damaged, or lacks what
 is requested raises ValueError, whose text begins with the path. A frame beyond the clip raises
 IndexError.
@@ -150,7 +154,8 @@ def picture(view):
 
 
 def write_ply(path, frame):
-    """Writes a frame as the PLY of 3DGS, which splat viewers open."""
+    """Writes a frame as the PLY of 3DGS, which splat viewers open. Means of float64 are written as
+    doubles."""
     n, k = len(frame.means), frame.sh.shape[1]
     opacities, scales = np.asarray(frame.opacities), np.asarray(frame.scales)
     if np.any(opacities < 0) or np.any(scales < 0):
@@ -161,12 +166,17 @@ def write_ply(path, frame):
     rest = np.moveaxis(np.asarray(frame.sh)[:, 1:], 1, 2).reshape(n, -1)
     names = ["x", "y", "z", *(f"f_dc_{i}" for i in range(3)), *(f"f_rest_{i}" for i in range(3 * (k - 1))),
              "opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
-    rows = np.concatenate([frame.means, np.asarray(frame.sh)[:, 0], rest, np.asarray(logits)[:, None],
-                           log_scales, frame.quats], axis=1).astype("<f4")
-    if not np.all(np.isfinite(rows)):
+    means = np.asarray(frame.means)
+    wide = means.dtype == np.float64
+    others = np.concatenate([np.asarray(frame.sh)[:, 0], rest, np.asarray(logits)[:, None], log_scales,
+                             frame.quats], axis=1).astype("<f4")
+    if not (np.all(np.isfinite(means)) and np.all(np.isfinite(others))):
         raise ValueError(f"{path}: a splat has a value that is not finite")
+    rows = np.empty(n, [("means", "<f8" if wide else "<f4", 3), ("others", "<f4", others.shape[1])])
+    rows["means"], rows["others"] = means, others
     head = "".join(["ply\nformat binary_little_endian 1.0\n", f"element vertex {n}\n",
-                    *(f"property float {name}\n" for name in names), "end_header\n"])
+                    *(f"property {'double' if wide and name in 'xyz' else 'float'} {name}\n" for name in names),
+                    "end_header\n"])
     part = f"{os.fspath(path)}.tmp.{os.getpid()}.{secrets.token_hex(8)}"
     with open(part, "wb") as out:
         out.write(head.encode() + rows.tobytes())
@@ -184,6 +194,7 @@ class Clip:
     versions   versions that frame() can return, the default first: "retrained", "frames", "source"
     splats_4d  metadata of the source's 4D splats, which slice() returns at any time; None: the
                source is frames
+    shift      [3], added to all stored positions; zeros unless the scene is far from 0
     meta       meta.json
     """
 
@@ -214,6 +225,9 @@ class Clip:
             ("source", whole <= set(self.meta["columns"]))) if there]
         self.times = np.array([f["time"] for f in self.meta["frames"]], np.float64)
         self.numbers = [f["number"] for f in self.meta["frames"]]
+        self.shift = np.array(self.meta.get("shift", [0, 0, 0]), np.float64)
+        if self.shift.shape != (3,) or not np.all(np.isfinite(self.shift)):
+            raise ValueError("'shift' is not three numbers")
         if not self.numbers:
             raise ValueError("no frames")
         self.cameras = (self._trained or self.meta.get("trained_4d") or {}).get("cameras", [])
@@ -240,20 +254,22 @@ class Clip:
         return (f"<spin4d.Clip {self._path!r}: {len(self)} frames of {self.meta.get('from')}, "
                 f"times {self.times[0]:g} to {self.times[-1]:g}, {', '.join(self.versions) or 'positions only'}>")
 
-    def views(self, data=None):
+    def views(self, data=None, relative=False):
         """Returns a list with a View, which has intrinsics and a pose, for each image of the data
-        set. Runs spin-import --info --views."""
+        set. Runs spin-import --info --views. relative: the poses are relative to `shift`."""
         out = []
         for v in _run("spin-import", self._path, None, {"info": True, "views": True, "quiet": True, "data": data}):
             intrinsics = np.array([[v["fx"], 0, v["cx"]], [0, v["fy"], v["cy"]], [0, 0, 1]])
             pose = np.array(v["w2c"] + [0, 0, 0, 1], float).reshape(4, 4)
+            if not relative:
+                pose[:3, 3] -= pose[:3, :3] @ self.shift
             out.append(View(v["frame"], v["camera"], v["test"], intrinsics, pose, v["width"], v["height"],
                             v["image"], v["mask"]))
         return out
 
-    def training(self, data=None):
+    def training(self, data=None, relative=False):
         """Returns the training views, which are the views that are not held out."""
-        return [view for view in self.views(data) if not view.test]
+        return [view for view in self.views(data, relative) if not view.test]
 
     def antialias(self, version=None):
         """Whether the splats of this version were trained with antialiasing."""
@@ -262,15 +278,16 @@ class Clip:
             part = {"retrained": self._trained, "frames": self._refined}
             return bool(part.get(version, self.meta).get("antialias", False))
 
-    def frame(self, index, version=None, torch=False):
-        """Returns frame `index` of range(len(self)); negative numbers count from the end."""
+    def frame(self, index, version=None, torch=False, relative=False):
+        """Returns frame `index` of range(len(self)); negative numbers count from the end. relative:
+        the means are relative to `shift`."""
         version, index = self._version(version), operator.index(index)
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self._path}: no frame {index}, only {len(self)}")
         index %= len(self)
         with self._reading():
             if version == "source" and self.splats_4d:
-                return self._slice(self.times[index], torch)
+                return self._slice(self.times[index], torch, relative)
             if version == "retrained":
                 means, log_scales, quats, sh, logits = self._retrained(index)
             else:
@@ -278,18 +295,18 @@ class Clip:
                 means, log_scales, quats, sh, logits = (
                     self._column(group, name, index)
                     for name in ("means", "log_scales", "quats", "sh", "logit_opacities"))
-            return self._finished(means, quats, log_scales, logits, sh, torch)
+            return self._finished(means, quats, log_scales, logits, sh, torch, relative)
 
-    def slice(self, time, torch=False):
+    def slice(self, time, torch=False, relative=False):
         """Returns the source's 4D splats at a time, which has the unit of `times`; see
-        spin-bundle(5)."""
+        spin-bundle(5). relative: the means are relative to `shift`."""
         if not self.splats_4d:
             raise ValueError(f"{self._path}: the source is frames, not 4D splats")
         time = float(time)
         with self._reading():
-            return self._slice(time, torch)
+            return self._slice(time, torch, relative)
 
-    def _slice(self, time, torch):
+    def _slice(self, time, torch, relative):
         s = {name: self._once(f"source/4d/{name}").astype(np.float64) for name in
              ["centres", "times", "quats", "log_scales", "logit_opacities", "sigmas", "sh"]
              + ["paths"] * (self.splats_4d["degree"] > 0) + self.splats_4d["arrays"]}
@@ -319,10 +336,11 @@ class Clip:
         opacity = np.clip(opacity, 1e-6, 1 - 1e-6)
         means, quats, scales, logits, sh = (a[seen].astype(np.float32) for a in (
             means, quats, s["log_scales"], np.log(opacity / (1 - opacity)), sh))
-        return self._finished(means, quats, scales, logits, sh, torch)
+        return self._finished(means, quats, scales, logits, sh, torch, relative)
 
-    @staticmethod
-    def _finished(means, quats, log_scales, logits, sh, torch):
+    def _finished(self, means, quats, log_scales, logits, sh, torch, relative):
+        if np.any(self.shift) and not relative:
+            means = means + self.shift
         length = np.linalg.norm(quats, axis=1, keepdims=True)
         out = Frame(means, (quats / np.maximum(length, 1e-12)).astype(np.float32),
                     np.exp(np.minimum(log_scales, 20)).astype(np.float32),

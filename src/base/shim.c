@@ -13,9 +13,8 @@
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
-#ifdef __linux__
-#include <sys/auxv.h>
-#endif
+
+#include "base/program.h"
 
 #ifndef SPIN_LIBDIR
 #define SPIN_LIBDIR "/usr/local/lib"
@@ -152,23 +151,6 @@ static bool load_from(struct search *s, const char *parent, const char *below)
     return load_object(s, path);
 }
 
-/* Find the path of this program's file; returns false if the path is unknown or too long. */
-static bool program_path(char path[4096])
-{
-    ssize_t n = readlink("/proc/self/exe", path, 4095);
-
-    path[n > 0 ? n : 0] = '\0';
-#ifdef __linux__
-    if (n <= 0) {
-        char *whole = realpath((const char *)getauxval(AT_EXECFN), NULL);
-
-        n = whole ? snprintf(path, 4096, "%s", whole) : 0;
-        free(whole);
-    }
-#endif
-    return n > 0 && n < 4096;
-}
-
 /* Load the object from lib/ or lib/spin4d/ in the folder whose subfolder bin/ or tests/ROOM/
  * contains the program: the build folder, or the prefix of an installation. */
 static bool load_beside_program(struct search *s)
@@ -177,7 +159,7 @@ static bool load_beside_program(struct search *s)
     struct stat st;
     char *bin, *tests;
 
-    if (!program_path(folder))
+    if (!spin_program_path(folder))
         return false;
     if (stat(folder, &st) == 0)
         s->owner = st.st_uid;

@@ -12,6 +12,7 @@
 #include <strings.h>
 #include <unistd.h>
 
+#include "base/program.h"
 #include "base/text.h"
 #include "io/template.h"
 #include "spin_run.h"
@@ -872,6 +873,7 @@ bool spin_args_parse(const struct spin_args_command *command, int argc, char **a
     struct parser p = {.command = command, .argc = argc, .argv = argv};
     bool goes_on;
 
+    spin_program_restart(argv);
     /* One write() per line, so that mpirun does not mix lines of several ranks. */
     setvbuf(stderr, NULL, _IOLBF, 0);
     speaks = spin_ranks_env_rank() <= 0;

@@ -6,6 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "base/program.h"
 #include "base/text.h"
 #include "spin_run.h"
 
@@ -82,15 +83,15 @@ static const char text[] =
     "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 
-/* Replaces this process by spin-`name` from the folder of this program, or from PATH if /proc is
- * not available. Returns only on failure. */
+/* Replaces this process by spin-`name` from the folder of this program, or from PATH if that folder
+ * is unknown. Returns only on failure. */
 static int exec_command(const char *name, char **argv)
 {
     char own[4096], path[4200];
-    ssize_t n = readlink("/proc/self/exe", own, sizeof own - 1);
     char *slash;
 
-    own[n > 0 ? n : 0] = '\0';
+    if (!spin_program_path(own))
+        own[0] = '\0';
     slash = strrchr(own, '/');
     snprintf(path, sizeof path, "%.*sspin-%s", slash ? (int)(slash - own) + 1 : 0, own, name);
     execvp(path, argv);

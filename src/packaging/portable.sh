@@ -1,8 +1,8 @@
 #!/bin/sh
 # portable.sh VERSION BUILD_DIR OUT: packs OUT/spin4d-VERSION-linux-MACHINE.tar.gz from the files
-# that `make portable` has built. The archive contains the commands, manual, player, Python module,
-# and all libraries except the C library, with their licences, and runs on Linux without further
-# packages. Reproducible: the same build gives the same bytes.
+# that `make portable` has built. The archive contains the commands, manual, documents, player,
+# Python module, a sample clip, and all libraries except the C library, with their licences, and
+# runs on Linux without further packages. Reproducible: the same build gives the same bytes.
 version=${1:?usage: portable.sh VERSION BUILD_DIR OUT}
 B=${2:?usage: portable.sh VERSION BUILD_DIR OUT}
 out=${3:?usage: portable.sh VERSION BUILD_DIR OUT}
@@ -46,6 +46,9 @@ ldd "$tree"/bin/* "$tree"/lib/spin4d/*.so* | awk '$2 == "=>" && $3 ~ /^\// { pri
 while read -r library; do
     take "$library" "$(basename "$library")"
 done <"$out/libraries"
+for static in libz.a liblzma.a libjansson.a; do
+    realpath "$(${CC:-cc} -print-file-name=$static)" | sed 's|^/usr||' >>"$out/taken"
+done
 # Copy the licence of each library's package.
 sed 's/^/*/' "$out/taken" | xargs dpkg -S >"$out/owners" 2>/dev/null
 while read -r library; do
@@ -60,17 +63,29 @@ needs=$(objdump -T "$tree"/bin/* "$tree"/lib/spin4d/* | grep -o 'GLIBC_[0-9.]*' 
 for page in man/*.[157]; do
     mkdir -p "$tree/share/man/man${page##*.}" && cp "$page" "$tree/share/man/man${page##*.}/" || exit 1
 done
-cp exporters/python/spin4d.py "$tree/python/" && cp -R exporters/player "$tree/share/spin4d/" &&
+mkdir -p "$tree/share/doc/spin4d/docs" &&
+    cp docs/*.md docs/*.jpg docs/*.png "$tree/share/doc/spin4d/docs/" && cp -R docs/how-to "$tree/share/doc/spin4d/docs/" &&
+    cp exporters/python/spin4d.py "$tree/python/" && cp -R "$B/player" "$tree/share/spin4d/" &&
+    cp -R fixtures/court-mini "$tree/share/spin4d/sample" && rm "$tree/share/spin4d/sample/gt_points.npz" &&
     cp LICENSE CHANGELOG.md "$tree/" || exit 1
 cat >"$tree/README" <<README
 spin4d $version for Linux on $(uname -m). It needs no packages except the C library $needs
 or newer; this folder can be anywhere.
 
+    bin/spin4d share/spin4d/sample -o sample.html
     bin/spin4d RUN --data IMAGES -o clip.html
 
-RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the data set it was trained on. For more, see
-bin/spin4d --help and man -M share/man spin4d. python/ contains the module spin4d, for PYTHONPATH. Images are PNG and
-JPEG; for videos and EXR, build from source. share/doc contains the licences of the libraries in lib/.
+The first command converts a sample of six frames. RUN is the folder that a 4D Gaussian Splatting method wrote, IMAGES the
+data set it was trained on. For more, see bin/spin4d --help and man -M share/man spin4d.
+
+share/spin4d/player plays clips in your own pages; its README says how. python/ contains the module spin4d, for PYTHONPATH.
+share/doc/spin4d contains the documents that the manual names, and the licences of the libraries.
+
+Images are PNG and JPEG. Videos and EXR need FFmpeg and OpenImageIO, which are not included: build spin4d from source, see
+share/doc/spin4d/docs/how-to/install.md. Without a build, FFmpeg's own command makes a video of PNG files:
+
+    bin/spin4d export clip.spin --to images --path orbit -o frames
+    ffmpeg -framerate 30 -i frames/orbit_frame_%05d.png -pix_fmt yuv420p clip.mp4
 README
 chmod -R u=rwX,go=rX "$tree"
 tar -C "$out" --sort=name --owner=0 --group=0 --numeric-owner --mtime=./Makefile -c "$name" | gzip -9n >"$tree.tar.gz" || exit 1

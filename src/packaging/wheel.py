@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """wheel.py TARBALL OUT: converts the tarball of `make portable` to a wheel.
 
-The wheel contains the Python module, the commands and their libraries. pip installs the commands
-into bin/ of its environment, and the libraries into lib/spin4d/, where the commands find them.
+The wheel contains the Python module, the commands and their libraries, the manual, the player and a
+sample clip. pip installs the commands into bin/ of its environment, the libraries into lib/spin4d/,
+where the commands find them, and the rest into share/.
 Needs only Python's standard library. Reproducible: the same tarball gives the same bytes."""
 import base64
 import hashlib
@@ -25,10 +26,10 @@ files = {"spin4d.py": tree.pop("python/spin4d.py"), f"{info}/licenses/LICENSE": 
 for path, content in tree.items():
     if path.startswith("bin/"):
         files[f"{data}/scripts/{path[4:]}"] = content
-    elif path.startswith(("lib/", "share/man/")):
-        files[f"{data}/data/{path}"] = content
     elif path.endswith(".copyright"):
         files[f"{info}/licenses/{os.path.basename(path)}"] = content
+    elif path.startswith(("lib/", "share/")) and not path.startswith("share/completion/"):
+        files[f"{data}/data/{path}"] = content
 
 texts = {
     f"{info}/METADATA": f"""Metadata-Version: 2.1
@@ -38,6 +39,15 @@ Summary: convert and retrain 4D Gaussian Splatting clips
 License: Apache-2.0
 Requires-Python: >=3.8
 Requires-Dist: numpy
+Description-Content-Type: text/markdown
+
+The folder of pip's environment (`python3 -c "import sys; print(sys.prefix)"`) then contains the commands in `bin`, the
+manual in `share/man`, documents in `share/doc/spin4d`, the player for web pages in `share/spin4d/player`, and a sample clip:
+
+    spin4d SAMPLE -o sample.html
+
+where SAMPLE is `share/spin4d/sample` in that folder. Images are PNG and JPEG; videos and EXR need a build from source,
+which `share/doc/spin4d/docs/how-to/install.md` describes.
 """,
     f"{info}/WHEEL": f"Wheel-Version: 1.0\nGenerator: spin4d\nRoot-Is-Purelib: false\nTag: {tag}\n",
 }

@@ -21,21 +21,49 @@ ok $? "twice the same bytes"
 tar -tzf "$tarball" >"$work/list"
 is "$(grep -c '/lib/spin4d/lib[^/]*$' "$work/list")" "$(grep -c '/lib/spin4d/lib[^/]*\.so\.[0-9]*[a-z]*$' "$work/list")" \
     "libraries by the names they are opened by"
-is "$(grep -c '/share/doc/spin4d/.*\.copyright$' "$work/list")" "$(grep -c '/lib/spin4d/lib[^/]*$' "$work/list")" \
-    "a licence for each"
+is "$(grep -c '/share/doc/spin4d/.*\.copyright$' "$work/list")" "$(($(grep -c '/lib/spin4d/lib[^/]*$' "$work/list") + 3))" \
+    "a licence for each, and for the three that are linked statically"
+for file in README.md package.json player.d.ts player.js view.html; do
+    grep -q "/share/spin4d/player/$file\$" "$work/list"
+    ok $? "the player has $file"
+done
+for file in $(cat man/*.[157] | grep -o 'docs/[a-z/-]*\.md' | sort -u); do
+    grep -q "/share/doc/spin4d/$file\$" "$work/list"
+    ok $? "$file, which the manual names"
+done
 run sh tests/portable.sh "$work/first.tar.gz" $clip
 is "$code $(cat "$work/out")" "0 portable: works" "it works alone"
 
 # That it notices: without a library of its own, and without the image shim.
 tar -C "$work" -xzf "$work/first.tar.gz"
 tree=$(echo "$work"/spin4d-*)
-for gone in libjansson.so.4 libpng16.so.16 libwebp.so.7 spin-image-plain.so; do
+for gone in libpng16.so.16 libwebp.so.7 spin-image-plain.so; do
     mv "$tree/lib/spin4d/$gone" "$work/gone"
     tar -C "$work" -c "${tree##*/}" | gzip -1 >"$work/less.tar.gz"
     mv "$work/gone" "$tree/lib/spin4d/$gone"
     run sh tests/portable.sh "$work/less.tar.gz" $clip
     is "$code $(grep -c '^portable: ' "$work/err")" "1 1" "the test fails without $gone"
 done
+# In a root with nothing but the C library: no /proc, no shell. The README's first command.
+root=$work/root
+mkdir -p "$root/tmp"
+cp -r "$tree" "$root/spin4d"
+for library in $(ldd "$tree/bin/spin4d" | grep -o '/[^ ]*'); do
+    mkdir -p "$root${library%/*}"
+    cp -L "$library" "$root$library"
+done
+if chroot "$root" /spin4d/bin/spin4d --version >"$work/out" 2>"$work/err"; then
+    run chroot "$root" /spin4d/bin/spin4d /spin4d/share/spin4d/sample --iterations 20 -o /tmp/sample.html
+    is "$code $(find "$root/tmp" -type f | wc -l)" "0 2" "the sample, without /proc"
+    run chroot "$root" /spin4d/bin/spin4d export /tmp/sample.spin --to sog -o /tmp/sog
+    is "$code" 0 "and another command, with a library that is loaded later"
+elif [ "$(id -u)" = 0 ] && chroot / true 2>/dev/null; then
+    ok 1 "starts without /proc"
+else
+    skip "starts without /proc" "only root may chroot"
+fi
+is "$(grep -c "ffmpeg -framerate\|install.md" "$tree/README")" 2 "the README says how to get videos and EXR"
+
 # ---- The wheel -------------------------------------------------------------------------------------------
 
 for folder in one two; do
@@ -61,6 +89,10 @@ print(spin4d.__file__, spin4d._command("spin4d"))
 print(spin4d.convert("run", "w.html", iterations=10, quiet=True)["bundle"])' "$work"
     is "$(cat "$work/out")" "$module $installed/spin4d
 w.spin" "and the commands and the module work from there"
+    for file in player/view.html player/player.js sample/params.npz; do
+        [ -s "${installed%/bin}/share/spin4d/$file" ]
+        ok $? "$file comes with it"
+    done
     grep -q "calling init: ${installed%/bin}.*/lib/spin4d/libpng" "$work"/loads.*
     ok $? "with the libraries that it brings"
 else

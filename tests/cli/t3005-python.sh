@@ -130,6 +130,43 @@ a, b = (spin4d.load(path).values("source/means/00002") for path in sys.argv[1:])
 assert a.tobytes() == b.tobytes()' "$work/points.spin" "$work/refined-points.spin" 2>"$work/err"
 ok $? "which refined frames can be found again by"
 
+# Positions far from 0: those of the file, as doubles; or relative to the shift, as floats. Cameras follow.
+mkdir "$work/far"
+python3 -c '
+import sys, numpy as np, spin4d
+f = spin4d.load(sys.argv[1]).frame(0)
+spin4d.write_ply(sys.argv[2], f._replace(means=f.means.astype(float) + [448262.5, 5411932, 120]))' "$in" "$work/far/0.ply"
+run "$bin/spin-import" "$work/far/0.ply" -o "$work/far.spin"
+is "$code" 0 "imports UTM coordinates"
+python3 -c '
+import sys, numpy as np, spin4d
+near, far = (spin4d.load(path) for path in sys.argv[1:3])
+a, b, c = near.frame(0), far.frame(0), far.frame(0, relative=True)
+assert not near.shift.any() and a.means.dtype == c.means.dtype == np.float32 and b.means.dtype == np.float64
+assert abs(far.shift - [448262.5, 5411932, 120]).max() < 10
+def sort(m): return m[np.lexsort(np.round(m, 4).T)]
+off = np.abs(sort(b.means - [448262.5, 5411932, 120]) - sort(a.means)).max()
+assert off < 1e-5, off
+assert np.array_equal(c.means + far.shift, b.means)
+spin4d.write_ply(sys.argv[3], b)
+assert b"property double x" in open(sys.argv[3], "rb").read(200)' "$in" "$work/far.spin" "$work/far/1.ply" 2>"$work/err"
+ok $? "means are those of the source, and relative on request"
+PATH="$bin:$PATH" python3 -c '
+import sys, numpy as np, spin4d
+clip = spin4d.load(sys.argv[1])
+clip.shift = np.array([1e6, -2e5, 30])
+point = np.array([.1, .2, .3])
+for a, b in zip(clip.views(), clip.views(relative=True)):
+    assert np.allclose(a.pose @ [*(point + clip.shift), 1], b.pose @ [*point, 1], atol=1e-6)
+assert len(clip.training(relative=True)) == 18' "$in" 2>"$work/err"
+ok $? "and so are the poses of the views"
+run "$bin/spin-import" "$work/far/1.ply" -o "$work/far1.spin"
+python3 -c '
+import sys, numpy as np, spin4d
+a, b = (spin4d.load(path).frame(0).means for path in sys.argv[1:])
+assert np.array_equal(a, b)' "$work/far.spin" "$work/far1.spin" 2>"$work/err"
+ok $? "write_ply() keeps their digits"
+
 # 4D splats: slices are those of spin-export, at frames of the bundle and between them.
 for kind in rot4d_noshfs rot4d_sht; do
     [ -d "$fixtures/realtime4dgs/$kind" ] || continue

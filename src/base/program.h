@@ -1,0 +1,13 @@
+/* The file of this program. */
+#pragma once
+
+#include <stdbool.h>
+
+/* Find the path of this program's file; returns false if it is unknown or too long. Works without
+ * /proc on Linux. */
+bool spin_program_path(char path[4096]);
+
+/* Where /proc is not mounted, restart the program with LD_ORIGIN_PATH set to its folder: the loader
+ * cannot find the libraries of a relocatable installation otherwise. Returns if there is no need,
+ * or if the program cannot be restarted. */
+void spin_program_restart(char **argv);
