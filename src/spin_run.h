@@ -17,6 +17,7 @@ struct spin_import_options {
     /* Times of the data set's frames: "auto", "data", "unit" or "count"; NULL: auto. */
     const char *frame_times;
     int n_frames;        /* continuous methods: number of samples; 0: not given */
+    int default_frames;  /* number of samples if nothing says how many; 0: an error */
     const double *times; /* continuous methods: [n_times] sample times */
     int n_times;
     struct spin_range range;

@@ -29,6 +29,9 @@
 #include "scene/data_path.h"
 #include "scene/foreign.h"
 
+/* Number of frames that are sampled from a continuous run if nothing says how many: two seconds. */
+#define DEFAULT_FRAMES 60
+
 struct convert {
     const struct spin_convert_options *o;
     const char *to;
@@ -216,6 +219,7 @@ static spin_status import_from(struct convert *c, const char *data)
                                          .data = data,
                                          .data_from = asks_renders(o) ? NULL : o->data_from,
                                          .n_frames = o->n_frames,
+                                         .default_frames = DEFAULT_FRAMES,
                                          .force = true};
     char *text = NULL;
 

@@ -127,7 +127,7 @@ static spin_status open_data(struct import *im)
  * frame is sampled for each number. Otherwise, if exactly one data set is beside the run, the times
  * of its frames are used, but not its images. Otherwise, 4D splats get 30 frames per unit of time,
  * as if the unit were a second; but 61 frames if the range is at most 2 or at least 10,000 units
- * long. */
+ * long; other runs get the default of the caller, if it has one. */
 static void choose_default_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -166,6 +166,12 @@ static void choose_default_frames(struct import *im)
                   "%g to %g%s (to use the frame times of a data set, give --data)",
                   im->n_own, t->time_first, t->time_last,
                   im->keeps_4d ? "; the 4D splats cover all times in between" : "");
+    } else if (im->views.n == 0 && o->default_frames > 0) {
+        im->n_own = o->default_frames;
+        spin_log(0,
+                 "the run does not store its number of frames, so %d frames are sampled from time "
+                 "%g to %g; --frames samples another number",
+                 im->n_own, t->time_first, t->time_last);
     }
 }
 

@@ -62,6 +62,10 @@ run "$bin/spin4d" alone --from d3dgs -v
 is "$code" 0 "a run without a data set"
 err_has "no data set is known, so the clip is not retrained; give one with --data" "says why it is not retrained"
 is "$("$bin/spin-import" --info alone.spin --json | grep -c '"trained": {')" 0 "and it is not"
+cp -r "$OLDPWD/fixtures/deformable3dgs/real_small/model" network
+run "$bin/spin4d" network -o network.html
+is "$code $(grep -c '^network.html: 60 frames' "$work/out")" "0 1" "a run that is continuous in time, without data"
+err_has "does not store its number of frames, so 60 frames are sampled from time 0 to 1; --frames samples" "says so"
 run "$bin/spin4d" run/params.npz --no-retrain -o clip.glb
 is "$code $(ls -d clip.*)" "0 $(printf 'clip.glb\nclip.spin')" "--no-retrain; the ending says the format"
 run "$bin/spin4d" alone --data run --data-from panoptic --iterations 40 -o given.html --device cpu --threads 1

@@ -1,0 +1,52 @@
+#!/bin/sh
+# K: long documents colmap
+# docs/how-to/from-videos.md: its commands, in the order in which they stand, take films of court to a page. The films are
+# folders of images, and in place of ffmpeg a script copies these.
+. tests/cli/lib.sh
+scene=../shared/scenes/court
+if ! command -v colmap >/dev/null || [ ! -d "$scene/ims" ]; then
+    skip "from videos to a clip" "no colmap, or no scene '$scene'"
+    done_testing
+    exit
+fi
+mkdir -p "$work/place/videos" "$work/path"
+for camera in "$scene"/ims/*/; do
+    film=$(printf 'cam%02d.mp4' "$(basename "$camera")")
+    mkdir "$work/place/videos/$film"
+    n=0
+    for image in "$camera"*; do
+        [ $n -lt 2 ] && cp "$image" "$work/place/videos/$film/$(printf '%06d.png' $n)"
+        n=$((n + 1))
+    done
+done
+cat >"$work/path/ffmpeg" <<'FFMPEG'
+#!/bin/sh
+cp "$2"/*.png "$(dirname "$5")"
+FFMPEG
+# As the document advises for small images.
+cat >"$work/path/colmap" <<COLMAP
+#!/bin/sh
+case \$1 in
+feature_extractor) set -- "\$@" --SiftExtraction.peak_threshold 0.002 ;;
+mapper) set -- "\$@" --Mapper.init_min_tri_angle 4 ;;
+esac
+exec $(command -v colmap) "\$@"
+COLMAP
+cat >"$work/path/spin4d" <<SPIN4D
+#!/bin/sh
+exec "$(cd "$bin" && pwd)/spin4d" "\$@" --iterations 20
+SPIN4D
+ln -s "$(cd "$bin" && pwd)/spin-import" "$work/path/spin-import"
+chmod +x "$work"/path/*
+{
+    echo set -e
+    sed -n 's/^    //p' docs/how-to/from-videos.md
+} >"$work/script"
+(cd "$work/place" && PATH=$work/path:$PATH sh "$work/script") >"$work/out" 2>"$work/err" </dev/null
+is "$?" 0 "every command, one after the other"
+out_has 'Registered images: [0-9]*$' "COLMAP finds the cameras: $(sed -n 's/.*Registered images: //p' "$work/out" | head -n 1)"
+is "$(ls "$work/place/points" | tr '\n' ' ')" "frame000000.ply frame000001.ply " "points of each frame"
+out_has '^cameras fit' "the cameras fit: $(sed -n '/^cameras fit/p' "$work/out")"
+[ -s "$work/place/clip.html" ]
+ok $? "the page"
+done_testing
