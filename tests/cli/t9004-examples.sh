@@ -1,7 +1,8 @@
 #!/bin/sh
 # K: long documents
 # Every example of README, docs and the manual pages: run on small fixtures, or named in examples.list with the reason
-# why not. Of all of them the options are compared with those that the commands have.
+# why not. Those of one document run in one folder, in the order in which they stand. Of all of them the options are
+# compared with those that the commands have.
 . tests/cli/lib.sh
 root=$PWD
 bin=$(cd "$bin" && pwd)
@@ -210,9 +211,21 @@ lacks() {
     grep -q '^import spin4d' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
 }
 
+# A copy of the place without what the examples of this document write.
+begin_document() { # DOCUMENT
+    rm -rf "$work/fresh"
+    cp -al "$here" "$work/fresh"
+    grep " $1:" "$work/index" | while read -r number kind place; do
+        [ "$kind" = stray ] || grep -oE '(-o|--output|--images|--preview) [^ ]+' "$blocks/$number.$kind"
+        grep -oE '^spin4d .*-o [^ ]+' "$blocks/$number.$kind" 2>/dev/null | sed 's/\.[a-z0-9]*$/.spin/'
+    done | awk '{ print $NF }' | while read -r out; do
+        rm -rf "$work/fresh/${out%/}"
+    done
+}
+
 sed -n 's/^\([^#].*\) | .*/\1/p' tests/cli/examples.list >"$work/listed"
 : >"$work/met"
-: >"$work/seen"
+document=
 while read -r number kind place; do
     [ "$kind" = stray ] && continue
     file=$blocks/$number.$kind
@@ -230,21 +243,13 @@ while read -r number kind place; do
     else
         cp "$file" "$work/script"
     fi
-    sum=$(cksum <"$work/script")
-    grep -qxF "$sum" "$work/seen" && continue # the same example elsewhere
-    echo "$sum" >>"$work/seen"
     lacking=$(lacks "$work/script")
     if [ -n "$lacking" ]; then
         skip "$place" "needs $(echo $lacking)"
         continue
     fi
-    # A copy without what the example writes.
-    rm -rf "$work/fresh"
-    cp -al "$here" "$work/fresh"
-    for out in $(grep -oE '(-o|--output|--images|--preview) [^ ]+' "$work/script" | awk '{ print $2 }'); do
-        rm -rf "$work/fresh/${out%/}"
-        grep -q '^spin4d' "$work/script" && rm -f "$work/fresh/${out%.*}.spin"
-    done
+    [ "${place%:*}" = "$document" ] || begin_document "${place%:*}"
+    document=${place%:*}
     if [ "$kind" = py ]; then
         (cd "$work/fresh" && PYTHONPATH=$root/exporters/python PATH=$work/path:$PATH python3 "$work/script") >"$work/out" 2>"$work/err" </dev/null
     else
