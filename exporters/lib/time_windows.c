@@ -25,7 +25,7 @@ static bool has_cuts(const struct spin_time_windows *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
 
-    for (size_t i = 0; s->cuts && i < s->n; i++)
+    for (size_t i = 0; s->cuts && !b->stores_cuts && i < s->n; i++)
         if (is_visible(b, i) &&
             ((double)s->cuts[2 * i] > first_time(b) || (double)s->cuts[2 * i + 1] <= last_time(b)))
             return true;
@@ -262,8 +262,11 @@ static void convert_row(struct spin_time_windows *b, size_t i, size_t k)
     const struct spin_splats_4d *s = b->job->splats_4d;
     struct spin_splats_4d *to = &b->clip;
     size_t width = 3 * (size_t)spin_sh_count(s->sh_degree);
-    double most = b->most_sigma * b->length;
-    double sigma = s->sigmas[i] < SPIN_FOREVER ? (double)s->sigmas[i] * per_time(b) : HUGE_VAL;
+    double most = b->most_sigma > 0 ? b->most_sigma * b->length : (double)SPIN_FOREVER;
+    double sigma = s->sigmas[i] < SPIN_FOREVER
+                       ? fmin((double)s->sigmas[i] * per_time(b), (double)SPIN_FOREVER)
+                   : b->most_sigma > 0 ? HUGE_VAL
+                                       : (double)SPIN_FOREVER;
 
     memcpy(to->centres + 3 * k, s->centres + 3 * i, 3 * sizeof(float));
     memcpy(to->quats + 4 * k, s->quats + 4 * i, 4 * sizeof(float));
@@ -279,6 +282,10 @@ static void convert_row(struct spin_time_windows *b, size_t i, size_t k)
     convert_path(b, i, k);
     if (sigma > most)
         limit_sigma(b, k, sigma, most);
+    for (size_t c = 0; to->cuts && c < 2; c++)
+        to->cuts[2 * k + c] = (float)fmin(
+            fmax(spin_time_windows_time(b, (double)s->cuts[2 * i + c]), -(double)SPIN_FOREVER),
+            (double)SPIN_FOREVER);
     b->from[k] = i;
 }
 
@@ -299,8 +306,9 @@ spin_status spin_time_windows_convert(struct spin_time_windows *b)
     size_t n = 0;
     int degree = s->degree < b->degree ? s->degree : b->degree;
 
-    SPIN_TRY(spin_splats_4d_reserve(
-        &b->clip, s->n, degree > b->least_degree ? degree : b->least_degree, s->sh_degree, 0));
+    SPIN_TRY(spin_splats_4d_reserve(&b->clip, s->n,
+                                    degree > b->least_degree ? degree : b->least_degree,
+                                    s->sh_degree, s->cuts && b->stores_cuts ? SPIN_4D_CUTS : 0));
     SPIN_TRY(spin_alloc(s->n + 1, sizeof *b->from, (void **)&b->from));
     for (size_t i = 0; i < s->n; i++)
         if (is_visible(b, i))

@@ -9,7 +9,8 @@ struct spin_time_windows {
     const struct spin_export_job *job; /* the export; job->splats_4d is not NULL */
     const char *name;                  /* the format's name in messages */
     double length;                     /* duration of the clip in the file's unit of time */
-    double most_sigma;                 /* largest sigma to write, in clip lengths */
+    double most_sigma;                 /* largest sigma to write, in clip lengths; 0: no limit */
+    bool stores_cuts;                  /* true: the format stores abrupt beginnings and ends */
     bool says_cov2d;          /* true: the format stores the two factors of splats_4d->cov2d */
     int least_degree, degree; /* lowest and highest degree of paths in the format */
 

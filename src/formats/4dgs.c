@@ -5,45 +5,10 @@
 #include "io/file.h"
 #include "math/sh.h"
 
-#define MAGIC                                                                                      \
-    "\x89"                                                                                         \
-    "4DGS1\r\n"
-#define MAGIC_BYTES 8
-#define MODEL "gaussian-birth"
-#define STATES "keyframe-delta"
-#define SCHEME "uniform-v1"
-#define NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 /* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
  * splats share a position. Therefore, files that unpack to far more than 32 times their size are
  * refused as decompression bombs. */
 #define ROW_BYTES 34
-
-enum {
-    HEADER = 1,
-    FOOTER,
-    QUANTIZATION,
-    WINDOWS,
-    CHUNK,
-    SH_BAND = 7,
-    INDEX,
-    SOUND = 9,
-    CAMERA = 10,
-    DELTA_CHUNK = 16,
-    SOUND_SOURCE,
-    OBJECT_TRACK = 37,
-};
-
-enum {
-    STEP_POSITION,
-    STEP_SCALE,
-    STEP_ROTATION,
-    STEP_COLOUR,
-    STEP_OPACITY,
-    STEP_MOTION,
-    STEP_TIME,
-    STEP_SIGMA,
-    N_STEPS
-};
 
 struct reader {
     const unsigned char *file;
@@ -52,7 +17,7 @@ struct reader {
     struct spin_splats_4d *splats;
     unsigned seen; /* bit k: record k was read; set only for records that must not occur twice */
     uint64_t n_said;
-    double origin[3], step[N_STEPS];
+    double origin[3], step[SPIN_4DGS_N_STEPS];
     double *window; /* [n_windows][2] start and end of each window */
     size_t n_windows;
     uint64_t n; /* number of splats in the chunks read so far */
@@ -86,10 +51,10 @@ static spin_status read_header(struct reader *r, struct spin_4dgs_cursor *c)
     degree = (unsigned)spin_4dgs_number(c, 1);
     if (c->cut)
         return SPIN_OK;
-    r->info->keyframes = spin_4dgs_is(&model, STATES);
-    if (!spin_4dgs_is(&model, MODEL) && !r->info->keyframes)
-        return spin_unsupported("header: temporal model '%.*s', expected '" MODEL "' or '" STATES
-                                "'",
+    r->info->keyframes = spin_4dgs_is(&model, SPIN_4DGS_STATES);
+    if (!spin_4dgs_is(&model, SPIN_4DGS_MODEL) && !r->info->keyframes)
+        return spin_unsupported("header: temporal model '%.*s', expected '" SPIN_4DGS_MODEL
+                                "' or '" SPIN_4DGS_STATES "'",
                                 length_of(&model), (const char *)model.at);
     if (!(r->info->duration > 0) || !isfinite(r->info->duration))
         return spin_malformed("header: the duration is %g, expected above 0", r->info->duration);
@@ -107,12 +72,12 @@ static spin_status read_quantization(struct reader *r, struct spin_4dgs_cursor *
     struct spin_4dgs_cursor scheme = spin_4dgs_block(c, 4);
     double sum = 0;
 
-    if (!c->cut && !spin_4dgs_is(&scheme, SCHEME))
-        return spin_unsupported("quantization: scheme '%.*s', expected '" SCHEME "'",
+    if (!c->cut && !spin_4dgs_is(&scheme, SPIN_4DGS_SCHEME))
+        return spin_unsupported("quantization: scheme '%.*s', expected '" SPIN_4DGS_SCHEME "'",
                                 length_of(&scheme), (const char *)scheme.at);
     for (int k = 0; k < 3; k++)
         sum += fabs(r->origin[k] = spin_4dgs_double(c));
-    for (int k = 0; k < N_STEPS; k++)
+    for (int k = 0; k < SPIN_4DGS_N_STEPS; k++)
         sum += fabs(r->step[k] = spin_4dgs_double(c));
     return isfinite(sum) ? SPIN_OK
                          : spin_malformed("quantization: the origin or a step is not finite");
@@ -137,6 +102,21 @@ static spin_status read_windows(struct reader *r, struct spin_4dgs_cursor *c)
     return SPIN_OK;
 }
 
+/* Reads the mark of antialiasing from the metadata that spin4d writes. Other metadata are ignored,
+ * even if they are damaged. */
+static void read_metadata(struct reader *r, const struct spin_4dgs_cursor *record)
+{
+    struct spin_4dgs_cursor c = *record, name = spin_4dgs_block(&c, 4), map;
+
+    map = spin_4dgs_block(&c, 4);
+    while (spin_4dgs_is(&name, SPIN_4DGS_METADATA) && !c.cut && !map.cut && map.left > 0) {
+        struct spin_4dgs_cursor key = spin_4dgs_block(&map, 4), value = spin_4dgs_block(&map, 4);
+
+        if (spin_4dgs_is(&key, SPIN_4DGS_ANTIALIAS) && spin_4dgs_is(&value, "true"))
+            r->splats->antialias = true;
+    }
+}
+
 /* Verifies the checksum of the index. The index itself is not used. */
 static spin_status read_footer(const struct reader *r, struct spin_4dgs_cursor *c, size_t at)
 {
@@ -154,55 +134,13 @@ static spin_status read_footer(const struct reader *r, struct spin_4dgs_cursor *
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
 
-static double clamp(double x, double least, double most)
-{
-    return x > least ? x < most ? x : most : least;
-}
-
 /* Rounds the start or end of a window down to a float. Windows are half open: a splat is visible at
  * the start and invisible at the end. */
 static float round_down(double x)
 {
-    float f = (float)clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
+    float f = (float)spin_4dgs_clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
 
     return (double)f > x ? nextafterf(f, -INFINITY) : f;
-}
-
-/* Returns the quantisation step of a splat's velocity, which is finer for splats that live
- * longer. */
-static double motion_step(const struct reader *r, double life)
-{
-    return ldexp(r->step[STEP_MOTION], -(int)clamp(ceil(log2(clamp(life, 0.02, 2) / 0.5)), -4, 2));
-}
-
-/* Returns the quantisation step of a splat's centre in time: the file's step, halved until it is at
- * most a twentieth of the splat's sigma, but no more than ten times. */
-static double time_step(const struct reader *r, double sigma)
-{
-    double step = r->step[STEP_TIME];
-
-    return step > 0 && 0.05 * sigma < step
-               ? ldexp(step, (int)clamp(floor(log2(0.05 * sigma / step)), -10, 0))
-               : step;
-}
-
-/* Decodes a quaternion x y z w from its three smaller components; the largest, which the file
- * omits, is positive. */
-static void decode_rotation(const int32_t *steps, int largest, double step, float wxyz[4])
-{
-    static const int place[4] = {1, 2, 3, 0};
-    double rest = 1;
-
-    for (int k = 0, from = 0; k < 4; k++) {
-        double v;
-
-        if (k == largest)
-            continue;
-        v = clamp(steps[from++] * step, -1, 1);
-        rest -= v * v;
-        wxyz[place[k]] = (float)v;
-    }
-    wxyz[place[largest]] = (float)sqrt(rest > 0 ? rest : 0);
 }
 
 static void fill_row(const struct reader *r, size_t k, const double interval[2])
@@ -210,28 +148,32 @@ static void fill_row(const struct reader *r, size_t k, const double interval[2])
     const struct spin_splats_4d *s = r->splats;
     int32_t *const *steps = r->steps;
     const double *window = r->window + 2 * steps[SPIN_4DGS_WINDOW][k];
-    bool never_fades = steps[SPIN_4DGS_FLAGS][k] & NEVER_FADES;
-    double sigma = exp(steps[SPIN_4DGS_SIGMA][k] * r->step[STEP_SIGMA]);
-    double v = motion_step(r, never_fades ? window[1] - window[0]
-                                          : sqrt(-2 * log(r->info->cutoff)) * sigma);
+    bool never_fades = steps[SPIN_4DGS_FLAGS][k] & SPIN_4DGS_NEVER_FADES;
+    double sigma = exp(steps[SPIN_4DGS_SIGMA][k] * r->step[SPIN_4DGS_STEP_SIGMA]);
+    double v = spin_4dgs_motion_step(
+        r->step, never_fades ? window[1] - window[0] : sqrt(-2 * log(r->info->cutoff)) * sigma);
     const int32_t *colour = steps[SPIN_4DGS_COLOUR] + 3 * k;
     size_t i = r->first + k, n_sh = 3 + spin_n_rest(s->sh_degree);
 
     for (size_t c = 0; c < 3; c++) {
         double bin = c == 1 ? colour[0] : (double)colour[0] + colour[c == 0 ? 1 : 2];
 
-        s->centres[3 * i + c] =
-            (float)(r->origin[c] + steps[SPIN_4DGS_POSITION][3 * k + c] * r->step[STEP_POSITION]);
-        s->log_scales[3 * i + c] = (float)(steps[SPIN_4DGS_SCALE][3 * k + c] * r->step[STEP_SCALE]);
+        s->centres[3 * i + c] = (float)(r->origin[c] + steps[SPIN_4DGS_POSITION][3 * k + c] *
+                                                           r->step[SPIN_4DGS_STEP_POSITION]);
+        s->log_scales[3 * i + c] =
+            (float)(steps[SPIN_4DGS_SCALE][3 * k + c] * r->step[SPIN_4DGS_STEP_SCALE]);
         s->paths[3 * i + c] = (float)(steps[SPIN_4DGS_MOTION][3 * k + c] * v);
-        s->sh[n_sh * i + c] = (float)((clamp(bin * r->step[STEP_COLOUR], 0, 1) - 0.5) / SPIN_SH_C0);
+        s->sh[n_sh * i + c] =
+            (float)((spin_4dgs_clamp(bin * r->step[SPIN_4DGS_STEP_COLOUR], 0, 1) - 0.5) /
+                    SPIN_SH_C0);
     }
-    decode_rotation(steps[SPIN_4DGS_ROTATION] + 3 * k, steps[SPIN_4DGS_LARGEST][k],
-                    r->step[STEP_ROTATION], s->quats + 4 * i);
-    s->logit_opacities[i] =
-        spin_opacity_logit((float)clamp(steps[SPIN_4DGS_OPACITY][k] * r->step[STEP_OPACITY], 0, 1));
+    spin_4dgs_rotation(steps[SPIN_4DGS_ROTATION] + 3 * k, steps[SPIN_4DGS_LARGEST][k],
+                       r->step[SPIN_4DGS_STEP_ROTATION], s->quats + 4 * i);
+    s->logit_opacities[i] = spin_opacity_logit((float)spin_4dgs_clamp(
+        steps[SPIN_4DGS_OPACITY][k] * r->step[SPIN_4DGS_STEP_OPACITY], 0, 1));
     s->times[i] =
-        (float)(steps[SPIN_4DGS_MU][k] * (never_fades ? r->step[STEP_TIME] : time_step(r, sigma)));
+        (float)(steps[SPIN_4DGS_MU][k] *
+                (never_fades ? r->step[SPIN_4DGS_STEP_TIME] : spin_4dgs_time_step(r->step, sigma)));
     s->sigmas[i] = never_fades ? SPIN_FOREVER : (float)fmin(sigma, (double)SPIN_FOREVER);
     s->cuts[2 * i] = round_down(fmax(window[0], interval[0]));
     s->cuts[2 * i + 1] = round_down(fmin(window[1], interval[1]));
@@ -385,10 +327,10 @@ static spin_status read_state_record(struct reader *r, unsigned opcode, struct s
 
     states->sh_degree = r->splats->sh_degree;
     states->most_rows = (SPIN_4DGS_SLACK + (uint64_t)SPIN_4DGS_RATIO * r->size) / ROW_BYTES;
-    return opcode == CHUNK         ? spin_4dgs_states_keyframe(states, c, at)
-           : opcode == DELTA_CHUNK ? spin_4dgs_states_delta(states, c, at)
-           : opcode == SH_BAND     ? spin_4dgs_states_band(states, c)
-                                   : spin_4dgs_states_index(states, c);
+    return opcode == SPIN_4DGS_REC_CHUNK         ? spin_4dgs_states_keyframe(states, c, at)
+           : opcode == SPIN_4DGS_REC_DELTA_CHUNK ? spin_4dgs_states_delta(states, c, at)
+           : opcode == SPIN_4DGS_REC_SH_BAND     ? spin_4dgs_states_band(states, c)
+                                                 : spin_4dgs_states_index(states, c);
 }
 
 /* Sets the integers of attribute a for all rows of the states. */
@@ -431,57 +373,61 @@ static spin_status fill_states(struct reader *r)
 static spin_status read_record(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c,
                                size_t at)
 {
-    bool first_pass = !r->splats->centres, once = opcode <= WINDOWS;
+    bool first_pass = !r->splats->centres, once = opcode <= SPIN_4DGS_REC_WINDOWS;
 
     if (once && first_pass) {
-        if (opcode < HEADER || r->seen & 1u << opcode)
+        if (opcode < SPIN_4DGS_REC_HEADER || r->seen & 1u << opcode)
             return spin_malformed("record %02x occurs twice or is invalid", opcode);
-        if (opcode != HEADER && !(r->seen & 1u << HEADER))
+        if (opcode != SPIN_4DGS_REC_HEADER && !(r->seen & 1u << SPIN_4DGS_REC_HEADER))
             return spin_malformed("record %02x precedes the header", opcode);
         r->seen |= 1u << opcode;
     }
-    if (r->info->keyframes && opcode != HEADER)
+    if (r->info->keyframes && opcode != SPIN_4DGS_REC_HEADER)
         switch (opcode) {
-        case CHUNK:
-        case DELTA_CHUNK:
-        case SH_BAND:
-        case INDEX:
+        case SPIN_4DGS_REC_CHUNK:
+        case SPIN_4DGS_REC_DELTA_CHUNK:
+        case SPIN_4DGS_REC_SH_BAND:
+        case SPIN_4DGS_REC_INDEX:
             return read_state_record(r, opcode, c, at);
         default:
             break;
         }
     switch (opcode) {
-    case HEADER:
+    case SPIN_4DGS_REC_HEADER:
         return first_pass ? read_header(r, c) : SPIN_OK;
-    case QUANTIZATION:
+    case SPIN_4DGS_REC_QUANTIZATION:
         return first_pass ? read_quantization(r, c) : SPIN_OK;
-    case WINDOWS:
+    case SPIN_4DGS_REC_WINDOWS:
         return first_pass ? read_windows(r, c) : SPIN_OK;
-    case FOOTER:
+    case SPIN_4DGS_REC_FOOTER:
         return first_pass ? read_footer(r, c, at) : SPIN_OK;
-    case CHUNK:
+    case SPIN_4DGS_REC_CHUNK:
         return read_chunk(r, c);
-    case SH_BAND:
+    case SPIN_4DGS_REC_SH_BAND:
         return read_band(r, c);
-    case DELTA_CHUNK:
-        return spin_malformed("record 10 is a delta chunk, which the model '" MODEL
+    case SPIN_4DGS_REC_DELTA_CHUNK:
+        return spin_malformed("record 10 is a delta chunk, which the model '" SPIN_4DGS_MODEL
                               "' does not have");
-    case OBJECT_TRACK:
+    case SPIN_4DGS_REC_OBJECT_TRACK:
         spin_4dgs_bytes(c, 5);
         return spin_4dgs_number(c, 4) == 0 ? SPIN_OK
                                            : spin_unsupported("object tracks are not supported");
-    case CAMERA:
+    case SPIN_4DGS_REC_CAMERA:
         r->info->camera = true;
         return SPIN_OK;
+    case SPIN_4DGS_REC_METADATA:
+        read_metadata(r, c);
+        return SPIN_OK;
     default:
-        r->info->sound |= opcode == SOUND || opcode == SOUND_SOURCE;
+        r->info->sound |= opcode == SPIN_4DGS_REC_SOUND || opcode == SPIN_4DGS_REC_SOUND_SOURCE;
         return SPIN_OK;
     }
 }
 
 static spin_status read_records(struct reader *r)
 {
-    struct spin_4dgs_cursor file = {r->file + MAGIC_BYTES, r->size - 2 * MAGIC_BYTES, false};
+    struct spin_4dgs_cursor file = {r->file + SPIN_4DGS_MAGIC_BYTES,
+                                    r->size - 2 * SPIN_4DGS_MAGIC_BYTES, false};
     unsigned opcode = 0;
 
     r->n = 0;
@@ -497,23 +443,27 @@ static spin_status read_records(struct reader *r)
         if (record.cut)
             return spin_malformed("record %02x at byte %zu is too short", opcode, at);
     }
-    if (opcode != FOOTER)
+    if (opcode != SPIN_4DGS_REC_FOOTER)
         return spin_malformed("the last record is not a footer");
     return r->splats->centres ? end_chunk(r) : SPIN_OK;
 }
 
 static spin_status read_all(struct reader *r)
 {
-    static const unsigned all = 1u << HEADER | 1u << QUANTIZATION | 1u << WINDOWS | 1u << FOOTER;
+    static const unsigned all = 1u << SPIN_4DGS_REC_HEADER | 1u << SPIN_4DGS_REC_QUANTIZATION |
+                                1u << SPIN_4DGS_REC_WINDOWS | 1u << SPIN_4DGS_REC_FOOTER;
 
-    if (r->size < 2 * MAGIC_BYTES || memcmp(r->file, MAGIC, MAGIC_BYTES) != 0)
+    if (r->size < 2 * SPIN_4DGS_MAGIC_BYTES ||
+        memcmp(r->file, SPIN_4DGS_MAGIC, SPIN_4DGS_MAGIC_BYTES) != 0)
         return spin_malformed("not a .4dgs of version 1: the magic number is missing");
-    if (memcmp(r->file + r->size - MAGIC_BYTES, MAGIC, MAGIC_BYTES) != 0)
+    if (memcmp(r->file + r->size - SPIN_4DGS_MAGIC_BYTES, SPIN_4DGS_MAGIC, SPIN_4DGS_MAGIC_BYTES) !=
+        0)
         return spin_malformed("truncated: the magic number at the end of the file is missing");
     SPIN_TRY(read_records(r));
     if (r->seen != all)
         return spin_malformed("record '%s' is missing",
-                              !(r->seen & 1u << QUANTIZATION) ? "quantization" : "window table");
+                              !(r->seen & 1u << SPIN_4DGS_REC_QUANTIZATION) ? "quantization"
+                                                                            : "window table");
     if (r->info->keyframes)
         return fill_states(r);
     if (r->n != r->n_said)

@@ -1,6 +1,8 @@
 /* Records and streams of .4dgs files as bytes and integers. */
 #include "formats/4dgs_streams.h"
 
+#include <math.h>
+
 #include "formats/planes.h"
 #include "io/gzip.h"
 #include "io/zstd.h"
@@ -142,4 +144,44 @@ spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dg
     SPIN_TRY(decompress(spin_4dgs_is(codec, "zstd"), block, bytes, plain));
     *block = (struct spin_4dgs_cursor){*plain, (size_t)bytes, false};
     return SPIN_OK;
+}
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+double spin_4dgs_clamp(double x, double least, double most)
+{
+    return x > least ? x < most ? x : most : least;
+}
+
+double spin_4dgs_motion_step(const double step[SPIN_4DGS_N_STEPS], double life)
+{
+    double level = spin_4dgs_clamp(ceil(log2(spin_4dgs_clamp(life, 0.02, 2) / 0.5)), -4, 2);
+
+    return ldexp(step[SPIN_4DGS_STEP_MOTION], -(int)level);
+}
+
+double spin_4dgs_time_step(const double step[SPIN_4DGS_N_STEPS], double sigma)
+{
+    double whole = step[SPIN_4DGS_STEP_TIME];
+
+    return whole > 0 && 0.05 * sigma < whole
+               ? ldexp(whole, (int)spin_4dgs_clamp(floor(log2(0.05 * sigma / whole)), -10, 0))
+               : whole;
+}
+
+void spin_4dgs_rotation(const int32_t *steps, int largest, double step, float wxyz[4])
+{
+    static const int place[4] = {1, 2, 3, 0};
+    double rest = 1;
+
+    for (int k = 0, from = 0; k < 4; k++) {
+        double v;
+
+        if (k == largest)
+            continue;
+        v = spin_4dgs_clamp(steps[from++] * step, -1, 1);
+        rest -= v * v;
+        wxyz[place[k]] = (float)v;
+    }
+    wxyz[place[largest]] = (float)sqrt(rest > 0 ? rest : 0);
 }

@@ -55,3 +55,60 @@ spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dg
 /* Allowed sizes of unpacked data, see 4dgs.c. */
 #define SPIN_4DGS_RATIO 32
 #define SPIN_4DGS_SLACK (1u << 20)
+
+#define SPIN_4DGS_MAGIC                                                                            \
+    "\x89"                                                                                         \
+    "4DGS1\r\n"
+#define SPIN_4DGS_MAGIC_BYTES 8
+#define SPIN_4DGS_MODEL "gaussian-birth"
+#define SPIN_4DGS_STATES "keyframe-delta"
+#define SPIN_4DGS_SCHEME "uniform-v1"
+#define SPIN_4DGS_NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
+
+/* The metadata record of files that spin4d writes, and its key for splats that are to be rendered
+ * with antialiasing. */
+#define SPIN_4DGS_METADATA "spin4d"
+#define SPIN_4DGS_ANTIALIAS "antialias"
+
+/* Opcodes of records. */
+enum {
+    SPIN_4DGS_REC_HEADER = 1,
+    SPIN_4DGS_REC_FOOTER,
+    SPIN_4DGS_REC_QUANTIZATION,
+    SPIN_4DGS_REC_WINDOWS,
+    SPIN_4DGS_REC_CHUNK,
+    SPIN_4DGS_REC_SH_BAND = 7,
+    SPIN_4DGS_REC_INDEX,
+    SPIN_4DGS_REC_SOUND,
+    SPIN_4DGS_REC_CAMERA,
+    SPIN_4DGS_REC_METADATA,
+    SPIN_4DGS_REC_DELTA_CHUNK = 16,
+    SPIN_4DGS_REC_SOUND_SOURCE,
+    SPIN_4DGS_REC_FRAME = 32,
+    SPIN_4DGS_REC_OBJECT_TRACK = 37,
+};
+
+/* Quantisation steps, in the order of the file. */
+enum {
+    SPIN_4DGS_STEP_POSITION,
+    SPIN_4DGS_STEP_SCALE,
+    SPIN_4DGS_STEP_ROTATION,
+    SPIN_4DGS_STEP_COLOUR,
+    SPIN_4DGS_STEP_OPACITY,
+    SPIN_4DGS_STEP_MOTION,
+    SPIN_4DGS_STEP_TIME,
+    SPIN_4DGS_STEP_SIGMA,
+    SPIN_4DGS_N_STEPS
+};
+
+double spin_4dgs_clamp(double x, double least, double most);
+/* Returns the quantisation step of a splat's velocity, which is finer for splats that live longer.
+ * life: how long the splat is visible after its centre in time, or the length of its window if it
+ * never fades. */
+double spin_4dgs_motion_step(const double step[SPIN_4DGS_N_STEPS], double life);
+/* Returns the quantisation step of a splat's centre in time: the file's step, halved until it is at
+ * most a twentieth of the splat's sigma, but no more than ten times. */
+double spin_4dgs_time_step(const double step[SPIN_4DGS_N_STEPS], double sigma);
+/* Decodes a quaternion x y z w from its three smaller components; the largest, which the file
+ * omits, is positive. */
+void spin_4dgs_rotation(const int32_t *steps, int largest, double step, float wxyz[4]);

@@ -21,3 +21,9 @@ static inline int32_t spin_unzigzag(uint32_t symbol)
 {
     return (int32_t)(symbol >> 1 ^ -(symbol & 1));
 }
+
+/* Zigzag encoding, the inverse of spin_unzigzag(). */
+static inline uint32_t spin_zigzag(int32_t value)
+{
+    return (uint32_t)value << 1 ^ (value < 0 ? UINT32_MAX : 0);
+}

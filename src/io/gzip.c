@@ -156,6 +156,17 @@ spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_ou
     return inflate_all(MAX_WBITS, "zlib stream", data, size, out, n_out, n);
 }
 
+spin_status spin_zlib_write(const void *data, size_t n, unsigned char **out, size_t *n_out)
+{
+    uLongf size = compressBound((uLong)n);
+    int failed;
+
+    SPIN_TRY(spin_alloc(size, 1, (void **)out));
+    failed = compress2(*out, &size, data, (uLong)n, Z_DEFAULT_COMPRESSION);
+    *n_out = size;
+    return failed ? spin_fail(SPIN_E_MEMORY, "no memory to compress %zu bytes", n) : SPIN_OK;
+}
+
 uint32_t spin_gzip_length(const void *data, size_t size)
 {
     const unsigned char *end = (const unsigned char *)data + size;

@@ -46,6 +46,8 @@ spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data,
 spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
 /* spin_gzip_read() for a zlib stream (RFC 1950). */
 spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
+/* Compress n bytes to a zlib stream. The caller frees *out, which has *n_out bytes. */
+spin_status spin_zlib_write(const void *data, size_t n, unsigned char **out, size_t *n_out);
 /* The uncompressed length modulo 2^32, as stored at the end of gzip data; 0 if the data are shorter
  * than any gzip file. */
 uint32_t spin_gzip_length(const void *data, size_t size);

@@ -6,20 +6,15 @@
 #include "io/file.h"
 #include "spin_run.h"
 
-static const char *const endings[][2] = {{".compressed.ply", "compressed-ply"},
-                                         {".ftgs.ply", "ftgs"},
-                                         {".sogst.ply", "sogst-ply"},
-                                         {".ply", "ply"},
-                                         {".glb", "gltf"},
-                                         {".sog", "sog"},
-                                         {".sogst", "sogst"},
-                                         {".splat", "splat"},
-                                         {".spz", "spz"},
-                                         {".tsog", "tsog"},
-                                         {".usda", "usd"},
-                                         {".html", "html"},
-                                         {".mp4", "video"},
-                                         {".webm", "video"}};
+static const char *const endings[][2] = {
+    {".4dgs", "4dgs"},     {".compressed.ply", "compressed-ply"},
+    {".ftgs.ply", "ftgs"}, {".sogst.ply", "sogst-ply"},
+    {".ply", "ply"},       {".glb", "gltf"},
+    {".sog", "sog"},       {".sogst", "sogst"},
+    {".splat", "splat"},   {".spz", "spz"},
+    {".tsog", "tsog"},     {".usda", "usd"},
+    {".html", "html"},     {".mp4", "video"},
+    {".webm", "video"}};
 enum { N_ENDINGS = sizeof endings / sizeof *endings };
 
 /* Each row: extensions that no exporter writes; what to write instead; the exporter that writes it.
@@ -31,7 +26,7 @@ static const char *const kin[][3] = {
     {"gltf obj fbx stl dae", ".glb", "gltf"},
     {"usd usdc usdz", ".usda", "usd"},
     {"ksplat splatv", ".splat", "splat"},
-    {"splat4d 4dgs", ".sogst", "sogst"},
+    {"splat4d", ".4dgs", "4dgs"},
     {"spin", "a bundle, which spin-import and spin-retrain write", NULL}};
 enum { N_KIN = sizeof kin / sizeof *kin };
 

@@ -1,0 +1,448 @@
+/* Writes .4dgs, version 1 (formats/4dgs.h): a clip of 4D splats, each visible in an interval of
+ * time, as one file for players that load a part of the clip at a time.
+ *
+ * All values are quantised. Each splat is moved along its path to the quantised time, and its
+ * position is quantised last, so that the errors of time and velocity do not move it while it is
+ * visible. A chunk contains the splats of about half a second, and one chunk those that are
+ * visible for longer. */
+#include "base/base.h"
+#include "exporters/lib/quant_error.h"
+#include "exporters/lib/time_windows_check.h"
+#include "formats/4dgs_write.h"
+#include "math/motion.h"
+#include "math/sh.h"
+
+/* Values may exceed the range of the format by this much, from rounding. */
+#define NEAR 1e-5
+/* Opacities below this are not drawn. */
+#define LEAST_CUTOFF (1 / 255.0)
+/* Splats that begin or end abruptly do so at least this share of a frame before or after the time
+ * of a frame, so that rounding does not make them visible in another frame. */
+#define MARGIN 1e-3
+
+struct export
+{
+    struct spin_time_windows windows;
+    struct spin_splat_rows rows;
+    struct spin_sort_rows order; /* the kept rows of windows.clip in the order of the file */
+    double fps;
+    struct spin_4dgs_coding coding;
+    double (*span)[2];   /* [clip.n] window of each row in the file */
+    uint32_t *window_of; /* [clip.n] its index in the window table */
+    struct spin_4dgs_splat *splat; /* [order.n] */
+    double segment;                /* seconds of a chunk */
+    double slack;                  /* largest error of a position at its centre in time */
+    uint64_t n_colours, n_sh;      /* splats with colours or SH coefficients out of range */
+    double lost_colour, lost_sh;   /* largest differences by this */
+    struct spin_quant_error quant;
+    struct spin_4dgs_writer writer;
+    struct spin_out out;
+};
+
+/* ---- Windows --------------------------------------------------------------------------------- */
+
+/* Converts a beginning or an end of visibility to seconds, on the same side of the nearest frame's
+ * time as in the source. */
+static double convert_cut(const struct export *x, size_t k, size_t which)
+{
+    const struct spin_export_job *job = x->windows.job;
+    double cut = (double)job->splats_4d->cuts[2 * x->windows.from[k] + which];
+    double at = (double)x->windows.clip.cuts[2 * k + which] * x->fps;
+    int f = (int)spin_4dgs_clamp(rint(at), 0, job->n_frames - 1);
+
+    at = job->times[f] >= cut ? fmin(at, f - MARGIN) : fmax(at, f + MARGIN);
+    return spin_4dgs_clamp(at / x->fps, 0, x->coding.duration);
+}
+
+static void set_span(struct export *x, size_t k)
+{
+    bool cut = x->windows.clip.cuts != NULL;
+
+    x->span[k][0] = cut ? convert_cut(x, k, 0) : 0;
+    x->span[k][1] = cut ? convert_cut(x, k, 1) : x->coding.duration;
+}
+
+static int compare_spans(const void *a, const void *b)
+{
+    const double *x = a, *y = b;
+
+    return x[0] != y[0] ? (x[0] > y[0]) - (x[0] < y[0]) : (x[1] > y[1]) - (x[1] < y[1]);
+}
+
+/* Sets the window table to the different windows of the rows. */
+static spin_status choose_windows(struct export *x)
+{
+    size_t n = x->windows.clip.n, n_windows = 0;
+    struct spin_4dgs_coding *c = &x->coding;
+
+    SPIN_TRY(spin_alloc(n, sizeof *x->span, (void **)&x->span));
+    SPIN_TRY(spin_alloc(n, sizeof *c->window, (void **)&c->window));
+    SPIN_TRY(spin_alloc(n, sizeof *x->window_of, (void **)&x->window_of));
+    for (size_t k = 0; k < n; k++)
+        set_span(x, k);
+    memcpy(c->window, x->span, n * sizeof *c->window);
+    qsort(c->window, n, sizeof *c->window, compare_spans);
+    for (size_t k = 0; k < n; k++)
+        if (k == 0 || compare_spans(c->window[k], c->window[n_windows - 1]) != 0)
+            memmove(c->window[n_windows++], c->window[k], sizeof *c->window);
+    c->n_windows = n_windows;
+    for (size_t k = 0; k < n; k++) {
+        double(*found)[2] =
+            bsearch(x->span[k], c->window, n_windows, sizeof *c->window, compare_spans);
+
+        x->window_of[k] = (uint32_t)(found - c->window);
+    }
+    return SPIN_OK;
+}
+
+/* ---- Steps ----------------------------------------------------------------------------------- */
+
+static int compare_floats(const void *a, const void *b)
+{
+    const float *x = a, *y = b;
+
+    return (*x > *y) - (*x < *y);
+}
+
+/* Sets the quantisation steps: that of positions by the median of all scales. */
+static spin_status choose_steps(struct export *x)
+{
+    const struct spin_splats_4d *s = &x->windows.clip;
+    SPIN_FREED float *scale = NULL;
+    double *box = x->coding.box;
+
+    SPIN_TRY(spin_alloc(x->order.n, 3 * sizeof *scale, (void **)&scale));
+    for (size_t j = 0; j < x->order.n; j++) {
+        float place[3];
+
+        memcpy(scale + 3 * j, s->log_scales + 3 * (size_t)x->order.item[j].row, 3 * sizeof *scale);
+        spin_splat_rows_place(&x->rows, x->order.item[j].row, place);
+        for (int c = 0; c < 3; c++) {
+            box[c] = j == 0 ? (double)place[c] : fmin(box[c], (double)place[c]);
+            box[3 + c] = j == 0 ? (double)place[c] : fmax(box[3 + c], (double)place[c]);
+        }
+    }
+    qsort(scale, 3 * x->order.n, sizeof *scale, compare_floats);
+    spin_4dgs_choose_steps(&x->coding, exp((double)scale[3 * x->order.n / 2]));
+    return SPIN_OK;
+}
+
+/* ---- Rows ------------------------------------------------------------------------------------ */
+
+static int32_t *bin_of(struct spin_4dgs_splat *splat, int attribute)
+{
+    int from = 0;
+
+    for (int a = 0; a < attribute; a++)
+        from += spin_4dgs_attributes[a].channels;
+    return splat->bin + from;
+}
+
+static int32_t round_to(double value, double step)
+{
+    return (int32_t)spin_4dgs_clamp(rint(value / step), INT32_MIN, INT32_MAX);
+}
+
+/* Sets the bins of a rotation. The largest component of the quaternion x y z w is made positive and
+ * omitted. */
+static void code_rotation(const float wxyz[4], double step, struct spin_4dgs_splat *to)
+{
+    const float q[4] = {wxyz[1], wxyz[2], wxyz[3], wxyz[0]};
+    int32_t *bin = bin_of(to, SPIN_4DGS_ROTATION);
+    int largest = 0;
+
+    for (int k = 1; k < 4; k++)
+        largest = fabsf(q[k]) > fabsf(q[largest]) ? k : largest;
+    bin_of(to, SPIN_4DGS_LARGEST)[0] = largest;
+    for (int k = 0; k < 4; k++)
+        if (k != largest)
+            *bin++ = round_to(q[largest] < 0 ? -(double)q[k] : (double)q[k], step);
+}
+
+static void code_colour(struct export *x, const float colour[3], struct spin_4dgs_splat *to)
+{
+    int32_t *bin = bin_of(to, SPIN_4DGS_COLOUR), rgb[3];
+    bool clamped = false;
+
+    for (int c = 0; c < 3; c++) {
+        double inside = spin_4dgs_clamp((double)colour[c], 0, 1);
+
+        x->lost_colour = fmax(x->lost_colour, fabs(inside - (double)colour[c]));
+        clamped |= fabs(inside - (double)colour[c]) > NEAR;
+        rgb[c] = round_to(inside, x->coding.step[SPIN_4DGS_STEP_COLOUR]);
+    }
+    x->n_colours += clamped;
+    bin[0] = rgb[1];
+    bin[1] = rgb[0] - rgb[1];
+    bin[2] = rgb[2] - rgb[1];
+}
+
+static double decode_sh(unsigned char code) { return code * 8 / 255.0 - 4; }
+
+static void code_sh(struct export *x, size_t k, struct spin_4dgs_splat *to)
+{
+    size_t n = (size_t)spin_splat_rows_n_sh(&x->rows);
+    float rotated[3 * SPIN_SH_MAX], off[SPIN_4DGS_REST];
+    const float *sh = spin_splat_rows_sh(&x->rows, k, rotated);
+    bool clamped = false;
+
+    memset(to->sh, 128, sizeof to->sh);
+    for (size_t i = 3; i < 3 * n; i++) {
+        double value = (double)sh[i], inside = spin_4dgs_clamp(value, -4, 4);
+
+        x->lost_sh = fmax(x->lost_sh, fabs(inside - value));
+        clamped |= fabs(inside - value) > NEAR;
+        to->sh[i - 3] = (unsigned char)rint((inside + 4) * 255 / 8);
+        off[i - 3] = (float)(decode_sh(to->sh[i - 3]) - value);
+    }
+    x->n_sh += clamped;
+    if (n > 1)
+        spin_quant_error_add_sh(&x->quant, off, 3 * n - 3);
+}
+
+/* Sets the bins of sigma, of the centre in time and of the path, and moves row k of the clip to
+ * the time that a reader decodes. Returns the length of the life that the path's step depends on.
+ */
+static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
+{
+    struct spin_splats_4d *s = &x->windows.clip;
+    const double *step = x->coding.step, *span = x->span[k];
+    bool never = s->sigmas[k] >= SPIN_FOREVER;
+    double sigma = 0, time_step = step[SPIN_4DGS_STEP_TIME], middle = 0.5 * (span[0] + span[1]);
+
+    bin_of(to, SPIN_4DGS_FLAGS)[0] = never ? SPIN_4DGS_NEVER_FADES : 0;
+    if (!never) {
+        bin_of(to, SPIN_4DGS_SIGMA)[0] =
+            round_to(log((double)s->sigmas[k]), step[SPIN_4DGS_STEP_SIGMA]);
+        sigma = exp(bin_of(to, SPIN_4DGS_SIGMA)[0] * step[SPIN_4DGS_STEP_SIGMA]);
+        s->sigmas[k] = (float)sigma;
+        time_step = spin_4dgs_time_step(step, sigma);
+    }
+    bin_of(to, SPIN_4DGS_MU)[0] = round_to(never ? middle : (double)s->times[k], time_step);
+    spin_time_windows_move(s, k, bin_of(to, SPIN_4DGS_MU)[0] * time_step);
+    return never ? span[1] - span[0] : sqrt(-2 * log(x->coding.cutoff)) * sigma;
+}
+
+/* Sets the bins of the path and of the position. The position is exact at the time within the
+ * splat's visible life that is nearest to its centre in time. */
+static void code_place(struct export *x, size_t k, double life, struct spin_4dgs_splat *to,
+                       struct spin_gaussian *shown)
+{
+    const struct spin_splats_4d *s = &x->windows.clip;
+    double step = x->coding.step[SPIN_4DGS_STEP_POSITION];
+    double v_step = spin_4dgs_motion_step(x->coding.step, life);
+    double d = spin_4dgs_clamp((double)s->times[k], x->span[k][0], x->span[k][1]) -
+               (double)s->times[k];
+    float place[3], path[3] = {0};
+
+    spin_splat_rows_place(&x->rows, k, place);
+    if (s->degree > 0)
+        spin_splat_rows_direction(&x->rows, s->paths + 3 * (size_t)s->degree * k, path);
+    for (int c = 0; c < 3; c++) {
+        int32_t v = bin_of(to, SPIN_4DGS_MOTION)[c] = round_to((double)path[c], v_step);
+        double at = (double)place[c] + d * ((double)path[c] - v * v_step);
+        int32_t *bin = &bin_of(to, SPIN_4DGS_POSITION)[c];
+
+        *bin = round_to(at - x->coding.origin[c], step);
+        x->slack = fmax(x->slack, fabs(x->coding.origin[c] + *bin * step - (double)place[c]));
+        shown->place[c] = (float)(x->coding.origin[c] + *bin * step - at + (double)place[c]);
+    }
+}
+
+static void code_row(struct export *x, size_t k, struct spin_4dgs_splat *to)
+{
+    const double *step = x->coding.step;
+    struct spin_gaussian is, shown;
+    const int32_t *colour = bin_of(to, SPIN_4DGS_COLOUR);
+    double life = code_time(x, k, to);
+
+    spin_splat_rows_get(&x->rows, k, &is);
+    shown = is;
+    code_place(x, k, life, to, &shown);
+    code_rotation(is.rotation, step[SPIN_4DGS_STEP_ROTATION], to);
+    code_colour(x, is.colour, to);
+    code_sh(x, k, to);
+    bin_of(to, SPIN_4DGS_WINDOW)[0] = (int32_t)x->window_of[k];
+    bin_of(to, SPIN_4DGS_OPACITY)[0] =
+        round_to((double)is.opacity, step[SPIN_4DGS_STEP_OPACITY]);
+    shown.opacity = (float)(bin_of(to, SPIN_4DGS_OPACITY)[0] * step[SPIN_4DGS_STEP_OPACITY]);
+    spin_4dgs_rotation(bin_of(to, SPIN_4DGS_ROTATION), bin_of(to, SPIN_4DGS_LARGEST)[0],
+                       step[SPIN_4DGS_STEP_ROTATION], shown.rotation);
+    for (int c = 0; c < 3; c++) {
+        int32_t *scale = &bin_of(to, SPIN_4DGS_SCALE)[c];
+
+        *scale = round_to((double)is.log_scale[c], step[SPIN_4DGS_STEP_SCALE]);
+        shown.log_scale[c] = (float)(*scale * step[SPIN_4DGS_STEP_SCALE]);
+        shown.colour[c] = (float)((colour[0] + (c == 1 ? 0 : colour[c == 0 ? 1 : 2])) *
+                                  step[SPIN_4DGS_STEP_COLOUR]);
+    }
+    spin_quant_error_row(&x->quant, &is, &shown);
+}
+
+/* ---- Chunks ---------------------------------------------------------------------------------- */
+
+/* Returns the chunk of a row: 0 for the whole clip, or 1 + the segment in which it is visible. */
+static uint64_t chunk_of(const struct export *x, size_t k)
+{
+    const struct spin_splats_4d *s = &x->windows.clip;
+    double reach = s->sigmas[k] < SPIN_FOREVER
+                       ? sqrt(-2 * log(x->coding.cutoff)) * (double)s->sigmas[k] * (1 + 1e-6)
+                       : HUGE_VAL;
+    double first = fmax(x->span[k][0], (double)s->times[k] - reach);
+    double last = fmin(x->span[k][1], (double)s->times[k] + reach);
+    double segment = floor(first / x->segment);
+
+    return last > first && last < (segment + 1) * x->segment ? (uint64_t)segment + 1 : 0;
+}
+
+/* Quantises the rows and sorts them by chunk, and by position within a chunk. */
+static spin_status code_rows(struct export *x)
+{
+    spin_sort_rows_by_place(&x->order, &x->windows.view);
+    SPIN_TRY(spin_alloc(x->windows.clip.n, sizeof *x->splat, (void **)&x->splat));
+    for (size_t j = 0; j < x->order.n; j++) {
+        struct spin_keyed *item = &x->order.item[j];
+
+        code_row(x, item->row, &x->splat[item->row]);
+        item->key = chunk_of(x, item->row);
+    }
+    spin_sort_rows_sort(&x->order);
+    return spin_cancelled() ? spin_fail_cancelled() : SPIN_OK;
+}
+
+static spin_status write_chunk(struct export *x, const struct spin_keyed *row, size_t n)
+{
+    double duration = x->coding.duration, segment = (double)row->key;
+    double interval[2] = {(segment - 1) * x->segment, fmin(segment * x->segment, duration)};
+    SPIN_FREED struct spin_4dgs_splat *splat = NULL;
+
+    if (row->key == 0) {
+        interval[0] = 0;
+        interval[1] = duration;
+    }
+    SPIN_TRY(spin_alloc(n, sizeof *splat, (void **)&splat));
+    for (size_t j = 0; j < n; j++)
+        splat[j] = x->splat[row[j].row];
+    return spin_4dgs_write_chunk(&x->writer, interval, splat, n);
+}
+
+static spin_status write_chunks(struct export *x)
+{
+    for (size_t j = 0, n; j < x->order.n; j += n) {
+        for (n = 1; j + n < x->order.n && x->order.item[j + n].key == x->order.item[j].key;)
+            n++;
+        SPIN_TRY(write_chunk(x, x->order.item + j, n));
+        if (spin_cancelled())
+            return spin_fail_cancelled();
+    }
+    return SPIN_OK;
+}
+
+/* ---- The plug-in ----------------------------------------------------------------------------- */
+
+static void free_export(void *self)
+{
+    struct export *x = self;
+
+    spin_out_abandon(&x->out);
+    spin_4dgs_write_free(&x->writer);
+    spin_splat_rows_end(&x->rows);
+    spin_sort_rows_free(&x->order);
+    spin_time_windows_free(&x->windows);
+    free(x->coding.window);
+    free(x->window_of);
+    free(x->span);
+    free(x->splat);
+    free(x);
+}
+
+static spin_status prepare(struct export *x, const struct spin_export_job *job)
+{
+    double least = job->splats_4d->least_weight;
+
+    x->windows = (struct spin_time_windows){
+        .job = job, .name = "a .4dgs", .stores_cuts = true, .degree = 1};
+    SPIN_TRY(spin_time_windows_can(&x->windows));
+    SPIN_TRY(spin_time_windows_fps(&x->windows, &x->fps));
+    x->windows.length = (job->n_frames - 1) / x->fps;
+    x->segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
+    SPIN_TRY(spin_splat_rows_begin(&x->rows, job, NULL));
+    x->coding = (struct spin_4dgs_coding){
+        .duration = job->n_frames / x->fps,
+        .cutoff = least > 0 && least < 1 ? least : LEAST_CUTOFF,
+        .sh_degree = x->rows.sh_degree > 0 ? x->rows.sh_degree : 0,
+        .up = x->rows.up,
+        .antialias = job->antialias};
+    SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
+    x->out.sync = job->sync;
+    return SPIN_OK;
+}
+
+static spin_status code_clip(struct export *x)
+{
+    const struct spin_export_job *job = x->windows.job;
+
+    SPIN_TRY(spin_time_windows_convert(&x->windows));
+    SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
+    SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
+    if (x->order.n == 0)
+        return spin_unsupported("no splat of the clip is left to write: check the options that "
+                                "drop splats");
+    SPIN_TRY(spin_splat_rows_report_4d(&x->rows, job, x->windows.from, job->times, job->n_frames));
+    x->coding.n = x->order.n;
+    SPIN_TRY(choose_windows(x));
+    SPIN_TRY(choose_steps(x));
+    return code_rows(x);
+}
+
+static void warn_clamped(const struct export *x)
+{
+    if (x->n_colours > 0)
+        spin_warn("a .4dgs stores colours of 0 to 1: those of %llu splats are clamped, by up to "
+                  "%.2g",
+                  (unsigned long long)x->n_colours, x->lost_colour);
+    if (x->n_sh > 0)
+        spin_warn("a .4dgs stores SH coefficients of -4 to 4: those of %llu splats are clamped, by "
+                  "up to %.2g",
+                  (unsigned long long)x->n_sh, x->lost_sh);
+}
+
+static spin_status check_file(const struct export *x)
+{
+    double half = x->slack * 1.01;
+    const struct spin_time_windows_check of = {.windows = &x->windows,
+                                               .rows = &x->rows,
+                                               .order = x->order.item,
+                                               .n = x->order.n,
+                                               .importer = "4dgs",
+                                               .half = {half, half, half}};
+
+    return spin_time_windows_check(&of);
+}
+
+static spin_status write_file(struct export *x)
+{
+    SPIN_TRY(code_clip(x));
+    x->writer.out = &x->out;
+    x->writer.coding = &x->coding;
+    SPIN_TRY(spin_4dgs_write_begin(&x->writer));
+    SPIN_TRY(write_chunks(x));
+    SPIN_TRY(spin_4dgs_write_end(&x->writer));
+    if (x->windows.job->report)
+        x->windows.job->report->bytes += x->out.bytes;
+    SPIN_TRY(spin_out_commit(&x->out));
+    spin_time_windows_warn(&x->windows);
+    warn_clamped(x);
+    spin_quant_error_log(&x->quant, "a .4dgs");
+    return x->windows.job->check ? check_file(x) : SPIN_OK;
+}
+
+static const struct spin_plugin_option options[] = {
+    SPIN_ROWS_OPTIONS,
+    {"fps", "F", "frames per second of the clip; default: the bundle's", NULL},
+    SPIN_ROWS_OPTION_SH,
+    {0}};
+
+SPIN_OWN_EXPORTER(4dgs, "4dgs", prepare, write_file, free_export,
+                  .summary = "4D splats as one .4dgs, which players load in parts: small",
+                  .options = options, .checks = true, .splats_4d = true);

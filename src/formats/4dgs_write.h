@@ -1,0 +1,44 @@
+/* Writes .4dgs files, which 4dgs.h describes, from splats whose values are quantised already. */
+#pragma once
+
+#include "formats/4dgs_states.h"
+
+/* What is known before the first chunk. Values of splats are integers in units of `step`; positions
+ * are relative to `origin`. */
+struct spin_4dgs_coding {
+    double duration; /* seconds */
+    double cutoff;
+    double origin[3], step[SPIN_4DGS_N_STEPS];
+    double box[6]; /* minimum x y z, maximum x y z of the positions */
+    int sh_degree;
+    bool up;        /* y points up */
+    bool antialias; /* the splats are to be rendered with antialiasing */
+    uint64_t n;     /* number of splats */
+    double (*window)[2];
+    size_t n_windows;
+};
+
+/* Sets the steps and the origin for splats with positions in the box and standard deviations around
+ * `scale`. All steps are twice the errors that the file states. */
+void spin_4dgs_choose_steps(struct spin_4dgs_coding *coding, double scale);
+
+struct spin_4dgs_entry;
+
+struct spin_4dgs_writer {
+    struct spin_out *out;
+    const struct spin_4dgs_coding *coding;
+    FILE *record; /* content of the current record */
+    char *text;
+    size_t n_text;
+    struct spin_4dgs_entry *entry; /* [n_entries] the index */
+    size_t n_entries;
+};
+
+/* Writes everything before the first chunk. Zero the writer before, and set `out` and `coding`. */
+spin_status spin_4dgs_write_begin(struct spin_4dgs_writer *w);
+/* Writes n splats, at least one, that are only visible in the interval. */
+spin_status spin_4dgs_write_chunk(struct spin_4dgs_writer *w, const double interval[2],
+                                  const struct spin_4dgs_splat *splat, size_t n);
+/* Writes the index and the end of the file. */
+spin_status spin_4dgs_write_end(struct spin_4dgs_writer *w);
+void spin_4dgs_write_free(struct spin_4dgs_writer *w);

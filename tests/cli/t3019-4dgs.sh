@@ -1,0 +1,80 @@
+#!/bin/sh
+# K: 4d 4dgs export import
+# 4D splats out as .4dgs and back: by the rules of the format, within its steps, with every loss reported.
+. tests/cli/lib.sh
+
+# The largest errors over all frames: a Python expression of the check in the report.
+within() { # NAME EXPRESSION
+    python3 -c 'import json, sys
+c = json.load(open(sys.argv[1]))["check"]
+at = {k: v["largest"] for k, v in c.items() if isinstance(v, dict)}
+sys.exit(not eval("(" + sys.argv[2] + ")"))' "$work/out" "$2"
+    ok $? "$1"
+}
+obeys() { # FILE CONTENTS
+    is "$(python3 tests/tools/check_4dgs.py "$1" 2>&1 | tail -1)" "$2" "$(basename "$1"): obeys the rules for writers"
+}
+
+# The largest errors are half of each step, and for opacities what rounded times make of a window.
+for source in ftgs_ply/sh1_clamped/scene.ftgs.ply stglite/supersplat4d_sh1/scene.ply 4dgs/birth_sh2/scene.4dgs \
+    4dgs/keyframe_chained/scene.4dgs; do
+    name=$(dirname "$source" | tr / -)
+    run "$bin/spin-import" "fixtures/$source" -o "$work/$name.spin"
+    is "$code" 0 "$source: imported"
+    run "$bin/spin-export" "$work/$name.spin" -o "$work/$name.4dgs" --fps 30 --check --json
+    is "$code $(member to) $(member bytes)" "0 4dgs $(wc -c <"$work/$name.4dgs")" "exported by its extension"
+    within "read back within the steps of the file" "at['log_scale'] < 0.004 and at['rotation_deg'] < 0.2 and
+        at['opacity'] < 0.02 and at['sh'] < 0.0158 and c['place_sizes'] < 0.2"
+    case $source in
+    4dgs/*) within "colours as well" "at['colour'] < 0.001" ;;
+    *) err_has "stores colours of 0 to 1: those of [0-9]* splats are clamped" "clamped colours are counted" ;;
+    esac
+done
+obeys "$work/ftgs_ply-sh1_clamped.4dgs" "342 splats, 2 chunks, 1 windows, SH degree 1, 6.03333 s"
+obeys "$work/stglite-supersplat4d_sh1.4dgs" "150 splats, 2 chunks, 1 windows, SH degree 1, 2 s"
+obeys "$work/4dgs-birth_sh2.4dgs" "400 splats, 8 chunks, 4 windows, SH degree 2, 4.03333 s"
+obeys "$work/4dgs-keyframe_chained.4dgs" "627 splats, 6 chunks, 28 windows, SH degree 0, 2.43333 s"
+
+# Options of all formats of splats.
+run "$bin/spin-export" "$work/4dgs-birth_sh2.spin" -o "$work/turned.4dgs" --rotate 90,30,0 --sh 1 --check --json
+within "rotated, with fewer SH coefficients" "at['rotation_deg'] < 0.2 and c['place_sizes'] < 0.2"
+obeys "$work/turned.4dgs" "400 splats, 8 chunks, 4 windows, SH degree 1, 4.03333 s"
+run "$bin/spin-export" "$work/4dgs-birth_sh2.spin" -o "$work/up.4dgs" --up z --range 30:60 --fps 15
+obeys "$work/up.4dgs" "$(python3 tests/tools/check_4dgs.py "$work/up.4dgs" | sed 's/, [0-9.]* s$/, 2 s/')"
+
+# The mark for antialiasing.
+LC_ALL=C sed '0,/^comment ftgs_version/s//comment antialiased 1\n&/' fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply \
+    >"$work/anti.ftgs.ply"
+for bundle in anti anti-back; do
+    "$bin/spin-import" "$work/anti.ftgs.ply" -o "$work/anti.spin" --force -q
+    "$bin/spin-export" "$work/anti.spin" -o "$work/anti.4dgs" --force -q 2>/dev/null
+    [ $bundle = anti ] || "$bin/spin-import" "$work/anti.4dgs" -o "$work/anti-back.spin" -q
+    is "$(python3 -c 'import json, sys, zipfile
+print(json.load(zipfile.ZipFile(sys.argv[1]).open("meta.json"))["antialias"])' "$work/$bundle.spin")" True \
+        "$bundle: marked for antialiasing"
+done
+
+# What the format cannot store.
+run "$bin/spin-import" fixtures/stglite/supersplat4d_sh1/scene.ply --frames 3 -o "$work/frames.spin"
+run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.4dgs"
+fails 1 spin-export "frames"
+err_has "'4dgs' stores 4D splats, but this clip has frames" "are refused by the name of the exporter"
+nothing_at "$work/frames.4dgs" "nothing was written"
+run "$bin/spin-import" fixtures/spacetimegs/full_techni -o "$work/cubic.spin"
+run "$bin/spin-export" "$work/cubic.spin" -o "$work/cubic.4dgs"
+is "$code" 0 "paths of degree 3"
+err_has "a .4dgs cannot store paths of degree 3: they are approximated by degree 1, with errors of up to" "are fitted"
+err_has "a .4dgs cannot represent rotations that change" "without their rotation"
+
+if [ -d "$fixtures/4dgs/conformance" ]; then
+    bad=
+    for file in "$fixtures"/4dgs/conformance/*-Quantized-*.4dgs; do
+        run "$bin/spin-import" "$file" -o "$work/corpus.spin" --force
+        [ "$code" = 0 ] || continue
+        run "$bin/spin-export" "$work/corpus.spin" -o "$work/corpus.4dgs" --fps 30 --force --check
+        [ "$code" = 0 ] && python3 tests/tools/check_4dgs.py "$work/corpus.4dgs" >/dev/null 2>"$work/err" ||
+            bad="$bad $(basename "$file"): $(tail -1 "$work/err")"
+    done
+    is "$bad" "" "the files of the format's own corpus, once read, are written by its rules"
+fi
+done_testing
