@@ -192,6 +192,10 @@ err_has "3072 pixels are brighter" "with alpha too"
 holds "limits them to white" '
 a, b = exr(sys.argv[1]), exr(sys.argv[2])
 assert a["R"].min() > 3 and b["R"].min() == b["R"].max() == 1' "$work/bright/camera_frame_00000.exr" "$work/bright--clamp/camera_frame_00000.exr"
+bright --clamp --background none
+holds "of the pixel, not above its alpha" '
+e = exr(sys.argv[1])
+assert e["A"].max() < .95 and np.abs(e["R"] - e["A"]).max() < 1e-3' "$work/bright--clamp --background none/camera_frame_00000.exr"
 
 # The poster of a page is an image of its first view.
 run "$bin/spin-import" "$clip" -o "$work/bare.spin"
