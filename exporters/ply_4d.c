@@ -1,5 +1,5 @@
 /* Writes 4D splats with a Gaussian window in time as a single PLY. Values are stored as floats and
- * not quantised, so these files suit the exchange of models between programs. There are two
+ * not quantised, so these files suit the exchange of models between programs. There are three
  * layouts:
  *
  * .ftgs.ply of FreeTimeGS, version 1: paths are linear. Time is normalised to 0..1 over the clip
@@ -9,16 +9,23 @@
  *
  * .sogst.ply, the input of .sogst encoders (formats/sogst.h): paths of degree 1 or 2. Time is in
  * seconds from the first frame, and sigma is not stored as a logarithm. The reference encoder
- * accepts only SH of degree 0 or 3, so missing coefficients are written as 0. */
+ * accepts only SH of degree 0 or 3, so missing coefficients are written as 0.
+ *
+ * STG-lite, a PLY with motion_0..2 for SuperSplat-4D and OpenSplat4D: paths are linear. Time is in
+ * seconds from the first frame. The file contains the times of both viewers: trbf_scale of
+ * SuperSplat-4D is the logarithm of sigma times the root of 2, since its window has no factor 1/2;
+ * scale_t of OpenSplat4D is the logarithm of sigma. */
 #include "base/base.h"
 #include "exporters/lib/time_windows_check.h"
+#include "formats/gs_ply.h"
 #include "io/ply.h"
 #include "math/sh.h"
 
 /* The largest sigma to write, in clip lengths. A splat that does not fade gets this sigma: one clip
  * length from the splat's centre in time, its window is still 0.9998. */
 #define MOST_SIGMA 50
-enum { BATCH = 4096 }; /* number of rows that are written at a time */
+#define MOST_SECONDS 1e6 /* the same in seconds, for STG-lite */
+enum { BATCH = 4096 };   /* number of rows that are written at a time */
 
 struct export;
 
@@ -27,6 +34,8 @@ struct layout {
     const char *importer; /* the importer that reads the format */
     int degree;           /* highest degree of a path */
     bool seconds;         /* unit of time in the file; true: seconds, false: clip lengths */
+    bool cov2d; /* the format stores two factors of the screen-space covariance, and pads SH */
+    double most_seconds; /* the largest sigma to write; 0: MOST_SIGMA clip lengths */
     void (*print_header)(struct export *x);
     /* Converts row i. All floats of `to` are 0 before the call. */
     void (*fill_row)(const struct export *x, size_t i, float *to);
@@ -116,6 +125,18 @@ static void print_sogst(struct export *x)
         print_properties(x, "ax ay az");
 }
 
+static void print_stglite(struct export *x)
+{
+    fprintf(x->out.file,
+            "comment " SPIN_PLY_TWO_VIEWERS
+            "\ncomment cfg_args: start=0 duration=%.9g fps=%.9g sh_degree=%d\nelement vertex %zu\n",
+            x->windows.job->n_frames / x->fps, x->fps, x->sh_degree, x->order.n);
+    print_properties(x, "x y z scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 f_dc_0 f_dc_1 "
+                        "f_dc_2 opacity trbf_center trbf_scale motion_0 motion_1 motion_2 t "
+                        "scale_t");
+    print_rest(x);
+}
+
 static void print_header(struct export *x)
 {
     fprintf(x->out.file,
@@ -182,6 +203,22 @@ static void fill_sogst(const struct export *x, size_t i, float *to)
     fill_path(x, i, 1, to + 19 + n_rest(x));
 }
 
+static void fill_stglite(const struct export *x, size_t i, float *to)
+{
+    const struct spin_splats_4d *s = &x->windows.clip;
+    double sigma = (double)s->sigmas[i];
+
+    spin_splat_rows_place(&x->rows, i, to);
+    memcpy(to + 3, s->log_scales + 3 * i, 3 * sizeof *to);
+    spin_splat_rows_turned(&x->rows, i, to + 6);
+    fill_sh(x, i, to + 10, to + 21);
+    to[13] = spin_finite_logit(s->logit_opacities[i]);
+    to[14] = to[19] = s->times[i];
+    to[15] = (float)log(sigma * sqrt(2));
+    fill_path(x, i, 0, to + 16);
+    to[20] = (float)log(sigma);
+}
+
 static spin_status write_rows(struct export *x)
 {
     SPIN_FREED float *rows = NULL;
@@ -231,14 +268,15 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     x->layout = layout;
     x->windows = (struct spin_time_windows){.job = job,
                                             .name = layout->name,
-                                            .most_sigma = MOST_SIGMA,
-                                            .says_cov2d = layout->seconds,
+                                            .says_cov2d = layout->cov2d,
                                             .least_degree = layout->seconds ? 1 : 0,
                                             .degree = layout->degree};
     SPIN_TRY(spin_time_windows_can(&x->windows));
     SPIN_TRY(choose_length(x));
+    x->windows.most_sigma =
+        layout->most_seconds > 0 ? layout->most_seconds / x->windows.length : MOST_SIGMA;
     SPIN_TRY(spin_splat_rows_begin(&x->rows, job, NULL));
-    x->sh_degree = x->layout->seconds && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
+    x->sh_degree = x->layout->cov2d && x->rows.sh_degree > 0 ? 3 : x->rows.sh_degree;
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
     return SPIN_OK;
@@ -271,23 +309,45 @@ static spin_status write_file(struct export *x)
 
 static spin_status prepare_ftgs(struct export *x, const struct spin_export_job *job)
 {
-    static const struct layout ftgs = {"a .ftgs.ply", "freetimegs", 1,
-                                       false,         print_ftgs,   fill_ftgs};
+    static const struct layout ftgs = {.name = "a .ftgs.ply",
+                                       .importer = "freetimegs",
+                                       .degree = 1,
+                                       .print_header = print_ftgs,
+                                       .fill_row = fill_ftgs};
 
     return begin_export(x, job, &ftgs);
 }
 
 static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
-    static const struct layout sogst = {"a .sogst.ply", "sogst", 2, true, print_sogst, fill_sogst};
+    static const struct layout sogst = {.name = "a .sogst.ply",
+                                        .importer = "sogst",
+                                        .degree = 2,
+                                        .seconds = true,
+                                        .cov2d = true,
+                                        .print_header = print_sogst,
+                                        .fill_row = fill_sogst};
 
     return begin_export(x, job, &sogst);
+}
+
+static spin_status prepare_stglite(struct export *x, const struct spin_export_job *job)
+{
+    static const struct layout stglite = {.name = "an STG-lite PLY",
+                                          .importer = "stglite",
+                                          .degree = 1,
+                                          .seconds = true,
+                                          .most_seconds = MOST_SECONDS,
+                                          .print_header = print_stglite,
+                                          .fill_row = fill_stglite};
+
+    return begin_export(x, job, &stglite);
 }
 
 static const struct spin_plugin_option ftgs_options[] = {
     SPIN_ROWS_OPTIONS, SPIN_ROWS_OPTION_SH, {0}};
 
-static const struct spin_plugin_option sogst_ply_options[] = {
+static const struct spin_plugin_option seconds_options[] = {
     SPIN_ROWS_OPTIONS,
     {"fps", "F", "frames per second of the clip; default: the bundle's", NULL},
     SPIN_ROWS_OPTION_SH,
@@ -299,4 +359,8 @@ SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, free_export,
 
 SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, free_export,
                   .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
-                  .options = sogst_ply_options, .checks = true, .splats_4d = true);
+                  .options = seconds_options, .checks = true, .splats_4d = true);
+
+SPIN_OWN_EXPORTER(stglite, "stglite", prepare_stglite, write_file, free_export,
+                  .summary = "4D splats as one PLY for SuperSplat-4D and OpenSplat4D, without loss",
+                  .options = seconds_options, .checks = true, .splats_4d = true);

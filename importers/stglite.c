@@ -125,6 +125,15 @@ static bool has_time(const struct spin_ply_element *e, int dialect)
                                  !(dialect == OPENSPLAT4D && spin_ply_has(e, "t_scale"));
 }
 
+/* Whether the times of SuperSplat-4D and of OpenSplat4D are equal, as in files of spin4d. */
+static bool times_are_equal(const struct spin_ply *ply)
+{
+    for (size_t i = 0; i < ply->n_comments; i++)
+        if (strcmp(ply->comment[i], SPIN_PLY_TWO_VIEWERS) == 0)
+            return true;
+    return false;
+}
+
 /* Sets the dialect to that of option `dialect`, or else to the only one that has properties of
  * time. */
 static spin_status choose_dialect(struct model *m, const struct spin_ply_element *e)
@@ -137,10 +146,10 @@ static spin_status choose_dialect(struct model *m, const struct spin_ply_element
     for (int i = 0; i < N_DIALECTS; i++) {
         if (!has_time(e, i) || (asked >= 0 && asked != i))
             continue;
-        m->dialect = i;
+        m->dialect = n == 0 ? i : m->dialect;
         n++;
     }
-    if (n == 1)
+    if (n == 1 || (n == 2 && times_are_equal(&m->base.ply)))
         return SPIN_OK;
     if (n == 0)
         return spin_malformed("'%s' has no property of time%s%s", m->base.path,

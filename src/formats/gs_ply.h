@@ -10,6 +10,10 @@
  * order and any type. */
 #pragma once
 
+/* Comment in STG-lite PLYs with the times of two viewers, which are equal: SuperSplat-4D reads
+ * trbf_center and trbf_scale, OpenSplat4D reads t and scale_t. */
+#define SPIN_PLY_TWO_VIEWERS "stglite supersplat4d opensplat4d"
+
 #include "formats/gaussian.h"
 #include "io/ply.h"
 

@@ -9,6 +9,7 @@
 static const char *const endings[][2] = {
     {".4dgs", "4dgs"},     {".compressed.ply", "compressed-ply"},
     {".ftgs.ply", "ftgs"}, {".sogst.ply", "sogst-ply"},
+                                         {".stg.ply", "stglite"},
     {".ply", "ply"},       {".glb", "gltf"},
     {".sog", "sog"},       {".sogst", "sogst"},
     {".splat", "splat"},   {".spz", "spz"},
