@@ -73,7 +73,7 @@ exported=0
 for run in court-mini 4dgs/birth_one_window 4dgs/birth_sh2 spacetimegs/full_techni splat4d/default_bounds ply/inria_sh3; do
     both spin-import "$root/fixtures/$run" -o out.spin
     mv here/out.spin clip.spin || fail "no clip of '$run'"
-    for format in compressed-ply ftgs gltf html images ply sog sogst sogst-ply splat spz tsog usd; do
+    for format in 4dgs compressed-ply ftgs gltf html images ply sog sogst sogst-ply splat spz stglite tsog usd; do
         both spin-export clip.spin --to $format -o out
         same "$run --to $format"
         [ $code != 0 ] || exported=$((exported + 1))

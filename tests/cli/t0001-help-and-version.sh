@@ -44,7 +44,7 @@ out_has '"name": "d3dgs"' "spin-import --list --json has d3dgs"
 out_has '"upstream": "' "spin-import --list --json has upstreams"
 
 run "$bin/spin-export" --help
-out_has "^  *compressed-ply, ftgs, gltf, html" "spin-export --help names the formats"
+out_has "^  *4dgs, compressed-ply, ftgs, gltf, html" "spin-export --help names the formats"
 run "$bin/spin-export" --help all
 for name in ply gltf html video; do
     out_has "^      $name  *[A-Za-z3]" "spin-export --help all says what --to $name writes"
