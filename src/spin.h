@@ -644,7 +644,9 @@ struct spin_range {
     int first, last, step;
 };
 
-enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL };
+/* OUTER: test views whose camera is outside the cone that the training cameras span around the
+ * subject, by more than 3 degrees. They show how well a clip extrapolates. */
+enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL, SPIN_SPLIT_OUTER };
 
 /* How an evaluation of dynamic regions selects dynamic pixels. */
 enum spin_dynamic_from {

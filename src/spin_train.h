@@ -57,6 +57,7 @@ struct spin_retrain_options {
     /* Ids of the cameras that are held out as test views; NULL: those that the data set names. */
     const int *test_cameras;
     int n_test_cameras;
+    int test_outer; /* number of outermost cameras that are held out as test views as well */
     enum spin_method method;
     /* Iterations of refinement for each frame; 0: frames are not refined. The clip is trained after
      * the refinement; with the method FRAMES it is not trained. */
@@ -66,8 +67,9 @@ struct spin_retrain_options {
     bool densify;
     int max_points; /* densification ends at this number of splats per frame; 0: no limit */
     /* Number of iterations, and number of images in each. iterations -1 means 1500 + 100 x frames,
-     * and -3 three times as many. batch -1 means one image for each rank, with fewer iterations and
-     * larger learning rates. */
+     * and -3 three times as many, both limited by spin_options_most_iterations(), since few
+     * cameras would be overtrained. batch -1 means one image for each rank,
+     * with fewer iterations and larger learning rates. */
     int iterations, batch;
     /* Hash grid of the field: number of levels, features in an entry; a level has at most
      * 2^hash_log2 entries. */

@@ -90,6 +90,9 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
              "numbers of the held-out cameras (as in the input's training, or the data set's own)",
              .min = 0, .max = 1e9),
+    SPIN_ARG("test-outer", 0, "N", INT, options.test_outer,
+             "hold out the N outermost cameras as well, for spin-eval --split outer (0)", .min = 0,
+             .max = 1e6),
 #include "train/options.def"
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),

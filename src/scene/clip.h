@@ -17,6 +17,8 @@ struct spin_clip_options {
     struct spin_range range;
     const int *test_cameras; /* [n_test_cameras], replaces the test split of the data set */
     int n_test_cameras;
+    /* number of outermost training cameras that are held out as well; not with test_cameras */
+    int n_outer;
     /* true: without test_cameras, the cameras that the training held out are held out */
     bool as_trained;
     double image_scale; /* factor by which images are scaled; 0 or 1: images keep their size */
@@ -61,7 +63,8 @@ struct spin_pair {
     int frame;   /* index of the frame in the clip, 0..n_frames - 1 */
     size_t view; /* index into views.view */
 };
-/* Lists the views of all frames of the clip that belong to the split, frame by frame. The caller
+/* Lists the views of all frames of the clip that belong to the split, frame by frame; with
+ * SPIN_SPLIT_OUTER, the test views outside the cone of the training cameras. The caller
  * frees *pairs. */
 spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
                             struct spin_pair **pairs, size_t *n);

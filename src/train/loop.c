@@ -46,6 +46,16 @@ static spin_status measure_clip(const struct spin_loop *l, struct spin_quality *
     return status;
 }
 
+/* Records the best evaluation of this run. */
+static void keep_best(struct spin_retrain_report *report, const struct spin_quality *q,
+                      int64_t iteration)
+{
+    if (!q->valid || (report->best_iteration > 0 && q->psnr <= report->best_psnr))
+        return;
+    report->best_psnr = q->psnr;
+    report->best_iteration = iteration;
+}
+
 /* Measures the quality of the test views, logs and reports the result, and writes previews. */
 static spin_status evaluate_clip(const struct spin_loop *l)
 {
@@ -65,6 +75,7 @@ static spin_status evaluate_clip(const struct spin_loop *l)
         spin_step_log_end(l->step_log, true);
     }
     l->plan->report->test = q;
+    keep_best(l->plan->report, &q, l->trainer->iteration);
     return l->looked ? l->looked(l->context) : SPIN_OK;
 }
 
@@ -446,5 +457,11 @@ out:
     report->seconds = spin_checkpoint_seconds(l->checkpoint);
     report->seconds_per_iteration =
         (report->seconds - report->refine_seconds) / l->plan->o->iterations;
-    return evaluate_clip(l);
+    SPIN_TRY(evaluate_clip(l));
+    if (report->best_psnr > report->test.psnr + 0.05)
+        spin_log(0,
+                 "the test views were best at iteration %lld, with %.3f dB: for this clip, fewer "
+                 "--iterations may be better",
+                 (long long)report->best_iteration, report->best_psnr);
+    return SPIN_OK;
 }

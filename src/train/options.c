@@ -184,6 +184,7 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
 enum {
     CLIP_ITERATIONS = 1500,
     FRAME_ITERATIONS = 100,
+    FEWEST_ITERATIONS = 1000,
     MOST_TRACK_ITERATIONS = 5000,
     DENSIFICATIONS = 20
 };
@@ -205,7 +206,14 @@ static int batch_of(const struct spin_retrain_options *o)
     return o->batch > 0 ? o->batch : spin_n_ranks();
 }
 
-void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
+int spin_options_most_iterations(size_t n_images, size_t n_positions)
+{
+    double positions = (double)n_positions;
+
+    return (int)fmin(fmax(FEWEST_ITERATIONS, positions * positions / 12 * (double)n_images), 1e9);
+}
+
+void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most_iterations)
 {
     /* Number of iterations of one rank that one iteration of all ranks replaces. */
     int share = o->batch > 0 ? 1 : spin_n_ranks();
@@ -213,9 +221,10 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames)
     o->batch = batch_of(o);
     scale_rates(o, share);
     if (o->iterations < 0)
-        o->iterations = (int)fmin(
-            ceil(-o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames) / share),
-            1e9);
+        o->iterations = (int)ceil(
+            fmin(-o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames),
+                 most_iterations) /
+            share);
     if (o->track_iterations < 0)
         o->track_iterations = (MOST_TRACK_ITERATIONS + share - 1) / share;
     if (o->track_iterations > o->iterations)

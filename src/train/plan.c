@@ -745,6 +745,7 @@ static spin_status open_clip(struct spin_plan *plan)
         .range = o->range,
         .test_cameras = o->test_cameras,
         .n_test_cameras = o->n_test_cameras,
+        .n_outer = o->test_outer,
         .image_scale = o->image_scale,
         .needs_views = true,
         .as_trained = true,
@@ -803,7 +804,9 @@ spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_opt
     SPIN_TRY(check_options(o));
     SPIN_TRY(name_parts(plan));
     SPIN_TRY(open_clip(plan));
-    spin_options_resolve(&report->options, plan->clip.n_frames);
+    spin_options_resolve(
+        &report->options, plan->clip.n_frames,
+        spin_options_most_iterations(plan->n_train, spin_views_positions(&plan->clip.views)));
     warn_idle_ranks(plan->o);
     SPIN_TRY(plan_field(plan));
     report->frames = plan->clip.n_frames;

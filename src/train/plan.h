@@ -26,6 +26,9 @@ struct spin_retrain_report {
     char device[64];
     /* Quality of the test views: in the source, in the refined frames, and in the result. */
     struct spin_quality before, refined, test;
+    /* Best PSNR of the test views in any evaluation of this run, and its iteration; 0: none. */
+    double best_psnr;
+    int64_t best_iteration;
     double refine_seconds; /* seconds of refinement, included in `seconds` */
     double outside_ball;   /* share of splats outside the unit ball of the encoder, 0..1 */
     size_t bytes_needed, bytes_available; /* bytes_available is 0 if unknown */

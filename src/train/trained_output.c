@@ -554,6 +554,24 @@ static const char *result_of(const struct spin_plan *plan)
                                                    : "trained";
 }
 
+/* Returns the ids of the cameras with test views, each only once. */
+static spin_json *held_out_cameras(const struct spin_views *views)
+{
+    spin_json *list = spin_json_array();
+
+    for (size_t i = 0; i < views->n; i++) {
+        size_t k = 0;
+
+        if (!views->view[i].test)
+            continue;
+        while (!views->view[k].test || views->view[k].camera_id != views->view[i].camera_id)
+            k++;
+        if (k == i)
+            spin_json_push_number(list, views->view[i].camera_id);
+    }
+    return list;
+}
+
 /* Adds to `extra` the members of meta.json that describe the training and the refinement: held-out
  * cameras, precision, lenses, settings and quality. */
 static spin_status add_description(const struct spin_output *output, bool same_rows,
@@ -562,12 +580,10 @@ static spin_status add_description(const struct spin_output *output, bool same_r
     const struct spin_plan *plan = output->plan;
     spin_json *refined = NULL, *trained = NULL, *held_out;
 
-    if (plan->o->n_test_cameras > 0)
-        held_out = spin_json_array();
+    if (plan->o->n_test_cameras > 0 || plan->o->test_outer > 0)
+        held_out = held_out_cameras(&plan->clip.views);
     else
         held_out = json_incref(spin_json_get(plan->clip.bundle.json, "held_out"));
-    for (int i = 0; i < plan->o->n_test_cameras; i++)
-        spin_json_push_number(held_out, plan->o->test_cameras[i]);
     if (held_out)
         spin_json_set(extra, "held_out", held_out);
     spin_json_set_string(extra, "precision", precision_name(plan->o));

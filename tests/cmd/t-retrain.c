@@ -1008,27 +1008,27 @@ static void test_plan(void)
 
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q", bin, folder);
     ok(said_text("preset", "quick") && said_text("method", "tracks") &&
-           said_number("iterations") == 2100 && said_number("densify_every") == 105 &&
+           said_number("iterations") == 1000 && said_number("densify_every") == 50 &&
            said_number("frames") == 6 && said_number("refine") == 0,
-       "--dry-run without a preset: quick, by the number of frames");
+       "--dry-run without a preset: quick, by the numbers of frames and cameras");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --preset best --range 1:3", bin, folder);
-    ok(said_text("preset", "best") && said_number("iterations") == 5100 &&
-           said_number("densify_every") == 250,
-       "--preset best: three times as many; of the frames that are used");
+    ok(said_text("preset", "best") && said_number("iterations") == 1000 &&
+           said_number("densify_every") == 50,
+       "--preset best: no more for so few cameras");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --iterations 40", bin, folder);
     ok(said_number("iterations") == 40 && said_number("densify_every") == 2,
        "--iterations 40: densified by them");
-    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-every 1260", bin, folder);
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-every 600", bin, folder);
     ok(said_number("densify_every") == 0, "the first densification would be as late as the last");
-    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-every 1259", bin, folder);
-    ok(said_number("densify_every") == 1259, "a step earlier there is one");
+    shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-every 599", bin, folder);
+    ok(said_number("densify_every") == 599, "a step earlier there is one");
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --densify-until 0", bin, folder);
     ok(said_number("densify_every") == 0, "--densify-until 0: none");
     ok(shell("%s/spin-retrain %s/in.spin --dry-run --max-points 2940", bin, folder) == 0 &&
-           strstr(said, "every 105 iterations, pruning only: --max-points is reached\n"),
+           strstr(said, "every 50 iterations, pruning only: --max-points is reached\n"),
        "as many splats as there may be: %s", said);
     ok(shell("%s/spin-retrain %s/in.spin --dry-run --max-points 2941", bin, folder) == 0 &&
-           strstr(said, "every 105 iterations\n"),
+           strstr(said, "every 50 iterations\n"),
        "one more: %s", said);
     shell("%s/spin-retrain %s/in.spin --dry-run --json -q --tracks auto --densify-every 9 "
           "--refine 5",

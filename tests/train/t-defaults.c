@@ -241,10 +241,11 @@ static void test_limits(void)
 /* ---- Numbers that follow from the clip ---------------------------------------------------------
  */
 
-static void resolves(const char *preset, int n_frames, int iterations, int densify_every)
+static void resolves(const char *preset, int n_frames, int most, int iterations,
+                     int densify_every)
 {
     spin_retrain_preset(preset, &o);
-    spin_options_resolve(&o, n_frames);
+    spin_options_resolve(&o, n_frames, most);
     ok(o.iterations == iterations && o.densify_every == densify_every,
        "%s, %d frames: %d iterations, densified every %d", preset, n_frames, o.iterations,
        o.densify_every);
@@ -252,28 +253,34 @@ static void resolves(const char *preset, int n_frames, int iterations, int densi
 
 static void test_resolve(void)
 {
-    resolves("quick", 1, 1600, 80);
-    resolves("quick", 18, 3300, 165);
-    resolves("quick", 150, 16500, 250);
-    resolves("best", 18, 9900, 250);
-    resolves("best", 100000000, 1000000000, 250);
-    resolves("paper", 18, 40000, 0);
-    resolves("short", 18, 1500, 0);
+    resolves("quick", 1, 1000000000, 1600, 80);
+    resolves("quick", 18, 1000000000, 3300, 165);
+    resolves("quick", 150, 1000000000, 16500, 250);
+    resolves("best", 18, 1000000000, 9900, 250);
+    resolves("best", 100000000, 1000000000, 1000000000, 250);
+    resolves("paper", 18, 1000000000, 40000, 0);
+    resolves("short", 18, 1000000000, 1500, 0);
+    resolves("quick", 18, 1000, 1000, 50);
+    resolves("best", 18, 1000, 1000, 50);
+    resolves("paper", 18, 1000, 40000, 0);
+    ok(spin_options_most_iterations(30 * 4, 4) == 1000, "four cameras: the least");
+    ok(spin_options_most_iterations(30 * 12, 12) == 4320, "twelve: 12 for each image");
+    ok(spin_options_most_iterations(1000000, 1000000) == 1000000000, "a limit without overflow");
     spin_retrain_defaults(&o);
     o.iterations = 600;
-    spin_options_resolve(&o, 18);
+    spin_options_resolve(&o, 18, 1000000000);
     ok(o.iterations == 600 && o.densify_every == 30,
        "given iterations stay; they are densified by them");
     spin_retrain_defaults(&o);
     o.densify_every = 0;
-    spin_options_resolve(&o, 18);
+    spin_options_resolve(&o, 18, 1000000000);
     ok(o.iterations == 3300 && o.densify_every == 0, "a given rhythm stays");
     ok(o.track_iterations == 3300, "tracks learn in all of 3300 iterations");
     spin_retrain_defaults(&o);
-    spin_options_resolve(&o, 150);
+    spin_options_resolve(&o, 150, 1000000000);
     ok(o.track_iterations == 5000, "in the first 5000 of 16500");
     o.track_iterations = 20000;
-    spin_options_resolve(&o, 150);
+    spin_options_resolve(&o, 150, 1000000000);
     ok(o.track_iterations == 16500, "and never in more than there are");
 }
 

@@ -83,7 +83,7 @@ static spin_json *bytes_json(const struct spin_eval_report *r, const struct spin
 
 spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split split)
 {
-    static const char *const splits[] = {"test", "train", "all"};
+    static const char *const splits[] = {"test", "train", "all", "outer"};
     static const char *const dynamic[] = {"auto", "masks", "images", "off"};
     spin_json *j = quality_json(r, &r->mean), *one;
     spin_json *frames = spin_json_array(), *cameras = spin_json_array(), *views = spin_json_array();
