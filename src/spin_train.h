@@ -67,9 +67,9 @@ struct spin_retrain_options {
     bool densify;
     int max_points; /* densification ends at this number of splats per frame; 0: no limit */
     /* Number of iterations, and number of images in each. iterations -1 means 1500 + 100 x frames,
-     * and -3 three times as many, both limited by spin_options_most_iterations(), since few
-     * cameras would be overtrained. batch -1 means one image for each rank,
-     * with fewer iterations and larger learning rates. */
+     * and -3 three times as many, both limited by spin_options_most_iterations(), since few cameras
+     * would be overtrained. batch -1 means one image for each rank, with fewer iterations and
+     * larger learning rates. */
     int iterations, batch;
     /* Hash grid of the field: number of levels, features in an entry; a level has at most
      * 2^hash_log2 entries. */

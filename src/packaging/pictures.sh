@@ -62,9 +62,9 @@ for when in before after; do
     figure=$(node -p "JSON.parse(require('fs').readFileSync('$when.json')).psnr.toFixed(4)")
     sed -i "s/^\\(psnr_$when *\\) [0-9.]*$/\\1 $figure/" "$transcript"
 done
-mkdir output data && ln -s "$fixtures/4dgaussian/coarse_and_fine/model" output/balls &&
-    ln -s "$fixtures/datasets/blender_mini" data/balls || exit 1
-python3 "$tools/transcript.py" "$transcript" "A run of one's own" "$bin" . --write >said || fail "$(grep -A1 '^not ok' said)"
+mkdir -p own/output own/data && ln -s "$fixtures/4dgaussian/coarse_and_fine/model" own/output/balls &&
+    ln -s "$fixtures/datasets/blender_mini" own/data/balls || exit 1
+python3 "$tools/transcript.py" "$transcript" "A run of one's own" "$bin" own --write >said || fail "$(grep -A1 '^not ok' said)"
 
 if [ -z "$court" ]; then
     echo "pictures: hero.webp and before-after.jpg are unchanged: they need COURT=, the folder of the clip court"
