@@ -127,8 +127,8 @@ static void note_others(const struct spin_ply *ply, const struct spin_ply_elemen
     if (n == 0)
         return;
     spin_note(m->base.sequence,
-              "%zu properties do not belong to SpacetimeGaussians, the first is '%s': in the run "
-              "of a fork, others may have another meaning",
+              "%zu properties do not belong to SpacetimeGaussians (the first is '%s'): if a fork "
+              "wrote this run, its other properties may have another meaning too",
               n, first);
     spin_warn("'%s': property '%s' does not belong to SpacetimeGaussians and is ignored", ply->path,
               first);

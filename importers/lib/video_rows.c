@@ -128,13 +128,13 @@ static void warn_rates(const struct spin_rig_video *film, size_t n, size_t low, 
 
     if (b->rate > 1.001 * a->rate)
         spin_warn("'%s' has %.6g frames per second and '%s' has %.6g: the frames of all videos are "
-                  "paired by time, at %.6g per second",
+                  "paired by time, at %.6g frames per second",
                   a->file, a->rate, b->file, b->rate, a->rate);
     for (size_t i = 0; i < n; i++) {
         if (film[i].regular)
             continue;
         spin_warn("'%s' has a variable frame rate: the frames of all videos are paired by their "
-                  "time stamps, at %.6g per second",
+                  "time stamps, at %.6g frames per second",
                   film[i].file, a->rate);
         return;
     }

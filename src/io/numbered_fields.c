@@ -303,8 +303,8 @@ static bool is_clock(const struct spin_name_parts *parts, size_t i)
     return true;
 }
 
-/* Counts the numbers of a time stamp in all names from number i on; *date is how many of them are
- * the date. */
+/* Returns how many consecutive numbers, starting with number i, form a time stamp in every name.
+ * Sets *date to how many of these numbers belong to the date. */
 static size_t count_stamp(const struct spin_name_parts *parts, size_t n, size_t i, size_t *date)
 {
     size_t time;

@@ -152,11 +152,11 @@ small='--device cpu --scale 0.1 --range 0:1'
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --force
 is "$code" 0 "retrains by the default recipe"
 is "$(head -n 1 "$work/err" | sed 's/; about .* here$/; about ... here/')" \
-    "preset quick: 1600 iterations, 1 frame; about ... here" "whose choice is the first thing said"
+    "preset quick: 1000 iterations, 1 frame; about ... here" "whose choice is the first thing said"
 run "$bin/spin-import" --info --json "$work/whole.spin"
 is "$(sed -n 's/.*"\(iterations\|densify_every\)": *\([0-9]*\).*/\1 \2/p' "$work/out" | tr '\n' ' ')" \
-    "iterations 1600 densify_every 80 " "the bundle has the numbers"
+    "iterations 1000 densify_every 50 " "the bundle has the numbers"
 stopped KILL 137 ""
-stopped KILL 137 "" "--iterations 1600 --densify-every 80"
+stopped KILL 137 "" "--iterations 1000 --densify-every 50"
 
 done_testing

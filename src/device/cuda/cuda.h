@@ -54,7 +54,7 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
  * is for a host that is out of memory, cuda_fail() for any other failure. */
 spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
-/* An object of this type measures the time of a verb, and checks for launch errors when its scope
+/* Scope guard: measures the time of the operation `op`, and checks for launch errors when its scope
  * ends. */
 struct cuda_clocked {
     struct spin_device *d;

@@ -207,8 +207,8 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
     }
 }
 
-/* Sets to [n] to the sums of from [blocks][n] over the blocks that wrote it. This kernel has one
- * block for each of the n sums. */
+/* Reduces `from` [blocks][n], which contains one row of partial sums for each block of the kernel
+ * that wrote it, to the totals `to` [n]. Launched with n blocks, one for each total. */
 static __global__ void add_blocks_kernel(unsigned blocks, const double *from, double *to)
 {
     __shared__ double sum[GPU_BLOCK];
