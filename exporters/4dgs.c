@@ -27,8 +27,8 @@ struct export
     struct spin_sort_rows order; /* the kept rows of windows.clip in the order of the file */
     double fps;
     struct spin_4dgs_coding coding;
-    double (*span)[2];   /* [clip.n] window of each row in the file */
-    uint32_t *window_of; /* [clip.n] its index in the window table */
+    double(*span)[2];              /* [clip.n] window of each row in the file */
+    uint32_t *window_of;           /* [clip.n] its index in the window table */
     struct spin_4dgs_splat *splat; /* [order.n] */
     double segment;                /* seconds of a chunk */
     double slack;                  /* largest error of a position at its centre in time */
@@ -231,8 +231,8 @@ static void code_place(struct export *x, size_t k, double life, struct spin_4dgs
     const struct spin_splats_4d *s = &x->windows.clip;
     double step = x->coding.step[SPIN_4DGS_STEP_POSITION];
     double v_step = spin_4dgs_motion_step(x->coding.step, life);
-    double d = spin_4dgs_clamp((double)s->times[k], x->span[k][0], x->span[k][1]) -
-               (double)s->times[k];
+    double d =
+        spin_4dgs_clamp((double)s->times[k], x->span[k][0], x->span[k][1]) - (double)s->times[k];
     float place[3], path[3] = {0};
 
     spin_splat_rows_place(&x->rows, k, place);
@@ -263,8 +263,7 @@ static void code_row(struct export *x, size_t k, struct spin_4dgs_splat *to)
     code_colour(x, is.colour, to);
     code_sh(x, k, to);
     bin_of(to, SPIN_4DGS_WINDOW)[0] = (int32_t)x->window_of[k];
-    bin_of(to, SPIN_4DGS_OPACITY)[0] =
-        round_to((double)is.opacity, step[SPIN_4DGS_STEP_OPACITY]);
+    bin_of(to, SPIN_4DGS_OPACITY)[0] = round_to((double)is.opacity, step[SPIN_4DGS_STEP_OPACITY]);
     shown.opacity = (float)(bin_of(to, SPIN_4DGS_OPACITY)[0] * step[SPIN_4DGS_STEP_OPACITY]);
     spin_4dgs_rotation(bin_of(to, SPIN_4DGS_ROTATION), bin_of(to, SPIN_4DGS_LARGEST)[0],
                        step[SPIN_4DGS_STEP_ROTATION], shown.rotation);
@@ -360,19 +359,19 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
     double least = job->splats_4d->least_weight;
 
-    x->windows = (struct spin_time_windows){
-        .job = job, .name = "a .4dgs", .stores_cuts = true, .degree = 1};
+    x->windows =
+        (struct spin_time_windows){.job = job, .name = "a .4dgs", .stores_cuts = true, .degree = 1};
     SPIN_TRY(spin_time_windows_can(&x->windows));
     SPIN_TRY(spin_time_windows_fps(&x->windows, &x->fps));
     x->windows.length = (job->n_frames - 1) / x->fps;
     x->segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
     SPIN_TRY(spin_splat_rows_begin(&x->rows, job, NULL));
-    x->coding = (struct spin_4dgs_coding){
-        .duration = job->n_frames / x->fps,
-        .cutoff = least > 0 && least < 1 ? least : LEAST_CUTOFF,
-        .sh_degree = x->rows.sh_degree > 0 ? x->rows.sh_degree : 0,
-        .up = x->rows.up,
-        .antialias = job->antialias};
+    x->coding =
+        (struct spin_4dgs_coding){.duration = job->n_frames / x->fps,
+                                  .cutoff = least > 0 && least < 1 ? least : LEAST_CUTOFF,
+                                  .sh_degree = x->rows.sh_degree > 0 ? x->rows.sh_degree : 0,
+                                  .up = x->rows.up,
+                                  .antialias = job->antialias};
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
     return SPIN_OK;

@@ -270,7 +270,8 @@ static spin_status read_size(const spin_json *intri, const char *name, const cha
     if (!h && !w)
         return spin_image_size(picture, &out->width, &out->height, &channels);
     if (!spin_json_number(h, &height) || !spin_json_number(w, &width))
-        return spin_malformed("no numbers 'H_%s' and 'W_%s'", name, name);
+        return spin_malformed("'H_%s' and 'W_%s' must both be numbers, or both be missing", name,
+                              name);
     return spin_views_size(width, height, out);
 }
 

@@ -292,10 +292,14 @@ static void print_bounds(FILE *to, const double *step)
     static const struct {
         const char *name;
         int step;
-    } bound[] = {{"alpha", SPIN_4DGS_STEP_OPACITY}, {"motion", SPIN_4DGS_STEP_MOTION},
-                 {"pos", SPIN_4DGS_STEP_POSITION},  {"rgb", SPIN_4DGS_STEP_COLOUR},
-                 {"rot", SPIN_4DGS_STEP_ROTATION},  {"scale_rel", SPIN_4DGS_STEP_SCALE},
-                 {"sh", -1},                        {"sigma_rel", SPIN_4DGS_STEP_SIGMA},
+    } bound[] = {{"alpha", SPIN_4DGS_STEP_OPACITY},
+                 {"motion", SPIN_4DGS_STEP_MOTION},
+                 {"pos", SPIN_4DGS_STEP_POSITION},
+                 {"rgb", SPIN_4DGS_STEP_COLOUR},
+                 {"rot", SPIN_4DGS_STEP_ROTATION},
+                 {"scale_rel", SPIN_4DGS_STEP_SCALE},
+                 {"sh", -1},
+                 {"sigma_rel", SPIN_4DGS_STEP_SIGMA},
                  {"time", SPIN_4DGS_STEP_TIME}};
     char text[40];
 
@@ -427,8 +431,8 @@ static spin_status checksum(struct spin_4dgs_writer *w, uint64_t start, uint32_t
     SPIN_FREED unsigned char *bytes = NULL;
 
     SPIN_TRY(spin_alloc(n, 1, (void **)&bytes));
-    if (fseek(w->out->file, (long)start, SEEK_SET) != 0 ||
-        fread(bytes, 1, n, w->out->file) != n || fseek(w->out->file, 0, SEEK_END) != 0)
+    if (fseek(w->out->file, (long)start, SEEK_SET) != 0 || fread(bytes, 1, n, w->out->file) != n ||
+        fseek(w->out->file, 0, SEEK_END) != 0)
         return spin_fail(SPIN_E_IO, "'%s' cannot be read back", w->out->path);
     *crc = spin_crc32(0, bytes, n);
     return SPIN_OK;

@@ -7,15 +7,14 @@
 #include "spin_run.h"
 
 static const char *const endings[][2] = {
-    {".4dgs", "4dgs"},     {".compressed.ply", "compressed-ply"},
-    {".ftgs.ply", "ftgs"}, {".sogst.ply", "sogst-ply"},
-                                         {".stg.ply", "stglite"},
-    {".ply", "ply"},       {".glb", "gltf"},
-    {".sog", "sog"},       {".sogst", "sogst"},
-    {".splat", "splat"},   {".spz", "spz"},
-    {".tsog", "tsog"},     {".usda", "usd"},
-    {".html", "html"},     {".mp4", "video"},
-    {".webm", "video"}};
+    {".4dgs", "4dgs"},       {".compressed.ply", "compressed-ply"},
+    {".ftgs.ply", "ftgs"},   {".sogst.ply", "sogst-ply"},
+    {".stg.ply", "stglite"}, {".ply", "ply"},
+    {".glb", "gltf"},        {".sog", "sog"},
+    {".sogst", "sogst"},     {".splat", "splat"},
+    {".spz", "spz"},         {".tsog", "tsog"},
+    {".usda", "usd"},        {".html", "html"},
+    {".mp4", "video"},       {".webm", "video"}};
 enum { N_ENDINGS = sizeof endings / sizeof *endings };
 
 /* Each row: extensions that no exporter writes; what to write instead; the exporter that writes it.

@@ -913,8 +913,9 @@ static spin_status find_match(const char *folder, const char *rest, char **out)
     return status;
 }
 
-/* Finds the importer of a run that is given as a pattern of paths, such as "run/frame_%d.ply": that
- * of the first file. The importer gets the folder, and the rest of the pattern as an option. */
+/* Finds the importer of a run that is given as a pattern of paths, such as "run/frame_%d.ply": it
+ * is the importer that accepts the first matching file. It gets the folder as its path, and the
+ * rest of the pattern as an option. */
 static spin_status find_pattern_run(struct import *im, const char *pattern)
 {
     const struct spin_import_options *o = im->o;

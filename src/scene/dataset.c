@@ -514,8 +514,9 @@ static void solve_symmetric(const double m[9], const double right[3], double x[3
     for (int c = 0; c < 3; c++)
         determinant += m[c] * minor[c];
     for (int r = 0; r < 3; r++)
-        x[r] = (minor[3 * r] * right[0] + minor[3 * r + 1] * right[1] + minor[3 * r + 2] * right[2]) /
-               determinant;
+        x[r] =
+            (minor[3 * r] * right[0] + minor[3 * r + 1] * right[1] + minor[3 * r + 2] * right[2]) /
+            determinant;
 }
 
 /* Sets `apex` to the point that is closest to the optical axes of all views, in least squares. */
@@ -598,7 +599,9 @@ spin_status spin_views_cone(const struct spin_views *views, struct spin_cone *ou
     return SPIN_OK;
 }
 
-static const double outside = 0.05; /* sine of the smallest angle of an outer camera, 3 degrees */
+/* A camera is outside the cone if its direction from the apex is more than 3 degrees outside; this
+ * is the sine of that angle. */
+static const double outside = 0.05;
 
 bool spin_cone_excludes(const struct spin_cone *cone, const struct spin_camera *camera)
 {
@@ -663,10 +666,10 @@ spin_status spin_views_hold_outer(struct spin_views *views, int n)
     SPIN_TRY(spin_alloc(views->n + 1, sizeof *place, (void **)&place));
     left = list_cameras(views, place);
     if (left < (size_t)n + 2)
-        return spin_misuse("cannot hold out %d outer camera%s: there %s only %zu training camera%s, "
-                           "and two must remain",
-                           n, n == 1 ? "" : "s", left == 1 ? "is" : "are", left,
-                           left == 1 ? "" : "s");
+        return spin_misuse(
+            "cannot hold out %d outer camera%s: there %s only %zu training camera%s, "
+            "and two must remain",
+            n, n == 1 ? "" : "s", left == 1 ? "is" : "are", left, left == 1 ? "" : "s");
     meet_axes(views, apex);
     for (; n > 0; n--) {
         size_t outermost = find_outermost(apex, place, left);

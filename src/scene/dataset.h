@@ -22,9 +22,9 @@ spin_status spin_views_split(struct spin_views *views, const int *test_cameras, 
 size_t spin_views_positions(const struct spin_views *views);
 
 /* Turns the views of the n outermost training cameras into test views: n times, the camera is held
- * out that is farthest outside the cone of the remaining training cameras. A moving camera counts at
- * its mean position. Fails with SPIN_E_USAGE if fewer than two cameras remain, or if no camera is
- * outside the cone of the others. */
+ * out that is farthest outside the cone of the remaining training cameras. A moving camera counts
+ * at its mean position. Fails with SPIN_E_USAGE if fewer than two cameras remain, or if no camera
+ * is outside the cone of the others. */
 spin_status spin_views_hold_outer(struct spin_views *views, int n);
 
 /* Directions by which the cone of the cameras is described. */

@@ -221,10 +221,10 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most
     o->batch = batch_of(o);
     scale_rates(o, share);
     if (o->iterations < 0)
-        o->iterations = (int)ceil(
-            fmin(-o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames),
-                 most_iterations) /
-            share);
+        o->iterations =
+            (int)ceil(fmin(-o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames),
+                           most_iterations) /
+                      share);
     if (o->track_iterations < 0)
         o->track_iterations = (MOST_TRACK_ITERATIONS + share - 1) / share;
     if (o->track_iterations > o->iterations)

@@ -264,6 +264,18 @@ ok $? "without the escapes of a terminal"
 run env SPIN_PROGRESS=1e-9 "$bin/spin-retrain" "$in" -o "$work/lines.spin" $small --iterations 2 --quiet --force
 is "$code $(grep -vc '^warning: ' "$work/err")" "0 0" "--quiet: none"
 
+# The outermost cameras are held out for extrapolated views.
+run "$bin/spin-import" fixtures/court-mini --data fixtures/court-mini -o "$work/mini.spin"
+run "$bin/spin-retrain" "$work/mini.spin" -o "$work/outer.spin" --device cpu --iterations 2 --test-outer 2
+is "$code" 0 "holds two outer cameras out"
+err_has " 24 training and 24 test views" "four of the six training cameras are left"
+run "$bin/spin-eval" "$work/outer.spin" --split outer --json
+is "$code $(member split)" "0 outer" "the outer views are measured"
+[ "$(grep -c '^ *"camera": ' "$work/out")" -ge 12 ]
+ok $? "those of both cameras in six frames"
+run "$bin/spin-retrain" "$work/mini.spin" -o "$work/few.spin" --device cpu --iterations 2 --test-outer 5
+fails 2 spin-retrain "two cameras must be left"
+
 # A preset is where options start: what stands before it on the line counts as well.
 run "$bin/spin-retrain" "$in" -o "$work/preset.spin" $small --iterations 2 --preset short
 is "$code" 0 "retrains with a preset"

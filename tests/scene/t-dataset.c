@@ -240,7 +240,8 @@ static void test_outer(void)
            !views.view[0].test && !views.view[1].test,
        "the camera is held out that is farthest from the others");
     ok(spin_views_positions(&views) == 2, "two training cameras remain");
-    ok(spin_views_cone(&views, &cone) == SPIN_OK && spin_cone_excludes(&cone, &views.view[2].camera),
+    ok(spin_views_cone(&views, &cone) == SPIN_OK &&
+           spin_cone_excludes(&cone, &views.view[2].camera),
        "it is outside the cone of the others");
     circle_at(&views.view[2], -10);
     ok(!spin_cone_excludes(&cone, &views.view[2].camera),

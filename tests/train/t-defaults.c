@@ -241,8 +241,7 @@ static void test_limits(void)
 /* ---- Numbers that follow from the clip ---------------------------------------------------------
  */
 
-static void resolves(const char *preset, int n_frames, int most, int iterations,
-                     int densify_every)
+static void resolves(const char *preset, int n_frames, int most, int iterations, int densify_every)
 {
     spin_retrain_preset(preset, &o);
     spin_options_resolve(&o, n_frames, most);

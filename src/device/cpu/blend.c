@@ -446,8 +446,8 @@ static void back_begin(const struct job *job, struct back *b, const struct place
         b->most = b->vec_used[k] > b->most ? b->vec_used[k] : b->most;
 }
 
-/* Sums of one splat over the rows of a vector of columns. Sums with a factor dx are not needed,
- * since dx is the same in all rows and can be multiplied later. */
+/* Gradient sums of one splat over pixel rows, with one pixel column in each lane. No sums
+ * with a factor dx are kept: dx is constant in a column, so it is multiplied in afterwards. */
 struct sums {
     spin_lanes colour[3], e, ey, eyy;
 };
