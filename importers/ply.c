@@ -71,17 +71,34 @@ static bool has_frame_models(const struct spin_peek *peek)
     return false;
 }
 
+/* Whether a folder contains a model or a PLY file. The folders of a data set's frames, which may
+ * have the same names as those of clouds, contain neither. */
+static bool contains_cloud(const char *path, const char *name)
+{
+    SPIN_FREED char *folder = NULL;
+    char **names = NULL;
+    size_t n = 0;
+    bool found = false;
+
+    if (spin_path_join(path, name, &folder) == SPIN_OK)
+        (void)spin_folder_list(folder, &names, &n);
+    for (size_t i = 0; i < n && !found; i++)
+        found = strcmp(names[i], "point_cloud") == 0 || spin_text_ends_any_case(names[i], ".ply");
+    spin_folder_list_free(names);
+    return found;
+}
+
 /* Returns the confidence that a folder contains a sequence of clouds: numbered files, one folder
  * per frame with the layout of INRIA's 3DGS, or a single model in this layout. */
 static int probe_folder(const struct spin_peek *peek)
 {
-    int n_folders = 0;
-    bool tree = spin_peek_has(peek, "point_cloud");
+    bool tree = spin_peek_has(peek, "point_cloud"), frames = false;
 
     for (size_t i = 0; peek->names && peek->names[i]; i++) {
         const char *name = peek->names[i];
 
-        n_folders += strncmp(name, "frame", 5) == 0 && !strchr(name, '.');
+        frames = frames || (strncmp(name, "frame", 5) == 0 && !strchr(name, '.') &&
+                            contains_cloud(peek->path, name));
         tree = tree || strncmp(name, "iteration_", 10) == 0;
     }
     if (spin_peek_has(
@@ -90,7 +107,7 @@ static int probe_folder(const struct spin_peek *peek)
         return 20;
     if (spin_file_sequence_count(peek, ".ply") > 0)
         return 70;
-    return n_folders > 0 || (!tree && has_frame_models(peek)) ? 50 : tree ? 40 : 0;
+    return frames || (!tree && has_frame_models(peek)) ? 50 : tree ? 40 : 0;
 }
 
 static int probe(const struct spin_peek *peek)

@@ -227,6 +227,20 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
+/* Imports the run without the data set that was found beside it, as that failed. Warns if the data
+ * set was the reason; if the run itself cannot be read, its error is enough. */
+static spin_status import_without_data(struct convert *c)
+{
+    SPIN_FREED char *error = NULL;
+
+    SPIN_TRY(spin_strdup(spin_last_error(), &error));
+    SPIN_TRY(import_from(c, NULL));
+    spin_warn("not using the data set '%s' found beside the run: %s", c->beside, error);
+    free(c->beside);
+    c->beside = NULL;
+    return SPIN_OK;
+}
+
 /* Imports the run, with the data set that the user names or, if there is none, the data set that is
  * found beside the run. If a data set that was found does not fit, warns and imports without it. */
 static spin_status import_run(struct convert *c)
@@ -244,12 +258,10 @@ static spin_status import_run(struct convert *c)
     if (status == SPIN_OK)
         spin_log(0, "using the data set '%s' found beside the run; --data chooses another",
                  c->beside);
-    if (status == SPIN_OK || status == SPIN_E_CANCELLED || status == SPIN_E_MEMORY)
+    if (status == SPIN_OK || status == SPIN_E_CANCELLED || status == SPIN_E_MEMORY ||
+        status == SPIN_E_NOT_RECOGNISED) /* the input is no run */
         return status;
-    spin_warn("not using the data set '%s' found beside the run: %s", c->beside, spin_last_error());
-    free(c->beside);
-    c->beside = NULL;
-    return import_from(c, NULL);
+    return import_without_data(c);
 }
 
 /* Returns whether to retrain. A clip that was already retrained is only retrained again to make 4D

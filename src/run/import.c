@@ -934,35 +934,62 @@ static spin_status find_pattern_run(struct import *im, const char *pattern)
     return SPIN_OK;
 }
 
+/* Sets *n to the number of cameras of these views. */
+static spin_status count_cameras(const struct spin_views *views, int *n)
+{
+    SPIN_FREED int *camera = NULL;
+
+    SPIN_TRY(spin_alloc(views->n, sizeof *camera, (void **)&camera));
+    for (size_t i = 0; i < views->n; i++)
+        camera[i] = views->view[i].camera_id;
+    qsort(camera, views->n, sizeof *camera, spin_by_int);
+    *n = 0;
+    for (size_t i = 0; i < views->n; i++)
+        *n += i == 0 || camera[i] != camera[i - 1];
+    return SPIN_OK;
+}
+
+/* Describes the views of a data set. As many cameras and frames as images are either a still or the
+ * video of one camera, which the data set does not say. */
+static spin_status describe_views(const struct spin_views *views, char out[120])
+{
+    char frames[48], cameras[48];
+    int n;
+
+    SPIN_TRY(count_cameras(views, &n));
+    if (n > 1 && (size_t)n == views->n && views->n_dataset_frames == n)
+        snprintf(out, 120, "%d images, a still or a video of one camera", n);
+    else
+        snprintf(out, 120, "%s and %s", spin_text_count(n, "camera", cameras),
+                 spin_text_count(views->n_dataset_frames, "frame", frames));
+    return SPIN_OK;
+}
+
 /* If the input, which no importer of runs recognises, is a data set, replaces the error by one that
- * says what it contains and what to do. */
+ * says what it contains and what to do. If it surely is a data set that cannot be read, its own
+ * error is the useful one. */
 static spin_status explain_data_set(const struct import *im, spin_status status)
 {
     const char *path = im->o->input;
-    const struct spin_importer *importer =
-        status == SPIN_E_NOT_RECOGNISED && !im->o->from && spin_path_is_folder(path)
-            ? spin_importer_guess(path, true)
-            : NULL;
+    const struct spin_importer *importer;
     SPIN_LEAVES(spin_views_free) struct spin_views views = {0};
-    SPIN_FREED int *camera = NULL;
-    char frames[48], cameras[48];
-    int n = 0;
+    SPIN_FREED char *error = NULL;
+    char content[120];
 
-    if (!importer)
+    if (status != SPIN_E_NOT_RECOGNISED || im->o->from || !spin_path_is_folder(path))
         return status;
-    SPIN_TRY(spin_views_open(path, NULL, &views, NULL, 0));
-    SPIN_TRY(spin_alloc(views.n, sizeof *camera, (void **)&camera));
-    for (size_t i = 0; i < views.n; i++)
-        camera[i] = views.view[i].camera_id;
-    qsort(camera, views.n, sizeof *camera, spin_by_int);
-    for (size_t i = 0; i < views.n; i++)
-        n += i == 0 || camera[i] != camera[i - 1];
+    SPIN_TRY(spin_strdup(spin_last_error(), &error));
+    if (spin_importer_guess(path, true))
+        SPIN_TRY(spin_views_open(path, NULL, &views, NULL, 0));
+    if (spin_importer_find(path, NULL, true, &importer) != SPIN_OK ||
+        (views.n == 0 && spin_views_open(path, NULL, &views, NULL, 0) != SPIN_OK))
+        return spin_fail(status, "%s", error);
+    SPIN_TRY(describe_views(&views, content));
     return spin_fail(SPIN_E_NOT_RECOGNISED,
-                     "'%s' is a data set (%s) of %s and %s, not a run: give the folder that a "
-                     "method wrote, or points of each frame as PLY, and this folder with --data, "
-                     "see docs/how-to/from-videos.md",
-                     path, importer->name, spin_text_count(n, "camera", cameras),
-                     spin_text_count(views.n_dataset_frames, "frame", frames));
+                     "'%s' is a data set (%s) of %s, not a run: give the folder that a method "
+                     "wrote, or points of each frame as PLY, and this folder with --data, see "
+                     "docs/how-to/from-videos.md",
+                     path, importer->name, content);
 }
 
 static spin_status find_run(struct import *im)

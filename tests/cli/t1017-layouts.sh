@@ -47,6 +47,17 @@ fails 2 spin-import "--offsets requires --data"
 run "$bin/spin-import" "$work/sets/rig_cameras" -o "$work/none.spin"
 is "$code" 1 "a data set is no run"
 err_has "is a data set (colmap) of 3 cameras and 3 frames, not a run: give the folder" "says what it is and what to do"
+cp -r "$work/sets/still" "$work/alone"
+rm "$work"/alone/*.ply
+mkdir "$work/frames"
+cp -r "$work/alone" "$work/frames/frame000000"
+run "$bin/spin-import" "$work/alone" -o "$work/none.spin"
+err_has "is a data set (colmap) of 3 images, a still or a video of one camera, not a run" "nor is one of single images"
+run "$bin/spin4d" "$work/alone" -o "$work/none.html"
+is "$code $(grep -c 'is a data set (colmap) of 3 images' "$work/err")" "1 1" "spin4d says it once"
+run "$bin/spin4d" "$work/frames" -o "$work/none.html"
+is "$code" 1 "nor is one with a folder per frame"
+err_has "is a data set (colmap) of 3 cameras and 1 frame, not a run" "whose cameras and frames are counted"
 
 # One image per frame, each of another camera, is said when the clip has several frames.
 run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/still" -o "$work/one.spin"
