@@ -1,6 +1,7 @@
 #include "exporters/lib/camera_path.h"
 
 #include "base/base.h"
+#include "geometry/camera_rig.h"
 #include "io/file.h"
 #include "math/covariance.h"
 
@@ -382,7 +383,7 @@ spin_status spin_rig_path_open(const struct spin_views *views, int row, struct s
 
         if (views->view[i].dataset_frame != row || views->view[i].test)
             continue;
-        spin_initial_view_eye(&views->view[i].camera, s->eye);
+        spin_camera_centre(&views->view[i].camera, s->eye);
         spin_quat_of_matrix(r, s->turn);
         path->n += is_new(path, s);
     }
@@ -491,7 +492,7 @@ static void move_into_rig(struct spin_camera_path *d, int row)
 {
     double pivot[3], median, distance = 0;
 
-    if (!spin_initial_view_pivot(d->job->views, row, pivot, &median))
+    if (!spin_camera_pivot(d->job->views, row, pivot, &median))
         return;
     for (int c = 0; c < 3; c++)
         distance += (d->look.eye[c] - pivot[c]) * (d->look.eye[c] - pivot[c]);

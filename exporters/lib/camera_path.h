@@ -121,7 +121,8 @@ static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 {
     return d->path != SPIN_PATH_CAMERA || !d->job->views || d->job->views->n == 0;
 }
-/* Returns the name that file names contain if the camera is not one of the data set's. */
+/* Returns the name that stands for the camera in file names, such as "orbit", if the camera is not
+ * one of the data set's. */
 const char *spin_camera_path_name(const struct spin_camera_path *d);
 
 /* Sets *out to the moving camera of image number `picture`. Orbit and spiral aim at the point

@@ -5,15 +5,11 @@
 #include "base/base.h"
 #include "exporters/lib/path_file.h"
 #include "exporters/lib/splat_rows.h"
+#include "geometry/camera_rig.h"
 #include "geometry/viewpoints.h"
 
 #define FRONT_FOVY_DEG 50.0
 #define DEGREES 57.29577951308232 /* per radian */
-
-/* spin_initial_view_pivot() fails if the mean of I - d d^T over all camera axes d has a determinant
- * below this. Parallel axes have a determinant of 0; axes that spread by about 3 degrees reach this
- * value. */
-#define LEAST_SPREAD 2e-3
 
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size)
 {
@@ -48,14 +44,6 @@ spin_status spin_initial_view_middle_after_empty(const struct spin_export_job *j
         if (!job->counts || job->counts[f] > 0)
             SPIN_TRY(job->again(job->context, f, &s));
     return s && s->n > 0 && f > 1 ? spin_initial_view_middle(s, middle, size) : SPIN_OK;
-}
-
-void spin_initial_view_eye(const struct spin_camera *camera, double eye[3])
-{
-    const double *m = camera->w2c;
-
-    for (int c = 0; c < 3; c++)
-        eye[c] = -(m[c] * m[3] + m[4 + c] * m[7] + m[8 + c] * m[11]);
 }
 
 double spin_initial_view_focal(const struct spin_initial_view *view, int height)
@@ -105,74 +93,6 @@ static bool mean_up(const struct spin_views *views, int row, double up[3])
     return length > 1e-6;
 }
 
-static double det3(const double a[3], const double b[3], const double c[3])
-{
-    return a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) +
-           a[2] * (b[0] * c[1] - b[1] * c[0]);
-}
-
-/* Sums I - d d^T into the columns a, and (I - d d^T) e into b, over all cameras with axis d and
- * centre e: the normal equations of the point nearest to all axes. Returns the number of cameras.
- */
-static int sum_axes(const struct spin_views *views, int row, double a[3][3], double b[3])
-{
-    int n = 0;
-
-    for (size_t i = 0; i < views->n; i++) {
-        const double *axis = views->view[i].camera.w2c + 8;
-        double eye[3];
-
-        if (row >= 0 && views->view[i].dataset_frame != row)
-            continue;
-        spin_initial_view_eye(&views->view[i].camera, eye);
-        n++;
-        for (int r = 0; r < 3; r++)
-            for (int c = 0; c < 3; c++) {
-                double part = (r == c) - axis[r] * axis[c];
-
-                a[c][r] += part;
-                b[r] += part * eye[c];
-            }
-    }
-    return n;
-}
-
-bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
-                             double *median)
-{
-    double a[3][3] = {{0}}, b[3] = {0}, det, at[3];
-    SPIN_FREED double *away = NULL;
-    int n = views ? sum_axes(views, row, a, b) : 0, n_away = 0, n_behind = 0;
-
-    det = det3(a[0], a[1], a[2]);
-    if (n < 2 || !(det > LEAST_SPREAD * n * n * n) ||
-        spin_alloc((size_t)n, sizeof *away, (void **)&away) != SPIN_OK)
-        return false;
-    at[0] = det3(b, a[1], a[2]) / det;
-    at[1] = det3(a[0], b, a[2]) / det;
-    at[2] = det3(a[0], a[1], b) / det;
-    for (size_t i = 0; i < views->n; i++) {
-        const double *axis = views->view[i].camera.w2c + 8;
-        double eye[3], along = 0, square = 0;
-
-        if (row >= 0 && views->view[i].dataset_frame != row)
-            continue;
-        spin_initial_view_eye(&views->view[i].camera, eye);
-        for (int c = 0; c < 3; c++) {
-            along += (at[c] - eye[c]) * axis[c];
-            square += (at[c] - eye[c]) * (at[c] - eye[c]);
-        }
-        n_behind += along <= 0;
-        away[n_away++] = sqrt(square);
-    }
-    qsort(away, (size_t)n, sizeof *away, spin_by_double);
-    if (2 * n_behind < n) {
-        memcpy(pivot, at, sizeof at);
-        *median = away[n / 2];
-    }
-    return 2 * n_behind < n;
-}
-
 /* Sets the smallest zoom distance to a third of the distance from the target to the nearest camera
  * of the data set, and the largest to slightly more than the distance to the farthest camera. */
 static void set_reach(const struct spin_views *views, int row, struct spin_initial_view *out)
@@ -184,7 +104,7 @@ static void set_reach(const struct spin_views *views, int row, struct spin_initi
 
         if (row >= 0 && views->view[i].dataset_frame != row)
             continue;
-        spin_initial_view_eye(&views->view[i].camera, eye);
+        spin_camera_centre(&views->view[i].camera, eye);
         for (int c = 0; c < 3; c++)
             d += (eye[c] - out->target[c]) * (eye[c] - out->target[c]);
         least = fmin(least, sqrt(d));
@@ -202,7 +122,7 @@ static void set_camera(const struct spin_camera *camera, const double middle[3],
     double along = 0;
 
     out->z_near = spin_camera_near(camera);
-    spin_initial_view_eye(camera, out->eye);
+    spin_camera_centre(camera, out->eye);
     for (int c = 0; c < 3; c++)
         along += camera->w2c[8 + c] * (middle[c] - out->eye[c]);
     along = fmax(along, 0.1 * size);

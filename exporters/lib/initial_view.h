@@ -29,16 +29,6 @@ spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[
 spin_status spin_initial_view_middle_after_empty(const struct spin_export_job *job,
                                                  double middle[3], double *size);
 
-/* Sets `eye` to the centre of a camera, -R^T t. */
-void spin_initial_view_eye(const struct spin_camera *camera, double eye[3]);
-
-/* Sets `pivot` to the point nearest, in the least-squares sense, to the optical axes of all cameras
- * of data-set frame `row` (-1: of all frames), and *median to the median distance of these cameras
- * from the pivot. Returns false and sets nothing if the axes are nearly parallel or if the point is
- * behind most of the cameras. */
-bool spin_initial_view_pivot(const struct spin_views *views, int row, double pivot[3],
-                             double *median);
-
 /* Returns the first held-out view (if `test`) or the first training view (otherwise) of data-set
  * frame `row` (-1: of all frames). If the frame has only views of the other kind, returns the first
  * of these. NULL: the frame has no views. */

@@ -213,11 +213,15 @@ static spin_status attach_key(struct spin_bundle *b, const char *series, const c
     same = key->shape[0] >= rows && key->whole == out->whole;
     for (int d = 1; d < out->n_dims; d++)
         same = same && key->shape[d] == out->shape[d];
-    if (!same)
+    if (!same && key->shape[0] < rows)
         return spin_malformed("array '%s' has %" PRIu64
                               " rows of differences from frame 0, but frame 0 has only %" PRIu64
-                              " rows, or has another type or width",
+                              " rows",
                               name, rows, key->shape[0]);
+    if (!same)
+        return spin_malformed("array '%s' holds differences from frame 0, but frame 0 has another "
+                              "type or width",
+                              name);
     out->key = key->words;
     out->n_key = rows * out->width;
     return SPIN_OK;

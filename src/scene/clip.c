@@ -5,6 +5,7 @@
 #include "io/ranks.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
+#include "scene/outer_cameras.h"
 #include "scene/probe.h"
 #include "scene/renders.h"
 
@@ -152,7 +153,7 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     else if (o->as_trained)
         SPIN_TRY(hold_out(clip));
     if (o->n_outer > 0)
-        SPIN_TRY(spin_views_hold_outer(&clip->views, o->n_outer));
+        SPIN_TRY(spin_outer_cameras_hold(&clip->views, o->n_outer));
     if (o->image_scale > 0 && o->image_scale != 1.0)
         SPIN_TRY(spin_views_scale(&clip->views, o->image_scale));
     if (o->needs_views || o->wants_views)
@@ -311,18 +312,18 @@ spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
 {
     size_t count = 0, capacity = 0;
     struct spin_pair *list = NULL;
-    struct spin_cone cone;
+    struct spin_camera_cone cone;
     spin_status status;
 
     if (split == SPIN_SPLIT_OUTER)
-        SPIN_TRY(spin_views_cone(&clip->views, &cone));
+        SPIN_TRY(spin_camera_cone_open(&clip->views, &cone));
     for (int f = 0; f < clip->n_frames; f++)
         for (size_t v = 0; v < clip->views.n; v++) {
             const struct spin_view *view = &clip->views.view[v];
 
             if (view->dataset_frame != clip->dataset_frame[f] ||
                 (split != SPIN_SPLIT_ALL && view->test == (split == SPIN_SPLIT_TRAIN)) ||
-                (split == SPIN_SPLIT_OUTER && !spin_cone_excludes(&cone, &view->camera)))
+                (split == SPIN_SPLIT_OUTER && !spin_camera_cone_excludes(&cone, &view->camera)))
                 continue;
             status = spin_array_grow(count, &capacity, sizeof *list, (void **)&list);
             if (status != SPIN_OK) {

@@ -17,7 +17,7 @@ struct spin_clip_options {
     struct spin_range range;
     const int *test_cameras; /* [n_test_cameras], replaces the test split of the data set */
     int n_test_cameras;
-    /* number of outermost training cameras that are held out as well; not with test_cameras */
+    /* number of outermost training cameras that are held out in addition */
     int n_outer;
     /* true: without test_cameras, the cameras that the training held out are held out */
     bool as_trained;

@@ -3,6 +3,7 @@
 #include "scene/dataset.h"
 
 #include "base/base.h"
+#include "geometry/camera_rig.h"
 #include "io/image.h"
 #include "scene/probe.h"
 #include "scene/renders.h"
@@ -388,15 +389,6 @@ spin_status spin_views_pair(struct spin_views *views, const struct spin_bundle_m
 
 /* ---- Extent ---------------------------------------------------------------------------------- */
 
-/* Computes the camera's centre in world coordinates: -R^T t. */
-static void camera_centre(const struct spin_camera *camera, double out[3])
-{
-    const double *m = camera->w2c;
-
-    for (int i = 0; i < 3; i++)
-        out[i] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
-}
-
 /* The position of a training camera in one view. */
 struct place {
     double centre[3];
@@ -437,7 +429,7 @@ static size_t list_places(const struct spin_views *views, struct place *place)
     for (size_t i = 0; i < views->n; i++) {
         if (n_train > 0 && views->view[i].test)
             continue;
-        camera_centre(&views->view[i].camera, place[n].centre);
+        spin_camera_centre(&views->view[i].camera, place[n].centre);
         place[n].camera = views->view[i].camera_id;
         place[n++].order = i;
     }
@@ -449,13 +441,13 @@ static size_t list_places(const struct spin_views *views, struct place *place)
     return kept;
 }
 
-size_t spin_views_positions(const struct spin_views *views)
+spin_status spin_views_count_positions(const struct spin_views *views, size_t *n)
 {
     SPIN_FREED struct place *place = NULL;
 
-    if (spin_alloc(views->n + 1, sizeof *place, (void **)&place) != SPIN_OK)
-        return 0;
-    return list_places(views, place);
+    SPIN_TRY(spin_alloc(views->n, sizeof *place, (void **)&place));
+    *n = list_places(views, place);
+    return SPIN_OK;
 }
 
 double spin_views_extent(const struct spin_views *views)
@@ -480,209 +472,6 @@ double spin_views_extent(const struct spin_views *views)
         largest = fmax(largest, sqrt(squared));
     }
     return 1.1 * largest;
-}
-
-/* ---- Cone of the cameras --------------------------------------------------------------------- */
-
-/* Unit vectors spread evenly over the sphere, on a spiral of the golden angle. */
-static void cone_direction(int i, double out[3])
-{
-    double z = 1 - (2 * i + 1.0) / SPIN_CONE_DIRECTIONS, angle = i * M_PI * (3 - sqrt(5));
-
-    out[0] = sqrt(1 - z * z) * cos(angle);
-    out[1] = sqrt(1 - z * z) * sin(angle);
-    out[2] = z;
-}
-
-/* Weight, relative to the views, of a point in front of the cameras: it decides where optical axes
- * that are nearly parallel meet. */
-static const double axis_prior = 1e-3;
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    for (int c = 0; c < 3; c++)
-        out[c] = a[(c + 1) % 3] * b[(c + 2) % 3] - a[(c + 2) % 3] * b[(c + 1) % 3];
-}
-
-/* Solves m x = right for a symmetric, invertible matrix, by Cramer's rule. */
-static void solve_symmetric(const double m[9], const double right[3], double x[3])
-{
-    double minor[9], determinant = 0;
-
-    for (int r = 0; r < 3; r++)
-        cross(m + (r + 1) % 3 * 3, m + (r + 2) % 3 * 3, minor + 3 * r);
-    for (int c = 0; c < 3; c++)
-        determinant += m[c] * minor[c];
-    for (int r = 0; r < 3; r++)
-        x[r] =
-            (minor[3 * r] * right[0] + minor[3 * r + 1] * right[1] + minor[3 * r + 2] * right[2]) /
-            determinant;
-}
-
-/* Sets `apex` to the point that is closest to the optical axes of all views, in least squares. */
-static void meet_axes(const struct spin_views *views, double apex[3])
-{
-    double m[9] = {0}, right[3] = {0}, mean[3] = {0}, n = (double)views->n;
-    double extent = spin_views_extent(views);
-
-    for (size_t i = 0; i < views->n; i++) {
-        const double *axis = views->view[i].camera.w2c + 8;
-        double centre[3];
-
-        camera_centre(&views->view[i].camera, centre);
-        for (int r = 0; r < 3; r++) {
-            mean[r] += (centre[r] + extent * axis[r]) / n;
-            for (int c = 0; c < 3; c++) {
-                double value = (r == c) - axis[r] * axis[c];
-
-                m[3 * r + c] += value / n;
-                right[r] += value * centre[c] / n;
-            }
-        }
-    }
-    for (int r = 0; r < 3; r++) {
-        m[4 * r] += axis_prior;
-        right[r] += axis_prior * mean[r];
-    }
-    solve_symmetric(m, right, apex);
-}
-
-/* Sets *out to the direction of a position, as seen from the apex. */
-static void look_from(const double apex[3], const double position[3], double out[3])
-{
-    double squared = 0;
-
-    for (int c = 0; c < 3; c++) {
-        out[c] = position[c] - apex[c];
-        squared += out[c] * out[c];
-    }
-    for (int c = 0; c < 3 && squared > 0; c++)
-        out[c] /= sqrt(squared);
-}
-
-/* Excludes the half-spaces that contain one of n cameras. */
-static void widen_cone(struct spin_cone *cone, const struct place *place, size_t n)
-{
-    for (size_t i = 0; i < n; i++) {
-        double ray[3], d[3];
-
-        look_from(cone->apex, place[i].centre, ray);
-        for (int k = 0; k < SPIN_CONE_DIRECTIONS; k++) {
-            cone_direction(k, d);
-            cone->taken[k] |= d[0] * ray[0] + d[1] * ray[1] + d[2] * ray[2] > 0;
-        }
-    }
-}
-
-/* Returns the sine of the angle by which a position is outside the cone; 0 inside. */
-static double protrusion(const struct spin_cone *cone, const double position[3])
-{
-    double most = 0, ray[3], d[3];
-
-    look_from(cone->apex, position, ray);
-    for (int k = 0; k < SPIN_CONE_DIRECTIONS; k++) {
-        cone_direction(k, d);
-        if (!cone->taken[k])
-            most = fmax(most, d[0] * ray[0] + d[1] * ray[1] + d[2] * ray[2]);
-    }
-    return most;
-}
-
-spin_status spin_views_cone(const struct spin_views *views, struct spin_cone *out)
-{
-    SPIN_FREED struct place *place = NULL;
-
-    SPIN_TRY(spin_alloc(views->n + 1, sizeof *place, (void **)&place));
-    memset(out, 0, sizeof *out);
-    meet_axes(views, out->apex);
-    widen_cone(out, place, list_places(views, place));
-    return SPIN_OK;
-}
-
-/* A camera is outside the cone if its direction from the apex is more than 3 degrees outside; this
- * is the sine of that angle. */
-static const double outside = 0.05;
-
-bool spin_cone_excludes(const struct spin_cone *cone, const struct spin_camera *camera)
-{
-    double centre[3];
-
-    camera_centre(camera, centre);
-    return protrusion(cone, centre) > outside;
-}
-
-/* Lists the training cameras, each at its mean position, and returns their number. `order` holds
- * the number of views of each. */
-static size_t list_cameras(const struct spin_views *views, struct place *place)
-{
-    size_t n = 0;
-
-    for (size_t i = 0; i < views->n; i++) {
-        size_t k = 0;
-        double centre[3];
-
-        if (views->view[i].test)
-            continue;
-        while (k < n && place[k].camera != views->view[i].camera_id)
-            k++;
-        if (k == n)
-            place[n++] = (struct place){.camera = views->view[i].camera_id};
-        camera_centre(&views->view[i].camera, centre);
-        place[k].order++;
-        for (int c = 0; c < 3; c++)
-            place[k].centre[c] += (centre[c] - place[k].centre[c]) / (double)place[k].order;
-    }
-    return n;
-}
-
-/* Returns the index of the camera that is farthest outside the cone of the others, or n if none is
- * outside. */
-static size_t find_outermost(const double apex[3], const struct place *place, size_t n)
-{
-    size_t found = n;
-    double most = 0;
-
-    for (size_t i = 0; i < n; i++) {
-        struct spin_cone others = {.apex = {apex[0], apex[1], apex[2]}};
-        double p;
-
-        widen_cone(&others, place, i);
-        widen_cone(&others, place + i + 1, n - i - 1);
-        p = protrusion(&others, place[i].centre);
-        if (p > most) {
-            most = p;
-            found = i;
-        }
-    }
-    return found;
-}
-
-spin_status spin_views_hold_outer(struct spin_views *views, int n)
-{
-    SPIN_FREED struct place *place = NULL;
-    double apex[3];
-    size_t left;
-
-    SPIN_TRY(spin_alloc(views->n + 1, sizeof *place, (void **)&place));
-    left = list_cameras(views, place);
-    if (left < (size_t)n + 2)
-        return spin_misuse(
-            "cannot hold out %d outer camera%s: there %s only %zu training camera%s, "
-            "and two must remain",
-            n, n == 1 ? "" : "s", left == 1 ? "is" : "are", left, left == 1 ? "" : "s");
-    meet_axes(views, apex);
-    for (; n > 0; n--) {
-        size_t outermost = find_outermost(apex, place, left);
-
-        if (outermost == left)
-            return spin_misuse("cannot hold out %d outer camera%s: the cameras surround the scene, "
-                               "so none of them is outermost",
-                               n, n == 1 ? "" : "s");
-        for (size_t i = 0; i < views->n; i++)
-            views->view[i].test |= views->view[i].camera_id == place[outermost].camera;
-        place[outermost] = place[--left];
-    }
-    return SPIN_OK;
 }
 
 /* ---- Near plane ------------------------------------------------------------------------------ */

@@ -17,30 +17,9 @@ spin_status spin_views_open(const char *path, const char *from, struct spin_view
  * others training views. Fails with SPIN_E_USAGE if a camera id does not exist. */
 spin_status spin_views_split(struct spin_views *views, const int *test_cameras, int n);
 
-/* Returns the number of distinct positions of all training cameras, or of all cameras if none
- * trains; 0 without memory. */
-size_t spin_views_positions(const struct spin_views *views);
-
-/* Turns the views of the n outermost training cameras into test views: n times, the camera is held
- * out that is farthest outside the cone of the remaining training cameras. A moving camera counts
- * at its mean position. Fails with SPIN_E_USAGE if fewer than two cameras remain, or if no camera
- * is outside the cone of the others. */
-spin_status spin_views_hold_outer(struct spin_views *views, int n);
-
-/* Directions by which the cone of the cameras is described. */
-enum { SPIN_CONE_DIRECTIONS = 4096 };
-
-/* The convex cone that the training cameras span as seen from the point where the optical axes
- * meet. Cameras on a dome are all extreme points of their convex hull, but not of this cone. */
-struct spin_cone {
-    double apex[3];
-    /* True: the half-space of this direction, through the apex, contains a camera. */
-    bool taken[SPIN_CONE_DIRECTIONS];
-};
-/* Measures the cone of all training cameras in all frames. */
-spin_status spin_views_cone(const struct spin_views *views, struct spin_cone *out);
-/* True if the camera is outside the cone by more than 3 degrees. */
-bool spin_cone_excludes(const struct spin_cone *cone, const struct spin_camera *camera);
+/* Sets *n to the number of distinct positions of all training cameras, or of all cameras if all are
+ * test cameras. */
+spin_status spin_views_count_positions(const struct spin_views *views, size_t *n);
 
 /* Scales the image sizes of all cameras by image_scale, which is above 0 and at most 16: with 0.5,
  * width and height are halved and rounded. */

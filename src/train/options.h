@@ -10,12 +10,13 @@
 spin_status spin_options_check(const struct spin_retrain_options *o);
 
 /* Replaces the numbers that depend on the length of the clip and on the number of ranks by their
- * final values: batch, iterations, the interval between densifications, learning rates. */
+ * final values: batch, iterations, the interval between densifications, learning rates. Default
+ * iterations of quick and best are limited to most_iterations. */
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most_iterations);
 
 /* Returns the limit on default iterations for n_images training images of cameras at n_positions
  * distinct positions: the square of the positions / 12 for each image, and at least 1000. With more
- * iterations, few cameras are overtrained (tests/bench/ablations.md). */
+ * iterations, few cameras are overtrained (docs/results.md). */
 int spin_options_most_iterations(size_t n_images, size_t n_positions);
 
 /* Phrase for the end of an error message: how to continue an unfinished run. */

@@ -798,15 +798,17 @@ static spin_status name_parts(struct spin_plan *plan)
 spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
                            struct spin_retrain_report *report)
 {
+    size_t n_positions;
+
     report->options = *o;
     plan->o = &report->options;
     plan->report = report;
     SPIN_TRY(check_options(o));
     SPIN_TRY(name_parts(plan));
     SPIN_TRY(open_clip(plan));
-    spin_options_resolve(
-        &report->options, plan->clip.n_frames,
-        spin_options_most_iterations(plan->n_train, spin_views_positions(&plan->clip.views)));
+    SPIN_TRY(spin_views_count_positions(&plan->clip.views, &n_positions));
+    spin_options_resolve(&report->options, plan->clip.n_frames,
+                         spin_options_most_iterations(plan->n_train, n_positions));
     warn_idle_ranks(plan->o);
     SPIN_TRY(plan_field(plan));
     report->frames = plan->clip.n_frames;

@@ -4,6 +4,7 @@
 #include "exporters/lib/camera_path.h"
 
 #include "base/log.h"
+#include "geometry/camera_rig.h"
 #include "tests/exporters/frame.h"
 #include "tests/rig.h"
 
@@ -653,11 +654,11 @@ static void test_begun(void)
 
     follow(pairs, PICTURES, got);
     for (int i = 0; i < PICTURES; i++) {
-        spin_initial_view_eye(&got[i], eye);
+        spin_camera_centre(&got[i], eye);
         worst = larger(worst, fabs(eye[2] - rig[1][1].eye[2]));
         worst = larger(worst, fabs(got[i].w2c[2])); /* the right axis is level */
     }
-    spin_initial_view_eye(&got[0], eye);
+    spin_camera_centre(&got[0], eye);
     for (int c = 0; c < 3; c++)
         worst = larger(worst, fabs(eye[c] - rig[1][1].eye[c]));
     near(worst, 0, 1e-9, "an orbit from camera 1, at its height in z");
@@ -772,7 +773,7 @@ static void test_pivot(void)
     struct spin_views other = {0};
     double at[3] = {0}, median = 0;
 
-    ok(spin_initial_view_pivot(&views, 1, at, &median) &&
+    ok(spin_camera_pivot(&views, 1, at, &median) &&
            fabs(at[0] - 1) + fabs(at[1] - 2) + fabs(at[2] - 3) < 1e-9,
        "the place that all look at");
     near(median, 5, 1e-9, "half of them are as near");
@@ -787,7 +788,7 @@ static void test_pivot(void)
         if (spin_views_add(&other, &v) != SPIN_OK)
             exit(1);
     }
-    ok(!spin_initial_view_pivot(&other, 0, at, &median),
+    ok(!spin_camera_pivot(&other, 0, at, &median),
        "cameras that look about the same way have none");
     for (int k = 0; k < 3; k++) { /* a ring that looks outwards */
         double eye[3] = {cos(2.1 * k), 0.1, sin(2.1 * k)},
@@ -796,7 +797,7 @@ static void test_pivot(void)
 
         other.view[k].camera = camera_of(train_lens, &p);
     }
-    ok(!spin_initial_view_pivot(&other, 0, at, &median), "nor have those that look away from it");
+    ok(!spin_camera_pivot(&other, 0, at, &median), "nor have those that look away from it");
     spin_views_free(&other);
 }
 

@@ -3,6 +3,7 @@
 #include "base/err.h"
 #include "base/log.h"
 #include "exporters/lib/camera_path.h"
+#include "geometry/camera_rig.h"
 #include "io/image.h"
 #include "io/video.h"
 #include "tests/exporters/frame.h"
@@ -229,7 +230,7 @@ static double looks_from(const struct spin_camera *camera, bool *at_middle)
 {
     double eye[3];
 
-    spin_initial_view_eye(camera, eye);
+    spin_camera_centre(camera, eye);
     *at_middle = fabs(camera->w2c[3]) < 1e-6 && fabs(camera->w2c[7]) < 1e-6 && camera->w2c[11] > 0;
     return sqrt(eye[0] * eye[0] + eye[1] * eye[1] + eye[2] * eye[2]);
 }
@@ -303,11 +304,11 @@ static void test_rig(struct spin_export_job job)
         if (spin_views_add(&views, &v) != SPIN_OK)
             exit(1);
     }
-    ok(spin_initial_view_pivot(&views, 0, pivot, &median) && fabs(pivot[0] - 1) < 1e-9 &&
+    ok(spin_camera_pivot(&views, 0, pivot, &median) && fabs(pivot[0] - 1) < 1e-9 &&
            fabs(pivot[1] - 2) < 1e-9 && fabs(pivot[2] - 3) < 1e-9 && median == 2,
        "the place that all cameras look at, and how far away half of them are");
     views.n = 1;
-    ok(!spin_initial_view_pivot(&views, 0, pivot, &median), "one camera has none");
+    ok(!spin_camera_pivot(&views, 0, pivot, &median), "one camera has none");
     views.n = 4;
     job.views = &views;
     job.values = &values;
@@ -318,7 +319,7 @@ static void test_rig(struct spin_export_job job)
         const double *m = seen[i].w2c;
         double eye[3], away = 0;
 
-        spin_initial_view_eye(&seen[i], eye);
+        spin_camera_centre(&seen[i], eye);
         for (int c = 0; c < 3; c++)
             away += (eye[c] - (1 + c)) * (eye[c] - (1 + c));
         worst = larger(worst, fabs(sqrt(away) - 2));
@@ -335,13 +336,13 @@ static void test_rig(struct spin_export_job job)
         const double *m = seen[i].w2c;
         double eye[3];
 
-        spin_initial_view_eye(&seen[i], eye);
+        spin_camera_centre(&seen[i], eye);
         beyond = larger(beyond, hypot(eye[0] - 1, eye[2] - 3));
         off = larger(off, fabs(m[0] + 2 * m[1] + 3 * m[2] + m[3]));
         if (i > 0) {
             double was[3];
 
-            spin_initial_view_eye(&seen[i - 1], was);
+            spin_camera_centre(&seen[i - 1], was);
             step[0] = fmin(step[0], hypot(eye[0] - was[0], eye[2] - was[2]));
             step[1] = larger(step[1], hypot(eye[0] - was[0], eye[2] - was[2]));
         }
@@ -406,7 +407,7 @@ static void test_front(struct spin_export_job job)
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == FRAMES &&
            spin_path_exists(named("front/front_frame_00004.png")),
        "pictures without a data set");
-    spin_initial_view_eye(&seen[0], eye);
+    spin_camera_centre(&seen[0], eye);
     ok(fabs(eye[0] - front.eye[0]) + fabs(eye[1] - front.eye[1]) + fabs(eye[2] - front.eye[2]) <
            1e-5,
        "from where a page begins");

@@ -212,47 +212,6 @@ static void test_extent(void)
     spin_views_free(&views);
 }
 
-/* Places a camera on a circle of radius 4 around the point (0, 0, 4), towards which it looks; at
- * angle 0 it is at the origin. */
-static void circle_at(struct spin_view *view, double degrees)
-{
-    double c = cos(degrees * M_PI / 180), s = sin(degrees * M_PI / 180);
-    const double w2c[12] = {c, 0, s, -4 * s, 0, 1, 0, 0, -s, 0, c, 4 - 4 * c};
-
-    memcpy(view->camera.w2c, w2c, sizeof w2c);
-}
-
-static void test_outer(void)
-{
-    static const double at[] = {-20, 0, 60};
-    struct spin_views views;
-    struct spin_cone cone;
-
-    make_views(&views, 2, 0);
-    for (size_t i = 0; i < views.n; i++) {
-        views.view[i].test = false;
-        circle_at(&views.view[i], at[i % 3]);
-    }
-    ok(spin_views_positions(&views) == 3, "three positions in two frames");
-    ok(spin_views_hold_outer(&views, 2) == SPIN_E_USAGE && !views.view[2].test,
-       "two cameras must remain: %s", spin_last_error());
-    ok(spin_views_hold_outer(&views, 1) == SPIN_OK && views.view[2].test && views.view[5].test &&
-           !views.view[0].test && !views.view[1].test,
-       "the camera is held out that is farthest from the others");
-    ok(spin_views_positions(&views) == 2, "two training cameras remain");
-    ok(spin_views_cone(&views, &cone) == SPIN_OK &&
-           spin_cone_excludes(&cone, &views.view[2].camera),
-       "it is outside the cone of the others");
-    circle_at(&views.view[2], -10);
-    ok(!spin_cone_excludes(&cone, &views.view[2].camera),
-       "a camera between them is inside, though it protrudes from their hull");
-    circle_at(&views.view[2], 2);
-    ok(!spin_cone_excludes(&cone, &views.view[2].camera), "2 degrees do not count");
-    circle_at(&views.view[2], 8);
-    ok(spin_cone_excludes(&cone, &views.view[2].camera), "8 degrees count");
-    spin_views_free(&views);
-}
-
 static char warned[512];
 static bool keep_line(const char *line)
 {
@@ -411,7 +370,6 @@ TAP_MAIN
     test_split();
     test_scale();
     test_extent();
-    test_outer();
     test_near();
     test_find();
     test_pixels();

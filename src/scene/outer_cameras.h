@@ -1,0 +1,28 @@
+/* Finds the cameras at the edge of a rig: those whose direction, as seen from the point that all
+ * cameras look at, is outside the convex cone of the directions of the training cameras. Cameras on
+ * a dome are all extreme points of their convex hull, but not of this cone. */
+#pragma once
+
+#include "spin.h"
+
+enum { SPIN_CONE_PLANES = 4096 };
+
+struct spin_camera_cone {
+    double apex[3]; /* the point that the cameras look at */
+    /* For planes through the apex, whose normals are spread evenly over the sphere: whether a
+     * training camera is in front of the plane. */
+    bool taken[SPIN_CONE_PLANES];
+};
+
+/* Measures the cone of all training cameras in all frames. Fails with SPIN_E_UNSUPPORTED if the
+ * cameras do not look at a common point. */
+spin_status spin_camera_cone_open(const struct spin_views *views, struct spin_camera_cone *out);
+/* True if the camera is outside the cone by more than 3 degrees. */
+bool spin_camera_cone_excludes(const struct spin_camera_cone *cone,
+                               const struct spin_camera *camera);
+
+/* Turns the views of the n outermost training cameras into test views: n times, the camera is held
+ * out that is farthest outside the cone of the remaining training cameras. A moving camera counts
+ * at its mean position. Fails with SPIN_E_USAGE if fewer than two cameras would remain or if no
+ * camera is outside the cone of the others, and as spin_camera_cone_open() does. */
+spin_status spin_outer_cameras_hold(struct spin_views *views, int n);
