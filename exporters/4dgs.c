@@ -41,8 +41,9 @@ struct export
 
 /* ---- Windows --------------------------------------------------------------------------------- */
 
-/* Converts a beginning or an end of visibility to seconds, on the same side of the nearest frame's
- * time as in the source. */
+/* Converts the beginning (which = 0) or the end (1) of a row's visibility to seconds. It stays on
+ * the same side of the nearest frame's time as in the source, so that the same frames show the row.
+ */
 static double convert_cut(const struct export *x, size_t k, size_t which)
 {
     const struct spin_export_job *job = x->windows.job;

@@ -352,8 +352,8 @@ static spin_status finish_export(struct export *x)
                                   "were", (char[96]){0}));
     spin_camera_path_warn_blank(&x->drawing);
     if (x->n_bright > 0)
-        spin_warn("%llu pixels are brighter than white, by a factor of up to %.3g before decoding "
-                  "to light; --clamp limits them",
+        spin_warn("%llu pixels are brighter than white: their values, before conversion to linear "
+                  "light, are up to %.3g times that of white; --clamp limits them to white",
                   (unsigned long long)x->n_bright, (double)x->brightest);
     SPIN_TRY(spin_output_folder_list(&x->folder, "images", x->job->sync));
     spin_output_folder_remove_former(&x->folder);

@@ -409,7 +409,8 @@ static spin_status choose_shift(struct clip *clip, const struct spin_ply *ply,
     if (!wide) {
         spin_warn("'%s': positions are up to %g from 0, where floats have steps of %.2g: store "
                   "them as doubles, or closer to 0",
-                  ply->path, farthest, (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
+                  ply->path, farthest,
+                  (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
         return SPIN_OK;
     }
     for (int c = 0; c < 3; c++)
@@ -417,7 +418,8 @@ static spin_status choose_shift(struct clip *clip, const struct spin_ply *ply,
     spin_note(sequence,
               "positions are stored relative to %.15g, %.15g, %.15g, since floats have steps of "
               "%.2g there; spin-export adds these coordinates again, unless --relative is given",
-              clip->shift[0], clip->shift[1], clip->shift[2], (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
+              clip->shift[0], clip->shift[1], clip->shift[2],
+              (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
     return SPIN_OK;
 }
 

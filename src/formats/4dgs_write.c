@@ -86,8 +86,9 @@ struct packed {
     size_t n;
 };
 
-/* Sets `symbol` to the symbols of n integers with `back` integers per row. Returns the bytes per
- * symbol; 0: a difference does not fit. */
+/* Maps n integers, `back` of them in each row, to unsigned symbols: their zigzag codes or, with
+ * mode DIFFERENCE, those of the differences from the row before. Returns the bytes that each symbol
+ * needs; 0: a difference does not fit into 32 bits. */
 static unsigned zigzag(const int32_t *value, size_t n, size_t back, unsigned mode, uint32_t *symbol)
 {
     uint32_t all = 0;
@@ -351,7 +352,8 @@ static spin_status write_windows(struct spin_4dgs_writer *w)
     return end_record(w, SPIN_4DGS_REC_WINDOWS);
 }
 
-/* Writes which axis points up; metres are unknown. */
+/* Writes the coordinate frame: right-handed, +y up, -z forward. The scale in metres is unknown,
+ * which is written as 0. */
 static spin_status write_frame(struct spin_4dgs_writer *w)
 {
     static const unsigned char axes[4] = {RIGHT_HANDED, PLUS_Y, MINUS_Z, 0};

@@ -56,8 +56,8 @@ static double density_root(const float *sorted, size_t n, double low, double wid
     return cbrt((double)(count_below(sorted, n, low + width) - count_below(sorted, n, low)));
 }
 
-/* Chooses the initial numbers: between each of them and the next, the cube root of the density of
- * the values has the same integral. */
+/* Chooses the initial entries of the codebook, such that the integral of the cube root of the
+ * values' density is equal over all intervals between neighbouring entries. */
 static void choose_initial(const float *sorted, size_t n, double place[SPIN_CODEBOOK])
 {
     double low = sorted[0], width = ((double)sorted[n - 1] - low) / BINS, sum = 0, share = 0;

@@ -189,7 +189,9 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
         return spin_unsupported("SPZ: version %u, expected %d to %d", spin_u32_at(bytes + 4),
                                 OLDEST, IN_STREAMS);
     if (bytes[14] & ~(ANTIALIASED | EXTENDED))
-        return spin_unsupported("SPZ with flags %02x, which may change its meaning", bytes[14]);
+        return spin_unsupported(
+            "SPZ: unknown flags %02x, which may change how the file must be read",
+            bytes[14] & ~(ANTIALIASED | EXTENDED));
     if (out->sh_degree > MAX_SH_DEGREE)
         return spin_unsupported("SPZ: SH degree %d, expected 0 to %d", out->sh_degree,
                                 MAX_SH_DEGREE);

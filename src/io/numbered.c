@@ -531,9 +531,10 @@ static spin_status use_field(const struct reader *r, const struct field *f)
 static spin_status use_names(const struct reader *r)
 {
     if (r->hashes && r->names->n > 1)
-        return spin_malformed("'%s' and the other names differ in hashes, not in a frame number: "
-                              "number the files",
-                              r->parts[0].name);
+        return spin_malformed(
+            "cannot order the frames: '%s' and the other file names contain hashes "
+            "instead of frame numbers; rename the files with frame numbers",
+            r->parts[0].name);
     sort_order(r, 0, r->out->order, r->names->n, by_group_and_name);
     return SPIN_OK;
 }

@@ -56,8 +56,9 @@ static spin_status open_clip(struct eval *e)
     e->report->refined = e->from == SPIN_FROM_REFINED;
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0 && o->split == SPIN_SPLIT_OUTER)
-        return spin_not_found("no held-out camera lies outside the training cameras: hold some out "
-                              "with spin-retrain --test-outer");
+        return spin_not_found(
+            "no held-out camera looks from outside the directions of the training "
+            "cameras: hold outer cameras out with spin-retrain --test-outer");
     if (e->n_pairs == 0)
         return spin_not_found("the data set has no views in this split");
     SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,

@@ -608,8 +608,8 @@ struct spin_average spin_average_of(double share, int64_t until, int64_t iterati
                                  .every = (iterations - first + MOMENTS - 1) / MOMENTS};
 }
 
-/* Returns how many of the iterations up to `iteration` are averaged. These are counted backwards
- * from the last iteration of the training, which is always averaged. */
+/* Returns how many of the iterations up to `iteration` are averaged: one in every a->every, chosen
+ * so that the last iteration of the training is one of them. */
 static int count_by(const struct spin_average *a, int64_t iterations, int64_t iteration)
 {
     int64_t left = iterations - iteration;

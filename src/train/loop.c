@@ -458,7 +458,8 @@ out:
     report->seconds_per_iteration =
         (report->seconds - report->refine_seconds) / l->plan->o->iterations;
     SPIN_TRY(evaluate_clip(l));
-    if (report->best_psnr > report->test.psnr + 0.05)
+    if (report->best_psnr > report->test.psnr + 0.05 &&
+        !(report->before.valid && report->before.psnr >= report->best_psnr))
         spin_log(0,
                  "the test views were best at iteration %lld, with %.3f dB: for this clip, fewer "
                  "--iterations may be better",

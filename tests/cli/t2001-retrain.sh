@@ -273,8 +273,23 @@ run "$bin/spin-eval" "$work/outer.spin" --split outer --json
 is "$code $(member split)" "0 outer" "the outer views are measured"
 [ "$(grep -c '^ *"camera": ' "$work/out")" -ge 12 ]
 ok $? "those of both cameras in six frames"
+run "$bin/spin-eval" "$work/mini.spin" --test-cams 3 --split outer
+fails 1 spin-eval "camera 3 is between the others"
+err_has "no held-out camera looks from outside the directions of the training cameras" "and is not measured as an outer one"
 run "$bin/spin-retrain" "$work/mini.spin" -o "$work/few.spin" --device cpu --iterations 2 --test-outer 5
 fails 2 spin-retrain "two cameras must be left"
+
+# peak: what the line about the best evaluation must say, from the evaluations that the last run printed
+peak() {
+    awk '/^iteration [0-9]*: test PSNR/ { last = $5; if ($5 > best) { best = $5; at = $2 + 0 } }
+        END { if (best > last + 0.05) printf "%d %s", at, best }' "$work/err"
+}
+said_peak() { sed -n 's/^the test views were best at iteration \([0-9]*\), with \([0-9.]*\) dB.*/\1 \2/p' "$work/err"; }
+run "$bin/spin-import" fixtures/4dgaussian/coarse_and_fine/model --data fixtures/datasets/blender_mini -o "$work/balls.spin"
+run "$bin/spin-retrain" "$work/balls.spin" -o "$work/fast.spin" --device cpu --iterations 60 --eval-every 5 --lr-track 30
+is "$(said_peak)" "$(peak)" "where the test views were best, if that was before the end"
+run "$bin/spin-retrain" "$work/balls.spin" -o "$work/slow.spin" --device cpu --iterations 200 --eval-every 20 --lr-residual 30
+is "$(said_peak)" "$(peak)" "nothing where they were best at the end"
 
 # A preset is where options start: what stands before it on the line counts as well.
 run "$bin/spin-retrain" "$in" -o "$work/preset.spin" $small --iterations 2 --preset short

@@ -184,7 +184,7 @@ bright() { # OPTION...
     run "$bin/spin-export" "$work/bright.spin" --to images --camera "$work/list.txt" --size 64x48 --format exr -o "$work/bright$*" "$@"
 }
 bright
-err_has "3072 pixels are brighter than white, by a factor of up to 1.7.* before decoding to light; --clamp limits them" "fireflies are counted"
+err_has "3072 pixels are brighter than white: their values, before conversion to linear light, are up to 1.7.* times that of white; --clamp limits them to white" "fireflies are counted"
 bright --clamp
 is "$code $(grep -c brighter "$work/err")" "0 0" "--clamp"
 bright --background none
