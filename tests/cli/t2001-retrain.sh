@@ -279,6 +279,15 @@ err_has "no held-out camera looks from outside the directions of the training ca
 run "$bin/spin-retrain" "$work/mini.spin" -o "$work/few.spin" --device cpu --iterations 2 --test-outer 5
 fails 2 spin-retrain "two cameras must be left"
 
+# An export over another background than that of the training is told.
+run "$bin/spin-export" "$work/outer.spin" --to images --background white --range 0:1 -o "$work/over-white"
+err_has "^warning: the splats were trained over a different background: --background 0,0,0 draws over the same one\$" "images over white"
+run "$bin/spin-export" "$work/outer.spin" --to images --background white --transparent --range 0:1 -o "$work/over-nothing"
+! grep -q background "$work/err"
+ok $? "not for images with alpha"
+run "$bin/spin-export" "$work/outer.spin" --to ply --background white --range 0:1 -o "$work/no-images"
+err_has "^warning: --background has no effect: this export renders no images\$" "nor for splats, which have none"
+
 # peak: what the line about the best evaluation must say, from the evaluations that the last run printed
 peak() {
     awk '/^iteration [0-9]*: test PSNR/ { last = $5; if ($5 > best) { best = $5; at = $2 + 0 } }
