@@ -369,6 +369,7 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     SPIN_TRY(spin_splat_rows_begin(&x->rows, job, NULL));
     x->coding =
         (struct spin_4dgs_coding){.duration = job->n_frames / x->fps,
+                                  .fps = x->fps,
                                   .cutoff = least > 0 && least < 1 ? least : LEAST_CUTOFF,
                                   .sh_degree = x->rows.sh_degree > 0 ? x->rows.sh_degree : 0,
                                   .up = x->rows.up,

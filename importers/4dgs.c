@@ -4,6 +4,8 @@
 #include "formats/4dgs.h"
 #include "importers/lib/file_sequence.h"
 
+enum { USUAL_FPS = 30 };
+
 static int fourdgs_probe(const struct spin_peek *peek)
 {
     return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
@@ -19,14 +21,40 @@ static float last_visible_time(double duration)
     return nextafterf((double)last > duration ? nextafterf(last, 0) : last, 0);
 }
 
+/* Sets the frames of the clip: frame i of n at i / fps. Returns false if there are fewer than two
+ * frames, or too many. */
+static bool describe_frames(struct spin_sequence_info *sequence, double duration, double fps)
+{
+    double n = rint(duration * fps);
+
+    if (n < 2 || n > INT_MAX)
+        return false;
+    sequence->fps = fps;
+    sequence->n_clip_frames = (int)n;
+    sequence->time_last = (n - 1) / fps;
+    return true;
+}
+
+/* Files of other writers do not state a frame rate. */
+static void describe_times(struct spin_sequence_info *sequence, const struct spin_4dgs *info)
+{
+    sequence->time_first = 0;
+    if (info->fps > 0 && describe_frames(sequence, info->duration, info->fps))
+        return;
+    if (describe_frames(sequence, info->duration, USUAL_FPS)) {
+        spin_note(sequence, "the file does not store its frame rate, assuming %d", USUAL_FPS);
+        return;
+    }
+    sequence->time_last = (double)last_visible_time(info->duration);
+    sequence->half_open = true;
+}
+
 static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, size_t n)
 {
     struct spin_sequence_info *sequence = m->sequence;
 
     SPIN_TRY(spin_model_finish_4d(m));
-    sequence->time_first = 0;
-    sequence->time_last = (double)last_visible_time(info->duration);
-    sequence->half_open = true;
+    describe_times(sequence, info);
     snprintf(sequence->variant, sizeof sequence->variant, "%s, %zu splats, SH degree %d, %g s",
              info->keyframes ? "keyframe-delta" : "gaussian-birth", n, m->splats_4d.sh_degree,
              info->duration);

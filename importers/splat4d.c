@@ -36,6 +36,7 @@ static spin_status describe(struct splat4d *s)
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     sequence->static_columns = sequence->columns & ~s->clip.moving;
     sequence->identity = true;
+    sequence->fps = s->clip.fps;
     sequence->sh_degree = 0;
     snprintf(sequence->variant, sizeof sequence->variant, "a clip of %g frames a second",
              s->clip.fps);

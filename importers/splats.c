@@ -487,6 +487,7 @@ static spin_status open_glb(struct clip *clip)
     out->n_frames = out->scene.n_frames;
     out->sh_degree = out->scene.sh_degree;
     out->antialias = out->scene.antialias;
+    clip->base.sequence->fps = out->scene.fps;
     if (out->scene.linear)
         out->note[0] = "colours are stored in linear light and not converted";
     if (out->scene.moves)

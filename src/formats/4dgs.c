@@ -102,8 +102,21 @@ static spin_status read_windows(struct reader *r, struct spin_4dgs_cursor *c)
     return SPIN_OK;
 }
 
-/* Reads the mark of antialiasing from the metadata that spin4d writes. Other metadata are ignored,
- * even if they are damaged. */
+/* Returns a number above 0 of at most 31 characters; 0 if the text is anything else. */
+static double read_rate(const struct spin_4dgs_cursor *text)
+{
+    char copy[32] = "", *end = copy;
+    double rate;
+
+    if (text->left == 0 || text->left >= sizeof copy)
+        return 0;
+    memcpy(copy, text->at, text->left);
+    rate = strtod(copy, &end);
+    return *end == '\0' && rate > 0 && isfinite(rate) ? rate : 0;
+}
+
+/* Reads the mark of antialiasing and the frame rate from the metadata that spin4d writes. Other
+ * metadata are ignored, even if they are damaged. */
 static void read_metadata(struct reader *r, const struct spin_4dgs_cursor *record)
 {
     struct spin_4dgs_cursor c = *record, name = spin_4dgs_block(&c, 4), map;
@@ -114,6 +127,8 @@ static void read_metadata(struct reader *r, const struct spin_4dgs_cursor *recor
 
         if (spin_4dgs_is(&key, SPIN_4DGS_ANTIALIAS) && spin_4dgs_is(&value, "true"))
             r->splats->antialias = true;
+        if (spin_4dgs_is(&key, SPIN_4DGS_FPS))
+            r->info->fps = read_rate(&value);
     }
 }
 
@@ -357,6 +372,8 @@ static spin_status fill_states(struct reader *r)
     SPIN_TRY(spin_4dgs_states_end(states, r->info->duration, r->n_said));
     SPIN_TRY(spin_splats_4d_reserve(s, states->n_rows, 1, s->sh_degree, SPIN_4D_CUTS));
     s->least_weight = r->info->cutoff;
+    if (r->info->fps == 0)
+        r->info->fps = spin_4dgs_states_rate(states, r->info->duration);
     for (int a = 0; a < SPIN_4DGS_N_ATTRIBUTES; a++)
         SPIN_TRY(gather_steps(r, a));
     for (size_t i = 0; i < states->n_rows; i++) {

@@ -39,6 +39,8 @@ struct spin_4dgs {
     /* `sound`: the file contains sound; `camera`: the file contains a camera path. */
     bool sound, camera;
     bool keyframes; /* the temporal model is keyframe-delta */
+    /* Frames per second, from the metadata of spin4d or from evenly spaced states; 0: unknown. */
+    double fps;
 };
 
 /* Reads a whole file that is in memory. The caller must call spin_splats_4d_finish() on the splats.

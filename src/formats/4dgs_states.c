@@ -5,6 +5,8 @@
 /* STATE_BYTES: the fields of keyframe-delta at the end of an entry of the index. */
 enum { ID = 13, MOST_CHUNKS = 1 << 24, STATE_BYTES = 28 };
 enum { TO_KEYFRAME, CHAINED };
+/* States are evenly spaced if they begin within this share of a state of the expected time. */
+#define EVEN 1e-3
 
 /* ---- States ---------------------------------------------------------------------------------- */
 
@@ -127,7 +129,8 @@ static spin_status begin_chunk(struct spin_4dgs_states *s, const double interval
         s->chunk_capacity = s->chunk_capacity ? 2 * s->chunk_capacity : 64;
         SPIN_TRY(spin_grow(s->chunk_capacity, sizeof *s->chunk, (void **)&s->chunk));
     }
-    s->chunk[s->n_chunks++] = *chunk;
+    s->chunk[s->n_chunks] = *chunk;
+    s->chunk[s->n_chunks++].begin = interval[0];
     s->begin = interval[0];
     s->end = interval[1];
     s->n_order = 0;
@@ -484,4 +487,28 @@ spin_status spin_4dgs_states_end(struct spin_4dgs_states *s, double duration, ui
     return n == n_ids ? SPIN_OK
                       : spin_malformed("the chunks contain %llu splats, the header declares %llu",
                                        (unsigned long long)n, (unsigned long long)n_ids);
+}
+
+static bool moves(const struct spin_4dgs_splat *splat)
+{
+    const int32_t *bin = splat->bin;
+
+    for (int a = 0; a < SPIN_4DGS_MOTION; a++)
+        bin += spin_4dgs_attributes[a].channels;
+    return bin[0] != 0 || bin[1] != 0 || bin[2] != 0;
+}
+
+double spin_4dgs_states_rate(const struct spin_4dgs_states *s, double duration)
+{
+    double rate = (double)s->n_chunks / duration, whole = rint(rate);
+
+    for (size_t k = 0; k < s->n_chunks; k++)
+        if (fabs(s->chunk[k].begin * rate - (double)k) > EVEN)
+            return 0;
+    for (size_t i = 0; i < s->n_rows; i++)
+        if (moves(&s->row[i].splat))
+            return 0;
+    if (s->n_chunks < 2)
+        return 0;
+    return fabs(rate - whole) < EVEN / duration ? whole : rate;
 }

@@ -28,6 +28,7 @@ struct spin_4dgs_state {
 
 /* A chunk of the file, for the references of later chunks and for the index. */
 struct spin_4dgs_chunk {
+    double begin; /* seconds */
     uint64_t offset;
     uint32_t level;
     unsigned depth, mode;
@@ -60,4 +61,7 @@ spin_status spin_4dgs_states_band(struct spin_4dgs_states *s, struct spin_4dgs_c
 spin_status spin_4dgs_states_index(struct spin_4dgs_states *s, struct spin_4dgs_cursor *c);
 /* Checks that the states cover the clip and have n_ids different splats, and sorts the rows. */
 spin_status spin_4dgs_states_end(struct spin_4dgs_states *s, double duration, uint64_t n_ids);
+/* Returns the number of states per second if they are evenly spaced and nothing moves within a
+ * state, which makes them frames; else 0. */
+double spin_4dgs_states_rate(const struct spin_4dgs_states *s, double duration);
 void spin_4dgs_states_free(struct spin_4dgs_states *s);

@@ -65,10 +65,11 @@ spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dg
 #define SPIN_4DGS_SCHEME "uniform-v1"
 #define SPIN_4DGS_NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 
-/* The metadata record of files that spin4d writes, and its key for splats that are to be rendered
- * with antialiasing. */
+/* The metadata record of files that spin4d writes, its key for splats that are to be rendered with
+ * antialiasing, and its key for the number of frames per second. */
 #define SPIN_4DGS_METADATA "spin4d"
 #define SPIN_4DGS_ANTIALIAS "antialias"
+#define SPIN_4DGS_FPS "fps"
 
 /* Opcodes of records. */
 enum {

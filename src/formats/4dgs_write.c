@@ -288,7 +288,7 @@ static spin_status write_header(struct spin_4dgs_writer *w)
 }
 
 /* Prints the stated errors, which are half of the steps. */
-static void print_bounds(FILE *to, const double *step)
+static void print_bounds(FILE *to, const struct spin_4dgs_coding *coding)
 {
     static const struct {
         const char *name;
@@ -308,22 +308,22 @@ static void print_bounds(FILE *to, const double *step)
         int s = bound[k].step;
         bool relative = s == SPIN_4DGS_STEP_SCALE || s == SPIN_4DGS_STEP_SIGMA;
 
-        snprintf(text, sizeof text, "%.17g", s < 0 ? 0 : relative ? RELATIVE : step[s] / 2);
+        snprintf(text, sizeof text, "%.17g", s < 0 ? 0 : relative ? RELATIVE : coding->step[s] / 2);
         put_text(to, bound[k].name);
         put_text(to, text);
     }
 }
 
 /* Writes a map to the current record: its size, and its pairs of texts. */
-static spin_status put_map(FILE *to, void (*print)(FILE *to, const double *step),
-                           const double *step)
+static spin_status put_map(FILE *to, void (*print)(FILE *to, const struct spin_4dgs_coding *coding),
+                           const struct spin_4dgs_coding *coding)
 {
     SPIN_FREED char *text = NULL;
     size_t n = 0;
     FILE *map = spin_text_open(&text, &n);
 
     if (map)
-        print(map, step);
+        print(map, coding);
     if (!map || fclose(map) != 0)
         return spin_fail(SPIN_E_MEMORY, "no memory for a record");
     put_number(to, n, 4);
@@ -340,7 +340,7 @@ static spin_status write_quantization(struct spin_4dgs_writer *w)
     put_doubles(w->record, c->origin, 3);
     put_doubles(w->record, c->step, SPIN_4DGS_N_STEPS);
     put_number(w->record, 1, 1); /* SH codes are not coarsened */
-    SPIN_TRY(put_map(w->record, print_bounds, c->step));
+    SPIN_TRY(put_map(w->record, print_bounds, c));
     return end_record(w, SPIN_4DGS_REC_QUANTIZATION);
 }
 
@@ -365,11 +365,16 @@ static spin_status write_frame(struct spin_4dgs_writer *w)
     return end_record(w, SPIN_4DGS_REC_FRAME);
 }
 
-static void print_metadata(FILE *to, const double *antialias)
+static void print_metadata(FILE *to, const struct spin_4dgs_coding *coding)
 {
+    char fps[32];
+
+    snprintf(fps, sizeof fps, "%.9g", coding->fps);
     put_text(to, "color_space");
     put_text(to, "srgb-rec709-display");
-    if (antialias) {
+    put_text(to, SPIN_4DGS_FPS);
+    put_text(to, fps);
+    if (coding->antialias) {
         put_text(to, SPIN_4DGS_ANTIALIAS);
         put_text(to, "true");
     }
@@ -377,11 +382,9 @@ static void print_metadata(FILE *to, const double *antialias)
 
 static spin_status write_metadata(struct spin_4dgs_writer *w)
 {
-    const struct spin_4dgs_coding *c = w->coding;
-
     SPIN_TRY(begin_record(w));
     put_text(w->record, SPIN_4DGS_METADATA);
-    SPIN_TRY(put_map(w->record, print_metadata, c->antialias ? c->step : NULL));
+    SPIN_TRY(put_map(w->record, print_metadata, w->coding));
     return end_record(w, SPIN_4DGS_REC_METADATA);
 }
 

@@ -7,6 +7,7 @@
  * are relative to `origin`. */
 struct spin_4dgs_coding {
     double duration; /* seconds */
+    double fps;      /* frames per second */
     double cutoff;
     double origin[3], step[SPIN_4DGS_N_STEPS];
     double box[6]; /* minimum x y z, maximum x y z of the positions */

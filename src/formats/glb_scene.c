@@ -584,13 +584,16 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
     return SPIN_OK;
 }
 
-/* KHR_gaussian_splatting has no flag for antialiasing, so our exporter stores one in the asset's
- * extras. SPZ data have a flag of their own. */
-static void find_antialias(struct spin_gs_glb_scene *s)
+/* KHR_gaussian_splatting has no flag for antialiasing and no frame rate, so our exporter stores
+ * both in the asset's extras. SPZ data have a flag of their own. */
+static void read_asset(struct spin_gs_glb_scene *s)
 {
-    const spin_json *asset = spin_json_get(s->file.json, "asset");
+    const spin_json *extras = spin_json_get(spin_json_get(s->file.json, "asset"), "extras");
 
-    spin_json_bool(spin_json_get(spin_json_get(asset, "extras"), "antialias"), &s->antialias);
+    spin_json_number(spin_json_get(extras, "fps"), &s->fps);
+    if (!(s->fps > 0) || !isfinite(s->fps))
+        s->fps = 0;
+    spin_json_bool(spin_json_get(extras, "antialias"), &s->antialias);
     for (size_t i = 0; i < s->n_pieces; i++)
         s->antialias = s->antialias || s->piece[i].points.spz.antialias;
 }
@@ -609,7 +612,7 @@ spin_status spin_gs_glb_scene_open(const unsigned char *file, size_t size,
     SPIN_TRY_OUT(run_keys(&b));
     SPIN_TRY_OUT(find_pieces(&b));
     SPIN_TRY_OUT(find_frames(&b));
-    find_antialias(out);
+    read_asset(out);
 out:
     free(b.nodes.node);
     free(b.key);

@@ -31,6 +31,7 @@ struct spin_gs_glb_scene {
     int sh_degree;  /* maximum of the SH degrees of all pieces */
     bool linear;    /* some pieces have linear colours instead of sRGB */
     bool antialias; /* splats must be drawn antialiased, according to the extras or the SPZ data */
+    double fps;     /* frames per second, from the extras; 0: unknown */
     /* The file also contains animations, or channels of the first animation, that do not show and
      * hide nodes; these are ignored. */
     bool moves;

@@ -139,9 +139,11 @@ static void test_fixture(const char *folder, const char *name)
     times = check_load(&npz, "times", &info);
     for (size_t t = 0; times && t < info.count; t++)
         compare_slice(&e, &run, times[t], t, s->n);
-    ok(run.sequence.continuous && run.sequence.half_open && run.sequence.time_first == 0 &&
-           run.sequence.time_last < duration && duration - run.sequence.time_last < 1e-6,
-       "%s: any time before %g", name, duration);
+    ok(run.sequence.continuous && !run.sequence.half_open && run.sequence.time_first == 0 &&
+           run.sequence.fps == 30 && run.sequence.n_clip_frames == rint(30 * duration) &&
+           fabs(duration - 1 / 30.0 - run.sequence.time_last) < 1e-9 &&
+           strstr(run.sequence.notes, "does not store its frame rate"),
+       "%s: 30 frames a second, the last before %g", name, duration);
     ok(strstr(run.sequence.notes, "weight is at least ") &&
            strstr(run.sequence.notes, "clamps colours"),
        "%s: what differs is said", name);
