@@ -37,6 +37,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     spz) echo splats/spz4 ;;
     sogst) echo sogst/no_segments ;;
     stglite) echo stglite/supersplat4d_sh1/scene.ply ;;
+    usd) echo usd/clip/scene.usda ;;
     tsog) echo tsog/continuous_nomotion_audio ;;
     tc3dgs) echo tc3dgs/trained ;;
     esac

@@ -1,7 +1,7 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash
  * 4dgaussian K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat
- * splat4d 4dgs sog tsog sogst gltf panoptic colmap dynerf K: transforms 4danyone easyvolcap */
+ * splat4d 4dgs sog tsog sogst gltf usd panoptic colmap dynerf K: transforms 4danyone easyvolcap */
 #include "tests/importers/runs.h"
 
 struct known {
@@ -73,6 +73,8 @@ static const struct known runs[] = {
     {"tsog/continuous8_legacy/scene.tsog", "tsog"},
     {"tsog/conformance/decode-vector.tsog", "tsog"},
     {"tsog/static", "tsog"},
+    {"usd/still/scene.usda", "usd"},
+    {"usd/clip/scene.usda", "usd"},
     {"sogst/no_segments", "sogst"},
     {"sogst/no_segments/scene.sogst", "sogst"},
     {"sogst/sh1_by_splat_transform/scene.sogst", "sogst"},

@@ -1,0 +1,119 @@
+#include "formats/usd.h"
+
+#include <string.h>
+
+#include "base/base.h"
+#include "formats/usd_text.h"
+
+spin_status spin_usd_open(const void *data, size_t size, struct spin_usd_layer *out)
+{
+    out->data = data;
+    out->size = size;
+    if (spin_usd_text_looks_like(data, size))
+        return spin_usd_text_open(out);
+    return spin_malformed("not a layer of USD: it does not begin with '#usda 1.0'");
+}
+
+void spin_usd_close(struct spin_usd_layer *layer)
+{
+    spin_arena_free(&layer->arena);
+    memset(layer, 0, sizeof *layer);
+}
+
+struct spin_usd_prim *spin_usd_child(const struct spin_usd_prim *prim, const char *name, size_t n)
+{
+    struct spin_usd_prim *child = prim->child;
+
+    while (child && (strlen(child->name) != n || memcmp(child->name, name, n) != 0))
+        child = child->next;
+    return child;
+}
+
+struct spin_usd_prim *spin_usd_prim_at(struct spin_usd_layer *layer, const char *path)
+{
+    struct spin_usd_prim *prim = &layer->root;
+
+    for (path += *path == '/'; prim && *path; path += *path == '/') {
+        size_t n = strcspn(path, "/");
+
+        prim = spin_usd_child(prim, path, n);
+        path += n;
+    }
+    return prim;
+}
+
+struct spin_usd_field *spin_usd_field(struct spin_usd_field *list, const char *name)
+{
+    while (list && strcmp(list->name, name) != 0)
+        list = list->next;
+    return list;
+}
+
+struct spin_usd_value *spin_usd_sample_at(struct spin_usd_field *field, double time)
+{
+    size_t low = 0, high = field->n_samples;
+
+    while (high - low > 1) {
+        size_t middle = low + (high - low) / 2;
+
+        if (field->sample[middle].time <= time)
+            low = middle;
+        else
+            high = middle;
+    }
+    return field->n_samples > 0 ? &field->sample[low].value : NULL;
+}
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+spin_status spin_usd_count(struct spin_usd_value *value, unsigned width, size_t *n)
+{
+    if (value->n_numbers == SIZE_MAX)
+        SPIN_TRY(spin_usd_text_count(value, width, &value->n_numbers));
+    if (value->n_numbers % width != 0)
+        return spin_malformed("%zu numbers, expected a multiple of %u", value->n_numbers, width);
+    *n = value->n_numbers / width;
+    return SPIN_OK;
+}
+
+/* Checks that the value has n tuples. */
+static spin_status check_count(struct spin_usd_value *value, unsigned width, size_t n)
+{
+    size_t is;
+
+    SPIN_TRY(spin_usd_count(value, width, &is));
+    return is == n ? SPIN_OK : spin_malformed("%zu values, expected %zu", is, n);
+}
+
+spin_status spin_usd_floats(struct spin_usd_value *value, unsigned width, size_t n, float *out)
+{
+    SPIN_TRY(check_count(value, width, n));
+    return spin_usd_text_numbers(value, width, n * width, out, NULL);
+}
+
+spin_status spin_usd_doubles(struct spin_usd_value *value, unsigned width, size_t n, double *out)
+{
+    SPIN_TRY(check_count(value, width, n));
+    return spin_usd_text_numbers(value, width, n * width, NULL, out);
+}
+
+spin_status spin_usd_text(const struct spin_usd_value *value, char **out)
+{
+    return spin_usd_text_text(value, out);
+}
+
+spin_status spin_usd_reference(const struct spin_usd_value *item, char **asset, char **path)
+{
+    return spin_usd_text_reference(item, asset, path);
+}
+
+spin_status spin_usd_entry(const struct spin_usd_value *dictionary, const char *name,
+                           struct spin_usd_value *out)
+{
+    return spin_usd_text_entry(dictionary, name, out);
+}
+
+bool spin_usd_next(struct spin_usd_items *items, struct spin_usd_value *out)
+{
+    return spin_usd_text_next(items, out);
+}
