@@ -1,5 +1,5 @@
-/* Reads stages of OpenUSD with splats: one file, text or package, with a scene or a clip, or the
- * folder that `spin-export --to usd` writes. src/formats/usd_stage.h describes what is read.
+/* Reads stages of OpenUSD with splats: one file, text, crate or package, with a scene or a clip, or
+ * the folder that `spin-export --to usd` writes. src/formats/usd_stage.h describes what is read.
  *
  * Stages are y up or z up, whereas the axes of a training are mostly x right, y down, z forward.
  * With --axes usd, the importer undoes the half turn about x that exporters apply. */
@@ -20,8 +20,8 @@ struct usd_model {
 static const char *const suffixes[] = {".usda", ".usdc", ".usdz", ".usd"};
 enum { N_SUFFIXES = sizeof suffixes / sizeof *suffixes };
 
-/* Recognises text by its first line, packages by the name of their first member, and folders by
- * names of files. */
+/* Recognises layers by their first bytes, packages by their extension, and folders by names of
+ * files. */
 static int probe(const struct spin_peek *peek)
 {
     int best = 0;
@@ -33,7 +33,7 @@ static int probe(const struct spin_peek *peek)
     }
     if (spin_peek_has(peek, "clip.usda"))
         return 90;
-    if (spin_file_begins(peek, "#usda 1.0"))
+    if (spin_file_begins(peek, "#usda 1.0") || spin_file_begins(peek, "PXR-USDC"))
         return 90;
     if (!peek->is_folder && spin_zip_looks_like(peek->head, peek->n_head))
         return spin_file_has_suffix(peek->path, ".usdz") ? 90 : 0;
@@ -181,7 +181,8 @@ static const struct spin_plugin_option options[] = {
 };
 
 SPIN_MODEL_IMPORTER(usd, struct usd_model, open_usd, close_usd,
-                    .summary = "USD (.usda, .usdz) with ParticleField3DGaussianSplat: a scene, or "
-                               "a clip by time samples or value clips",
+                    .summary =
+                        "USD (.usda, .usdc, .usdz) with ParticleField3DGaussianSplat: a scene, or "
+                        "a clip by time samples or value clips",
                     .upstream = "PixarAnimationStudios/OpenUSD 26f8373", .options = options,
                     .probe = probe, .frame = usd_frame)

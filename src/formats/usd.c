@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "base/base.h"
+#include "formats/usd_crate.h"
 #include "formats/usd_text.h"
 
 spin_status spin_usd_open(const void *data, size_t size, struct spin_usd_layer *out)
@@ -11,7 +12,10 @@ spin_status spin_usd_open(const void *data, size_t size, struct spin_usd_layer *
     out->size = size;
     if (spin_usd_text_looks_like(data, size))
         return spin_usd_text_open(out);
-    return spin_malformed("not a layer of USD: it does not begin with '#usda 1.0'");
+    if (spin_usd_crate_looks_like(data, size))
+        return spin_usd_crate_open(out);
+    return spin_malformed("not a layer of USD: it begins neither with '#usda 1.0' nor with "
+                          "'PXR-USDC'");
 }
 
 void spin_usd_close(struct spin_usd_layer *layer)
@@ -66,54 +70,60 @@ struct spin_usd_value *spin_usd_sample_at(struct spin_usd_field *field, double t
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-spin_status spin_usd_count(struct spin_usd_value *value, unsigned width, size_t *n)
+static bool is_crate(const struct spin_usd_value *v) { return v->layer->crate != NULL; }
+
+spin_status spin_usd_count(struct spin_usd_value *v, unsigned width, size_t *n)
 {
-    if (value->n_numbers == SIZE_MAX)
-        SPIN_TRY(spin_usd_text_count(value, width, &value->n_numbers));
-    if (value->n_numbers % width != 0)
-        return spin_malformed("%zu numbers, expected a multiple of %u", value->n_numbers, width);
-    *n = value->n_numbers / width;
+    if (v->n_numbers == SIZE_MAX)
+        SPIN_TRY(is_crate(v) ? spin_usd_crate_count(v, width, &v->n_numbers)
+                             : spin_usd_text_count(v, width, &v->n_numbers));
+    if (v->n_numbers % width != 0)
+        return spin_malformed("%zu numbers, expected a multiple of %u", v->n_numbers, width);
+    *n = v->n_numbers / width;
     return SPIN_OK;
 }
 
-/* Checks that the value has n tuples. */
-static spin_status check_count(struct spin_usd_value *value, unsigned width, size_t n)
+static spin_status read_numbers(struct spin_usd_value *v, unsigned width, size_t n, float *floats,
+                                double *doubles)
 {
     size_t is;
 
-    SPIN_TRY(spin_usd_count(value, width, &is));
-    return is == n ? SPIN_OK : spin_malformed("%zu values, expected %zu", is, n);
+    SPIN_TRY(spin_usd_count(v, width, &is));
+    if (is != n)
+        return spin_malformed("%zu values, expected %zu", is, n);
+    return is_crate(v) ? spin_usd_crate_numbers(v, n * width, floats, doubles)
+                       : spin_usd_text_numbers(v, width, n * width, floats, doubles);
 }
 
-spin_status spin_usd_floats(struct spin_usd_value *value, unsigned width, size_t n, float *out)
+spin_status spin_usd_floats(struct spin_usd_value *v, unsigned width, size_t n, float *out)
 {
-    SPIN_TRY(check_count(value, width, n));
-    return spin_usd_text_numbers(value, width, n * width, out, NULL);
+    return read_numbers(v, width, n, out, NULL);
 }
 
-spin_status spin_usd_doubles(struct spin_usd_value *value, unsigned width, size_t n, double *out)
+spin_status spin_usd_doubles(struct spin_usd_value *v, unsigned width, size_t n, double *out)
 {
-    SPIN_TRY(check_count(value, width, n));
-    return spin_usd_text_numbers(value, width, n * width, NULL, out);
+    return read_numbers(v, width, n, NULL, out);
 }
 
-spin_status spin_usd_text(const struct spin_usd_value *value, char **out)
+spin_status spin_usd_text(const struct spin_usd_value *v, char **out)
 {
-    return spin_usd_text_text(value, out);
+    return is_crate(v) ? spin_usd_crate_text(v, out) : spin_usd_text_text(v, out);
 }
 
 spin_status spin_usd_reference(const struct spin_usd_value *item, char **asset, char **path)
 {
-    return spin_usd_text_reference(item, asset, path);
+    return is_crate(item) ? spin_usd_crate_reference(item, asset, path)
+                          : spin_usd_text_reference(item, asset, path);
 }
 
 spin_status spin_usd_entry(const struct spin_usd_value *dictionary, const char *name,
                            struct spin_usd_value *out)
 {
-    return spin_usd_text_entry(dictionary, name, out);
+    return is_crate(dictionary) ? spin_usd_crate_entry(dictionary, name, out)
+                                : spin_usd_text_entry(dictionary, name, out);
 }
 
 bool spin_usd_next(struct spin_usd_items *items, struct spin_usd_value *out)
 {
-    return spin_usd_text_next(items, out);
+    return is_crate(items->of) ? spin_usd_crate_next(items, out) : spin_usd_text_next(items, out);
 }

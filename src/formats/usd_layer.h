@@ -15,6 +15,7 @@ struct spin_usd_value {
     const struct spin_usd_layer *layer; /* NULL: there is no value, or it is blocked */
     const char *text;                   /* text: the characters of the value */
     size_t n_text;
+    uint64_t word;    /* crate: type, and the value or its offset */
     size_t n_numbers; /* private: number of numbers in the value; SIZE_MAX: not yet counted */
 };
 
@@ -44,8 +45,9 @@ struct spin_usd_layer {
     struct spin_arena arena;
     const unsigned char *data; /* the file, owned by the caller */
     size_t size;
-    struct spin_usd_prim root; /* its metadata are those of the layer */
-    bool variants;             /* the layer has variants, which are skipped */
+    struct spin_usd_prim root;    /* its metadata are those of the layer */
+    struct spin_usd_crate *crate; /* private; NULL: the layer is text */
+    bool variants;                /* the layer has variants, which are skipped */
 };
 
 /* The items of an array of texts or of a list of references; a single text or reference has one

@@ -107,6 +107,13 @@ ARRAYS(rigid, A("xyz", MEANS), A("rot", QUATS), A("cov6", COV6),
        A("rgb", BASE, .bound = "opacity, rgb"));
 ARRAYS(states, A("xyz", MEANS), A("opacity", OPACITIES, .bound = "", .abs = 1e-5),
        A("cov6", COV6, .bound = "", .abs = 1e-6), A("?rgb", BASE, .bound = "", .abs = 1e-5));
+ARRAYS(particles, A("xyz", MEANS, .bound = "all", .abs = 1e-7),
+       A("rot", QUATS, .bound = "all", .abs = 2e-7),
+       A("scale", SCALES, .bound = "all", .abs = 1e-9, .rel = 1e-6),
+       A("opacity", OPACITIES, .bound = "all", .abs = 2e-7),
+       A("cov6", COV6, .bound = "all", .abs = 1e-7),
+       A("f_dc", SH, .bound = "all", .abs = 1e-7, .width = 3),
+       A("?f_rest", SH_CHANNELS, .bound = "all", .abs = 1e-7));
 ARRAYS(cloud, A("means", MEANS), A("quats_wxyz", QUATS), A("scales", SCALES),
        A("opacities", OPACITIES), A("sh_dc", SH));
 
@@ -170,6 +177,8 @@ static const struct golden goldens[] = {
       SPIN_COL_LOG_SCALES | SETTLED, .frames = true, .also = {""}),
     G("4dgs", "4dgs", "", states, ANY_STILL, .seen = {{"visible", 0}}, .unless = "centre"),
     G("stglite", "stglite", "scene.ply", line, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
+    G("usd", "usd", "scene.usdc", particles, ANY_STILL, .options = {"axes", "source"},
+      .frames = true, .also = {"?scene.usda", "?scene.usdz"}),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
       .also = {""}),
     TC3DGS("expected_ste_0.1.npz"),
@@ -270,8 +279,12 @@ static inline struct tolerance golden_bound(const spin_json *manifest, const str
         return t;
     t = (struct tolerance){0, 0, strstr(text, "extent") != NULL,
                            strstr(text, "xx+yy+zz") || strstr(text, "of the trace")};
-    if (strncmp(text, "exact", 5) != 0 && sscanf(text, "abs %lf", &t.abs) != 1 &&
-        sscanf(text, "rel %lf", &t.rel) != 1 && sscanf(text, "%lf of the trace", &t.rel) != 1)
+    if (strncmp(text, "exact", 5) == 0) /* but for conversions between floats */
+        t = (struct tolerance){.abs = a->abs, .rel = a->rel};
+    else if (strncmp(text, "half precision", 14) == 0)
+        t = (struct tolerance){.abs = 1e-3, .rel = 1e-3};
+    else if (sscanf(text, "abs %lf", &t.abs) != 1 && sscanf(text, "rel %lf", &t.rel) != 1 &&
+             sscanf(text, "%lf of the trace", &t.rel) != 1)
         ok(0, "the manifest's tolerance '%s' is understood", text);
     if ((at = strchr(text, '+')) != NULL && sscanf(at, "+ rel %lf", &t.rel) != 1)
         sscanf(at, "+ %lf", &t.rel);

@@ -75,6 +75,8 @@ static const struct known runs[] = {
     {"tsog/static", "tsog"},
     {"usd/still/scene.usda", "usd"},
     {"usd/clip/scene.usda", "usd"},
+    {"usd/*/scene.usdc", "usd"},
+    {"usd/still/scene.usdz", "usd"},
     {"sogst/no_segments", "sogst"},
     {"sogst/no_segments/scene.sogst", "sogst"},
     {"sogst/sh1_by_splat_transform/scene.sogst", "sogst"},

@@ -327,6 +327,24 @@ static void put_member(struct spin_zip_writer *w, const char *name, const char *
         exit(1);
 }
 
+/* Crates, plain ones and those with compressed numbers, that are cut or damaged. */
+static void test_crates(void)
+{
+    static const char *const names[] = {"usd/clip_packed", "usd/clip_half"};
+
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
+        const char *folder = check_fixture(names[i]);
+
+        if (!folder) {
+            skip(names[i], "there is none here");
+            continue;
+        }
+        ok(read_truncations("usd", path_in(folder, "scene.usdc")) == 0,
+           "%s: no truncation can be read", names[i]);
+        survive_flips("usd", path_in(folder, "scene.usdc"));
+    }
+}
+
 /* A package of two layers in folders. */
 static void test_packages(void)
 {
@@ -362,5 +380,6 @@ TAP_MAIN
     test_clips();
     test_lies();
     test_cycles();
+    test_crates();
     test_packages();
 }
