@@ -1,24 +1,25 @@
 /* Writes .4dgs, version 1 (formats/4dgs.h): a clip of 4D splats, each visible in an interval of
- * time, as one file for players that load a part of the clip at a time.
+ * time, as one file for players that load a part of the clip at a time. Clips of frames are written
+ * by lib/4dgs_frames.c.
  *
  * All values are quantised. Each splat is moved along its path to the quantised time, and its
  * position is quantised last, so that the errors of time and velocity do not move it while it is
  * visible. A chunk contains the splats of about half a second, and one chunk those that are
  * visible for longer. */
 #include "base/base.h"
-#include "exporters/lib/quant_error.h"
+#include "exporters/lib/4dgs_frames.h"
 #include "exporters/lib/time_windows_check.h"
 #include "formats/4dgs_write.h"
 #include "math/motion.h"
 #include "math/sh.h"
 
-/* Values may exceed the range of the format by this much, from rounding. */
-#define NEAR 1e-5
 /* Opacities below this are not drawn. */
 #define LEAST_CUTOFF (1 / 255.0)
 /* Splats that begin or end abruptly do so at least this share of a frame before or after the time
  * of a frame, so that rounding does not make them visible in another frame. */
 #define MARGIN 1e-3
+/* Largest number of states from one keyframe to the next. */
+#define MOST_DEPTH 1000
 
 struct export
 {
@@ -32,9 +33,8 @@ struct export
     struct spin_4dgs_splat *splat; /* [order.n] */
     double segment;                /* seconds of a chunk */
     double slack;                  /* largest error of a position at its centre in time */
-    uint64_t n_colours, n_sh;      /* splats with colours or SH coefficients out of range */
-    double lost_colour, lost_sh;   /* largest differences by this */
-    struct spin_quant_error quant;
+    struct spin_4dgs_coder coder;
+    struct spin_4dgs_frames frames; /* if the clip consists of frames */
     struct spin_4dgs_writer writer;
     struct spin_out out;
 };
@@ -130,77 +130,6 @@ static spin_status choose_steps(struct export *x)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-static int32_t *bin_of(struct spin_4dgs_splat *splat, int attribute)
-{
-    int from = 0;
-
-    for (int a = 0; a < attribute; a++)
-        from += spin_4dgs_attributes[a].channels;
-    return splat->bin + from;
-}
-
-static int32_t round_to(double value, double step)
-{
-    return (int32_t)spin_4dgs_clamp(rint(value / step), INT32_MIN, INT32_MAX);
-}
-
-/* Sets the bins of a rotation. The largest component of the quaternion x y z w is made positive and
- * omitted. */
-static void code_rotation(const float wxyz[4], double step, struct spin_4dgs_splat *to)
-{
-    const float q[4] = {wxyz[1], wxyz[2], wxyz[3], wxyz[0]};
-    int32_t *bin = bin_of(to, SPIN_4DGS_ROTATION);
-    int largest = 0;
-
-    for (int k = 1; k < 4; k++)
-        largest = fabsf(q[k]) > fabsf(q[largest]) ? k : largest;
-    bin_of(to, SPIN_4DGS_LARGEST)[0] = largest;
-    for (int k = 0; k < 4; k++)
-        if (k != largest)
-            *bin++ = round_to(q[largest] < 0 ? -(double)q[k] : (double)q[k], step);
-}
-
-static void code_colour(struct export *x, const float colour[3], struct spin_4dgs_splat *to)
-{
-    int32_t *bin = bin_of(to, SPIN_4DGS_COLOUR), rgb[3];
-    bool clamped = false;
-
-    for (int c = 0; c < 3; c++) {
-        double inside = spin_4dgs_clamp((double)colour[c], 0, 1);
-
-        x->lost_colour = fmax(x->lost_colour, fabs(inside - (double)colour[c]));
-        clamped |= fabs(inside - (double)colour[c]) > NEAR;
-        rgb[c] = round_to(inside, x->coding.step[SPIN_4DGS_STEP_COLOUR]);
-    }
-    x->n_colours += clamped;
-    bin[0] = rgb[1];
-    bin[1] = rgb[0] - rgb[1];
-    bin[2] = rgb[2] - rgb[1];
-}
-
-static double decode_sh(unsigned char code) { return code * 8 / 255.0 - 4; }
-
-static void code_sh(struct export *x, size_t k, struct spin_4dgs_splat *to)
-{
-    size_t n = (size_t)spin_splat_rows_n_sh(&x->rows);
-    float rotated[3 * SPIN_SH_MAX], off[SPIN_4DGS_REST];
-    const float *sh = spin_splat_rows_sh(&x->rows, k, rotated);
-    bool clamped = false;
-
-    memset(to->sh, 128, sizeof to->sh);
-    for (size_t i = 3; i < 3 * n; i++) {
-        double value = (double)sh[i], inside = spin_4dgs_clamp(value, -4, 4);
-
-        x->lost_sh = fmax(x->lost_sh, fabs(inside - value));
-        clamped |= fabs(inside - value) > NEAR;
-        to->sh[i - 3] = (unsigned char)rint((inside + 4) * 255 / 8);
-        off[i - 3] = (float)(decode_sh(to->sh[i - 3]) - value);
-    }
-    x->n_sh += clamped;
-    if (n > 1)
-        spin_quant_error_add_sh(&x->quant, off, 3 * n - 3);
-}
-
 /* Sets the bins of sigma, of the centre in time and of the path, and moves row k of the clip to
  * the time that a reader decodes. Returns the length of the life that the path's step depends on.
  */
@@ -211,16 +140,17 @@ static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
     bool never = s->sigmas[k] >= SPIN_FOREVER;
     double sigma = 0, time_step = step[SPIN_4DGS_STEP_TIME], middle = 0.5 * (span[0] + span[1]);
 
-    bin_of(to, SPIN_4DGS_FLAGS)[0] = never ? SPIN_4DGS_NEVER_FADES : 0;
+    spin_4dgs_bin(to, SPIN_4DGS_FLAGS)[0] = never ? SPIN_4DGS_NEVER_FADES : 0;
     if (!never) {
-        bin_of(to, SPIN_4DGS_SIGMA)[0] =
-            round_to(log((double)s->sigmas[k]), step[SPIN_4DGS_STEP_SIGMA]);
-        sigma = exp(bin_of(to, SPIN_4DGS_SIGMA)[0] * step[SPIN_4DGS_STEP_SIGMA]);
+        spin_4dgs_bin(to, SPIN_4DGS_SIGMA)[0] =
+            spin_4dgs_round(log((double)s->sigmas[k]), step[SPIN_4DGS_STEP_SIGMA]);
+        sigma = exp(spin_4dgs_bin(to, SPIN_4DGS_SIGMA)[0] * step[SPIN_4DGS_STEP_SIGMA]);
         s->sigmas[k] = (float)sigma;
         time_step = spin_4dgs_time_step(step, sigma);
     }
-    bin_of(to, SPIN_4DGS_MU)[0] = round_to(never ? middle : (double)s->times[k], time_step);
-    spin_time_windows_move(s, k, bin_of(to, SPIN_4DGS_MU)[0] * time_step);
+    spin_4dgs_bin(to, SPIN_4DGS_MU)[0] =
+        spin_4dgs_round(never ? middle : (double)s->times[k], time_step);
+    spin_time_windows_move(s, k, spin_4dgs_bin(to, SPIN_4DGS_MU)[0] * time_step);
     return never ? span[1] - span[0] : sqrt(-2 * log(x->coding.cutoff)) * sigma;
 }
 
@@ -240,11 +170,12 @@ static void code_place(struct export *x, size_t k, double life, struct spin_4dgs
     if (s->degree > 0)
         spin_splat_rows_direction(&x->rows, s->paths + 3 * (size_t)s->degree * k, path);
     for (int c = 0; c < 3; c++) {
-        int32_t v = bin_of(to, SPIN_4DGS_MOTION)[c] = round_to((double)path[c], v_step);
+        int32_t v = spin_4dgs_bin(to, SPIN_4DGS_MOTION)[c] =
+            spin_4dgs_round((double)path[c], v_step);
         double at = (double)place[c] + d * ((double)path[c] - v * v_step);
-        int32_t *bin = &bin_of(to, SPIN_4DGS_POSITION)[c];
+        int32_t *bin = &spin_4dgs_bin(to, SPIN_4DGS_POSITION)[c];
 
-        *bin = round_to(at - x->coding.origin[c], step);
+        *bin = spin_4dgs_round(at - x->coding.origin[c], step);
         x->slack = fmax(x->slack, fabs(x->coding.origin[c] + *bin * step - (double)place[c]));
         shown->place[c] = (float)(x->coding.origin[c] + *bin * step - at + (double)place[c]);
     }
@@ -252,31 +183,15 @@ static void code_place(struct export *x, size_t k, double life, struct spin_4dgs
 
 static void code_row(struct export *x, size_t k, struct spin_4dgs_splat *to)
 {
-    const double *step = x->coding.step;
     struct spin_gaussian is, shown;
-    const int32_t *colour = bin_of(to, SPIN_4DGS_COLOUR);
     double life = code_time(x, k, to);
 
     spin_splat_rows_get(&x->rows, k, &is);
     shown = is;
     code_place(x, k, life, to, &shown);
-    code_rotation(is.rotation, step[SPIN_4DGS_STEP_ROTATION], to);
-    code_colour(x, is.colour, to);
-    code_sh(x, k, to);
-    bin_of(to, SPIN_4DGS_WINDOW)[0] = (int32_t)x->window_of[k];
-    bin_of(to, SPIN_4DGS_OPACITY)[0] = round_to((double)is.opacity, step[SPIN_4DGS_STEP_OPACITY]);
-    shown.opacity = (float)(bin_of(to, SPIN_4DGS_OPACITY)[0] * step[SPIN_4DGS_STEP_OPACITY]);
-    spin_4dgs_rotation(bin_of(to, SPIN_4DGS_ROTATION), bin_of(to, SPIN_4DGS_LARGEST)[0],
-                       step[SPIN_4DGS_STEP_ROTATION], shown.rotation);
-    for (int c = 0; c < 3; c++) {
-        int32_t *scale = &bin_of(to, SPIN_4DGS_SCALE)[c];
-
-        *scale = round_to((double)is.log_scale[c], step[SPIN_4DGS_STEP_SCALE]);
-        shown.log_scale[c] = (float)(*scale * step[SPIN_4DGS_STEP_SCALE]);
-        shown.colour[c] = (float)((colour[0] + (c == 1 ? 0 : colour[c == 0 ? 1 : 2])) *
-                                  step[SPIN_4DGS_STEP_COLOUR]);
-    }
-    spin_quant_error_row(&x->quant, &is, &shown);
+    spin_4dgs_code_look(&x->coder, k, &is, to, &shown);
+    *spin_4dgs_bin(to, SPIN_4DGS_WINDOW) = (int32_t)x->window_of[k];
+    spin_quant_error_row(&x->coder.quant, &is, &shown);
 }
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
@@ -346,6 +261,7 @@ static void free_export(void *self)
 
     spin_out_abandon(&x->out);
     spin_4dgs_write_free(&x->writer);
+    spin_4dgs_frames_free(&x->frames);
     spin_splat_rows_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_time_windows_free(&x->windows);
@@ -356,13 +272,22 @@ static void free_export(void *self)
     free(x);
 }
 
+/* Prepares the export of frames, with a keyframe about every second. */
+static void expect_frames(struct export *x, const struct spin_export_job *job)
+{
+    x->coding.key_every = (int)spin_4dgs_clamp(rint(x->fps), 1, MOST_DEPTH);
+    x->frames = (struct spin_4dgs_frames){
+        .job = job, .rows = &x->rows, .coding = &x->coding, .writer = &x->writer};
+}
+
 static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
-    double least = job->splats_4d->least_weight;
+    double least = job->splats_4d ? job->splats_4d->least_weight : 0;
 
     x->windows =
         (struct spin_time_windows){.job = job, .name = "a .4dgs", .stores_cuts = true, .degree = 1};
-    SPIN_TRY(spin_time_windows_can(&x->windows));
+    if (job->splats_4d)
+        SPIN_TRY(spin_time_windows_can(&x->windows));
     SPIN_TRY(spin_time_windows_fps(&x->windows, &x->fps));
     x->windows.length = (job->n_frames - 1) / x->fps;
     x->segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
@@ -376,7 +301,22 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
                                   .antialias = job->antialias};
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
+    x->writer.out = &x->out;
+    x->writer.coding = &x->coding;
+    x->coder = (struct spin_4dgs_coder){.coding = &x->coding, .rows = &x->rows};
+    if (!job->splats_4d)
+        expect_frames(x, job);
     return SPIN_OK;
+}
+
+static spin_status add_frame(void *self, int frame, const struct spin_frame_info *info,
+                             const struct spin_splats *splats)
+{
+    struct export *x = self;
+
+    (void)frame;
+    (void)info;
+    return spin_cancelled() ? spin_fail_cancelled() : spin_4dgs_frames_add(&x->frames, splats);
 }
 
 static spin_status code_clip(struct export *x)
@@ -396,18 +336,6 @@ static spin_status code_clip(struct export *x)
     return code_rows(x);
 }
 
-static void warn_clamped(const struct export *x)
-{
-    if (x->n_colours > 0)
-        spin_warn("a .4dgs stores colours of 0 to 1: those of %llu splats are clamped, by up to "
-                  "%.2g",
-                  (unsigned long long)x->n_colours, x->lost_colour);
-    if (x->n_sh > 0)
-        spin_warn("a .4dgs stores SH coefficients of -4 to 4: those of %llu splats are clamped, by "
-                  "up to %.2g",
-                  (unsigned long long)x->n_sh, x->lost_sh);
-}
-
 static spin_status check_file(const struct export *x)
 {
     double half = x->slack * 1.01;
@@ -421,20 +349,32 @@ static spin_status check_file(const struct export *x)
     return spin_time_windows_check(&of);
 }
 
+static spin_status commit(struct export *x)
+{
+    if (x->windows.job->report)
+        x->windows.job->report->bytes += x->out.bytes;
+    return spin_out_commit(&x->out);
+}
+
+static spin_status write_frames(struct export *x)
+{
+    SPIN_TRY(spin_4dgs_frames_end(&x->frames));
+    SPIN_TRY(commit(x));
+    spin_4dgs_coder_report(&x->frames.coder);
+    return x->windows.job->check ? spin_4dgs_frames_check(&x->frames) : SPIN_OK;
+}
+
 static spin_status write_file(struct export *x)
 {
+    if (!x->windows.job->splats_4d)
+        return write_frames(x);
     SPIN_TRY(code_clip(x));
-    x->writer.out = &x->out;
-    x->writer.coding = &x->coding;
     SPIN_TRY(spin_4dgs_write_begin(&x->writer));
     SPIN_TRY(write_chunks(x));
     SPIN_TRY(spin_4dgs_write_end(&x->writer));
-    if (x->windows.job->report)
-        x->windows.job->report->bytes += x->out.bytes;
-    SPIN_TRY(spin_out_commit(&x->out));
+    SPIN_TRY(commit(x));
     spin_time_windows_warn(&x->windows);
-    warn_clamped(x);
-    spin_quant_error_log(&x->quant, "a .4dgs");
+    spin_4dgs_coder_report(&x->coder);
     return x->windows.job->check ? check_file(x) : SPIN_OK;
 }
 
@@ -445,5 +385,5 @@ static const struct spin_plugin_option options[] = {
     {0}};
 
 SPIN_OWN_EXPORTER(4dgs, "4dgs", prepare, write_file, free_export,
-                  .summary = "4D splats as one .4dgs, which players load in parts: small",
-                  .options = options, .checks = true, .splats_4d = true);
+                  .summary = "4D splats, or frames, as one .4dgs, which players load in parts",
+                  .options = options, .checks = true, .splats_4d = true, .frame = add_frame);

@@ -2,6 +2,10 @@
 
 #include "base/number.h"
 
+/* Tolerances for the rounding of float arithmetic in writing and reading. The tolerance of
+ * positions is relative to the largest coordinate. */
+static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
+
 void spin_readback_begin(struct spin_readback *e) { *e = (struct spin_readback){.pixels = -1}; }
 
 void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *job, int frame)
@@ -104,4 +108,26 @@ void spin_readback_fill_check(const struct spin_readback *e, int n_frames,
         out->rms[p] = spin_quant_error_rms(&e->quant, (enum spin_quant_error_part)p);
         out->largest[p] = e->quant.part[p].largest;
     }
+}
+
+spin_status spin_readback_verify(const struct spin_readback *e,
+                                 const struct spin_quant_error *written, const char *output)
+{
+    static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
+                                       "opacities", "colours",    "SH"};
+
+    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
+        enum spin_quant_error_part part = (enum spin_quant_error_part)p;
+        double slack = SLACK[p] * (p == SPIN_QUANT_PLACE ? e->reach : 1);
+        double largest = e->quant.part[p].largest, most = written->part[p].largest + slack;
+        double rms = spin_quant_error_rms(&e->quant, part);
+        double most_rms = spin_quant_error_rms(written, part) * 1.001 + slack;
+
+        if (!(largest <= most) || !(rms <= most_rms))
+            return spin_fail(SPIN_E_IO,
+                             "check: '%s' differs from the written values: %s have errors of up to "
+                             "%.3g, RMS %.3g, expected at most %.3g, RMS %.3g",
+                             output, name[p], largest, rms, most, most_rms);
+    }
+    return SPIN_OK;
 }

@@ -36,6 +36,10 @@ void spin_readback_row(struct spin_readback *e, const struct spin_splat_rows *ro
                        const struct spin_gaussian *there, const float *sh, int degree);
 /* Ends the frame: call it after all rows of the frame. */
 void spin_readback_end(struct spin_readback *e);
+/* Fails if an error exceeds the rounding error that was measured while the file `output` was
+ * written, which is 0 for formats that do not round. */
+spin_status spin_readback_verify(const struct spin_readback *e,
+                                 const struct spin_quant_error *written, const char *output);
 /* Fills *out for a check that rendered no image; a caller that renders sets `rendered` and `psnr`.
  */
 void spin_readback_fill_check(const struct spin_readback *e, int n_frames,

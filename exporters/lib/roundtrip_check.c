@@ -5,10 +5,6 @@
 #include "exporters/lib/initial_view.h"
 #include "exporters/lib/readback.h"
 
-/* Tolerances for the rounding of float arithmetic in writing and reading. The tolerance of
- * positions is relative to the largest coordinate. */
-static const double SLACK[SPIN_QUANT_PARTS] = {1e-6, 1e-5, 1e-2, 1e-6, 1e-5, 1e-5};
-
 struct check {
     struct spin_frames *x;
     const struct spin_importer *importer;
@@ -142,30 +138,6 @@ static spin_status compare_pictures(struct check *check, int frame, int number)
 
 /* ---- All frames ------------------------------------------------------------------------------ */
 
-/* Fails if an error exceeds the rounding error that was measured while the files were written,
- * which is 0 for formats that do not round. */
-static spin_status check_errors(const struct check *check, const struct spin_quant_error *written)
-{
-    static const char *const name[] = {"positions", "log scales", "rotations (degrees)",
-                                       "opacities", "colours",    "SH"};
-
-    for (int p = 0; p < SPIN_QUANT_PARTS; p++) {
-        enum spin_quant_error_part part = (enum spin_quant_error_part)p;
-        double slack = SLACK[p] * (p == SPIN_QUANT_PLACE ? check->values.reach : 1);
-        double largest = check->values.quant.part[p].largest,
-               most = written->part[p].largest + slack;
-        double rms = spin_quant_error_rms(&check->values.quant, part);
-        double most_rms = spin_quant_error_rms(written, part) * 1.001 + slack;
-
-        if (!(largest <= most) || !(rms <= most_rms))
-            return spin_fail(SPIN_E_IO,
-                             "check: '%s' differs from the written values: %s have errors of up to "
-                             "%.3g, RMS %.3g, expected at most %.3g, RMS %.3g",
-                             check->x->job->output, name[p], largest, rms, most, most_rms);
-    }
-    return SPIN_OK;
-}
-
 static void close_file(struct check *check)
 {
     if (check->self)
@@ -256,7 +228,7 @@ spin_status spin_frames_check(struct spin_frames *x)
         out->psnr = check.psnr > 0 ? check.psnr : (double)NAN;
     }
     if (status == SPIN_OK)
-        status = check_errors(&check, &x->quant);
+        status = spin_readback_verify(&check.values, &x->quant, x->job->output);
 out:
     close_file(&check);
     spin_splats_free(&check.back);

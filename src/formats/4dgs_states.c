@@ -3,8 +3,8 @@
 #include "formats/4dgs_states.h"
 
 /* STATE_BYTES: the fields of keyframe-delta at the end of an entry of the index. */
-enum { ID = 13, MOST_CHUNKS = 1 << 24, STATE_BYTES = 28 };
-enum { TO_KEYFRAME, CHAINED };
+enum { MOST_CHUNKS = 1 << 24, STATE_BYTES = 28 };
+enum { TO_KEYFRAME, CHAINED = SPIN_4DGS_CHAINED };
 /* States are evenly spaced if they begin within this share of a state of the expected time. */
 #define EVEN 1e-3
 
@@ -74,9 +74,31 @@ static spin_status add_row(struct spin_4dgs_states *s, const struct spin_4dgs_sp
     return SPIN_OK;
 }
 
-static bool same_splat(const struct spin_4dgs_splat *a, const struct spin_4dgs_splat *b)
+int32_t *spin_4dgs_bin(struct spin_4dgs_splat *splat, int attribute)
 {
-    return memcmp(a->bin, b->bin, sizeof a->bin) == 0 && memcmp(a->sh, b->sh, sizeof a->sh) == 0;
+    int from = 0;
+
+    for (int a = 0; a < attribute; a++)
+        from += spin_4dgs_attributes[a].channels;
+    return splat->bin + from;
+}
+
+static bool moves(struct spin_4dgs_splat *splat)
+{
+    const int32_t *bin = spin_4dgs_bin(splat, SPIN_4DGS_MOTION);
+
+    return bin[0] != 0 || bin[1] != 0 || bin[2] != 0;
+}
+
+/* Whether two states of a splat look the same at any time. Keyframes restate the centre in time,
+ * which only matters to splats that move or fade. */
+static bool same_splat(struct spin_4dgs_splat *a, const struct spin_4dgs_splat *b)
+{
+    struct spin_4dgs_splat copy = *b;
+
+    if (!moves(a) && *spin_4dgs_bin(a, SPIN_4DGS_FLAGS) & SPIN_4DGS_NEVER_FADES)
+        *spin_4dgs_bin(&copy, SPIN_4DGS_MU) = *spin_4dgs_bin(a, SPIN_4DGS_MU);
+    return memcmp(a->bin, copy.bin, sizeof a->bin) == 0 && memcmp(a->sh, b->sh, sizeof a->sh) == 0;
 }
 
 /* Shows the state that was read: splats that it changes or lacks end at its beginning. */
@@ -176,7 +198,7 @@ static spin_status read_group(struct spin_4dgs_cursor *c, size_t n, enum kind ki
 {
     while (c->left > 0) {
         struct spin_4dgs_stream stream = spin_4dgs_stream_head(c);
-        bool is_id = stream.attribute == ID;
+        bool is_id = stream.attribute == SPIN_4DGS_ID;
         int32_t **to;
 
         if (c->cut)
@@ -487,15 +509,6 @@ spin_status spin_4dgs_states_end(struct spin_4dgs_states *s, double duration, ui
     return n == n_ids ? SPIN_OK
                       : spin_malformed("the chunks contain %llu splats, the header declares %llu",
                                        (unsigned long long)n, (unsigned long long)n_ids);
-}
-
-static bool moves(const struct spin_4dgs_splat *splat)
-{
-    const int32_t *bin = splat->bin;
-
-    for (int a = 0; a < SPIN_4DGS_MOTION; a++)
-        bin += spin_4dgs_attributes[a].channels;
-    return bin[0] != 0 || bin[1] != 0 || bin[2] != 0;
 }
 
 double spin_4dgs_states_rate(const struct spin_4dgs_states *s, double duration)

@@ -13,6 +13,9 @@ struct spin_4dgs_splat {
     unsigned char sh[SPIN_4DGS_REST];
 };
 
+/* Returns the integers of an attribute. */
+int32_t *spin_4dgs_bin(struct spin_4dgs_splat *splat, int attribute);
+
 /* A splat during the interval in which nothing changes it. */
 struct spin_4dgs_row {
     struct spin_4dgs_splat splat;

@@ -16,7 +16,8 @@ enum {
     SPIN_4DGS_SIGMA,
     SPIN_4DGS_FLAGS,
     SPIN_4DGS_WINDOW,
-    SPIN_4DGS_N_ATTRIBUTES
+    SPIN_4DGS_N_ATTRIBUTES,
+    SPIN_4DGS_ID = 13 /* only in files with keyframes; not in spin_4dgs_attributes */
 };
 
 extern const struct spin_4dgs_attribute {
@@ -63,6 +64,7 @@ spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dg
 #define SPIN_4DGS_MODEL "gaussian-birth"
 #define SPIN_4DGS_STATES "keyframe-delta"
 #define SPIN_4DGS_SCHEME "uniform-v1"
+#define SPIN_4DGS_CHAINED 1     /* a delta changes the state before it, not its keyframe */
 #define SPIN_4DGS_NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 
 /* The metadata record of files that spin4d writes, its key for splats that are to be rendered with

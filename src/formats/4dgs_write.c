@@ -16,7 +16,11 @@ enum { STATISTICS = 12, SH_CODES = 7, PLUS_Y = 1, MINUS_Z = 5, RIGHT_HANDED = 1 
 struct spin_4dgs_entry {
     double interval[2];
     uint64_t at, bytes;
-    size_t n;
+    size_t n, n_live;   /* splats in the chunk, and in the state */
+    uint64_t reference; /* offset of the chunk that a delta changes */
+    uint64_t key;       /* offset of the keyframe */
+    unsigned depth;     /* number of deltas since the keyframe, including this one */
+    int n_bands;
     struct {
         uint64_t at, bytes;
     } band[3];
@@ -56,7 +60,7 @@ static spin_status begin_record(struct spin_4dgs_writer *w)
     return w->record ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a record");
 }
 
-/* Ends the current record and writes it to the file. */
+/* Ends the current record and writes it to the end of the file. */
 static spin_status end_record(struct spin_4dgs_writer *w, unsigned opcode)
 {
     unsigned char head[9] = {(unsigned char)opcode};
@@ -165,11 +169,26 @@ static spin_status put_stream(FILE *to, unsigned attribute, const int32_t *value
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
 
-static spin_status put_attributes(FILE *to, const struct spin_4dgs_splat *splat, size_t n)
+/* Writes the ids of n splats, which are `bytes` apart. */
+static spin_status put_ids(FILE *to, const uint32_t *id, size_t n, size_t bytes)
+{
+    SPIN_FREED int32_t *value = NULL;
+
+    SPIN_TRY(spin_alloc(n, sizeof *value, (void **)&value));
+    for (size_t i = 0; i < n; i++)
+        memcpy(value + i, (const char *)id + i * bytes, sizeof *value);
+    return put_stream(to, SPIN_4DGS_ID, value, n, 1);
+}
+
+static spin_status put_attributes(FILE *to, bool ids, const struct spin_4dgs_splat *splat, size_t n)
 {
     SPIN_FREED int32_t *value = NULL;
     size_t from = 0;
 
+    if (n == 0)
+        return SPIN_OK;
+    if (ids)
+        SPIN_TRY(put_ids(to, &splat->id, n, sizeof *splat));
     SPIN_TRY(spin_alloc(n, 3 * sizeof *value, (void **)&value));
     for (unsigned a = 0; a < SPIN_4DGS_N_ATTRIBUTES; a++) {
         size_t channels = (size_t)spin_4dgs_attributes[a].channels;
@@ -192,7 +211,7 @@ static spin_status write_attributes(struct spin_4dgs_writer *w, const double int
 
     if (!to)
         return spin_fail(SPIN_E_MEMORY, "no memory for a chunk");
-    status = put_attributes(to, splat, n);
+    status = put_attributes(to, w->coding->key_every > 0, splat, n);
     if (fclose(to) != 0 && status == SPIN_OK)
         status = spin_fail(SPIN_E_MEMORY, "no memory for a chunk");
     SPIN_TRY(status);
@@ -226,22 +245,153 @@ static spin_status write_band(struct spin_4dgs_writer *w, const struct spin_4dgs
     return end_record(w, SPIN_4DGS_REC_SH_BAND);
 }
 
+static spin_status begin_chunk(struct spin_4dgs_writer *w, const double interval[2],
+                               struct spin_4dgs_entry **entry)
+{
+    SPIN_TRY(spin_grow(w->n_entries + 1, sizeof *w->entry, (void **)&w->entry));
+    *entry = &w->entry[w->n_entries++];
+    **entry = (struct spin_4dgs_entry){{interval[0], interval[1]}, .at = w->out->bytes};
+    return SPIN_OK;
+}
+
+/* Ends a chunk with the SH bands of its n new splats. */
+static spin_status end_chunk(struct spin_4dgs_writer *w, struct spin_4dgs_entry *entry,
+                             const struct spin_4dgs_splat *splat, size_t n)
+{
+    entry->bytes = w->out->bytes - entry->at;
+    entry->n_bands = n > 0 ? w->coding->sh_degree : 0;
+    for (int b = 0; b < entry->n_bands; b++) {
+        entry->band[b].at = w->out->bytes;
+        SPIN_TRY(write_band(w, splat, n, (size_t)b + 1));
+        entry->band[b].bytes = w->out->bytes - entry->band[b].at;
+    }
+    return SPIN_OK;
+}
+
 spin_status spin_4dgs_write_chunk(struct spin_4dgs_writer *w, const double interval[2],
                                   const struct spin_4dgs_splat *splat, size_t n)
 {
     struct spin_4dgs_entry *entry;
 
-    SPIN_TRY(spin_grow(w->n_entries + 1, sizeof *w->entry, (void **)&w->entry));
-    entry = &w->entry[w->n_entries++];
-    *entry = (struct spin_4dgs_entry){{interval[0], interval[1]}, .at = w->out->bytes, .n = n};
+    SPIN_TRY(begin_chunk(w, interval, &entry));
+    entry->key = entry->at;
+    entry->n = entry->n_live = n;
     SPIN_TRY(write_attributes(w, interval, splat, n));
-    entry->bytes = w->out->bytes - entry->at;
-    for (size_t b = 1; b <= (size_t)w->coding->sh_degree; b++) {
-        entry->band[b - 1].at = w->out->bytes;
-        SPIN_TRY(write_band(w, splat, n, b));
-        entry->band[b - 1].bytes = w->out->bytes - entry->band[b - 1].at;
+    return end_chunk(w, entry, splat, n);
+}
+
+/* ---- Deltas ---------------------------------------------------------------------------------- */
+
+/* Sets value[n][channels] to what an update states: the integers of a rotation, or differences of
+ * other integers. Returns whether an integer differs. */
+static bool find_differences(const struct spin_4dgs_changes *c, size_t from, size_t channels,
+                             bool whole, int32_t *value)
+{
+    bool differs = false;
+
+    for (size_t i = 0; i < c->n_updates; i++)
+        for (size_t k = 0; k < channels; k++) {
+            int32_t is = c->after[i].bin[from + k], was = c->before[i].bin[from + k];
+
+            value[channels * i + k] = whole ? is : is - was;
+            differs |= is != was;
+        }
+    return differs;
+}
+
+/* Writes the attributes that any splat changes. The index of a rotation and its other integers are
+ * written together. */
+static spin_status put_updates(FILE *to, const struct spin_4dgs_changes *c)
+{
+    SPIN_FREED int32_t *value = NULL;
+    bool rotates = false;
+    size_t from = 0;
+
+    SPIN_TRY(spin_alloc(c->n_updates, 4 * sizeof *value, (void **)&value));
+    SPIN_TRY(put_ids(to, &c->after->id, c->n_updates, sizeof *c->after));
+    for (unsigned a = 0; a < SPIN_4DGS_SIGMA; a++) {
+        size_t channels = (size_t)spin_4dgs_attributes[a].channels;
+        bool whole = a == SPIN_4DGS_LARGEST || a == SPIN_4DGS_ROTATION;
+
+        if (a == SPIN_4DGS_LARGEST)
+            rotates = find_differences(c, from, 4, true, value);
+        if (find_differences(c, from, channels, whole, value) || (whole && rotates))
+            SPIN_TRY(put_stream(to, a, value, c->n_updates, channels));
+        from += channels;
     }
     return SPIN_OK;
+}
+
+enum { UPDATES, BIRTHS, DEATHS };
+
+static spin_status put_group(FILE *to, const struct spin_4dgs_changes *c, int group)
+{
+    if (group == BIRTHS)
+        return put_attributes(to, true, c->born, c->n_births);
+    if (group == DEATHS && c->n_deaths > 0)
+        return put_ids(to, c->death, c->n_deaths, sizeof *c->death);
+    return group == UPDATES && c->n_updates > 0 ? put_updates(to, c) : SPIN_OK;
+}
+
+/* Writes the three groups to memory, each after its length. */
+static spin_status put_groups(FILE *to, const struct spin_4dgs_changes *c)
+{
+    for (int group = UPDATES; group <= DEATHS; group++) {
+        SPIN_FREED char *streams = NULL;
+        size_t size = 0;
+        FILE *part = spin_text_open(&streams, &size);
+        spin_status status = part ? put_group(part, c, group) : SPIN_E_MEMORY;
+
+        if (!part || (fclose(part) != 0 && status == SPIN_OK))
+            return spin_fail(SPIN_E_MEMORY, "no memory for a chunk");
+        SPIN_TRY(status);
+        put_number(to, size, 8);
+        fwrite(streams, 1, size, to);
+    }
+    return SPIN_OK;
+}
+
+static spin_status write_groups(struct spin_4dgs_writer *w, const struct spin_4dgs_changes *c)
+{
+    SPIN_FREED char *groups = NULL;
+    size_t size = 0;
+    FILE *to = spin_text_open(&groups, &size);
+    spin_status status = to ? put_groups(to, c) : SPIN_E_MEMORY;
+
+    if (!to || (fclose(to) != 0 && status == SPIN_OK))
+        return spin_fail(SPIN_E_MEMORY, "no memory for a chunk");
+    SPIN_TRY(status);
+    put_text(w->record, ""); /* the streams are not compressed once more */
+    put_number(w->record, size, 8);
+    put_number(w->record, size, 8);
+    fwrite(groups, 1, size, w->record);
+    return SPIN_OK;
+}
+
+spin_status spin_4dgs_write_delta(struct spin_4dgs_writer *w, const double interval[2],
+                                  const struct spin_4dgs_changes *c)
+{
+    struct spin_4dgs_entry *entry;
+
+    SPIN_TRY(begin_chunk(w, interval, &entry));
+    entry->n = c->n_updates + c->n_births + c->n_deaths;
+    entry->n_live = c->n_live;
+    entry->reference = entry[-1].at;
+    entry->key = entry[-1].key;
+    entry->depth = entry[-1].depth + 1;
+    SPIN_TRY(begin_record(w));
+    put_doubles(w->record, interval, 2);
+    put_number(w->record, 0, 4); /* level */
+    put_number(w->record, SPIN_4DGS_CHAINED, 1);
+    put_number(w->record, entry->reference, 8);
+    put_number(w->record, entry->key, 8);
+    put_number(w->record, entry->depth, 2);
+    put_number(w->record, c->n_updates, 4);
+    put_number(w->record, c->n_births, 4);
+    put_number(w->record, c->n_deaths, 4);
+    SPIN_TRY(write_groups(w, c));
+    SPIN_TRY(end_record(w, SPIN_4DGS_REC_DELTA_CHUNK));
+    return end_chunk(w, entry, c->born, c->n_births);
 }
 
 /* ---- The beginning --------------------------------------------------------------------------- */
@@ -269,17 +419,24 @@ void spin_4dgs_choose_steps(struct spin_4dgs_coding *c, double scale)
     c->step[SPIN_4DGS_STEP_TIME] = ldexp(1, -10);
 }
 
+/* The profile "keyframed" promises two or more states, and a limited number of deltas after each
+ * keyframe. */
+static const char *profile_of(const struct spin_4dgs_coding *c)
+{
+    return c->key_every > 0 && c->duration * c->fps > 1.5 ? "keyframed" : "";
+}
+
 static spin_status write_header(struct spin_4dgs_writer *w)
 {
     const struct spin_4dgs_coding *c = w->coding;
 
     SPIN_TRY(begin_record(w));
-    put_text(w->record, ""); /* profile */
+    put_text(w->record, profile_of(c));
     put_text(w->record, "spin4d " SPIN_VERSION);
     put_double(w->record, c->duration);
     put_number(w->record, c->n, 8);
     put_double(w->record, c->cutoff);
-    put_text(w->record, SPIN_4DGS_MODEL);
+    put_text(w->record, c->key_every > 0 ? SPIN_4DGS_STATES : SPIN_4DGS_MODEL);
     put_doubles(w->record, c->box, 6);
     put_number(w->record, (uint64_t)c->sh_degree, 1);
     put_number(w->record, 0, 1); /* flags */
@@ -365,11 +522,25 @@ static spin_status write_frame(struct spin_4dgs_writer *w)
     return end_record(w, SPIN_4DGS_REC_FRAME);
 }
 
+static void print_keyframes(FILE *to, const struct spin_4dgs_coding *coding)
+{
+    char text[32];
+
+    put_text(to, "keyframe_interval_sec");
+    snprintf(text, sizeof text, "%.9g", coding->key_every / coding->fps);
+    put_text(to, text);
+    put_text(to, "gop_max_depth");
+    snprintf(text, sizeof text, "%d", coding->key_every - 1);
+    put_text(to, text);
+}
+
 static void print_metadata(FILE *to, const struct spin_4dgs_coding *coding)
 {
     char fps[32];
 
     snprintf(fps, sizeof fps, "%.9g", coding->fps);
+    if (coding->key_every > 0)
+        print_keyframes(to, coding);
     put_text(to, "color_space");
     put_text(to, "srgb-rec709-display");
     put_text(to, SPIN_4DGS_FPS);
@@ -401,9 +572,20 @@ spin_status spin_4dgs_write_begin(struct spin_4dgs_writer *w)
 
 /* ---- The end --------------------------------------------------------------------------------- */
 
+/* Writes the fields of the index that describe a state. */
+static void put_state(FILE *to, const struct spin_4dgs_entry *entry)
+{
+    put_number(to, entry->depth > 0, 1);
+    put_number(to, entry->depth > 0 ? SPIN_4DGS_CHAINED : 0, 1);
+    put_number(to, entry->reference, 8);
+    put_number(to, entry->key, 8);
+    put_number(to, entry->depth, 2);
+    put_number(to, entry->n_live, 8);
+}
+
 static spin_status write_entry(struct spin_4dgs_writer *w, const struct spin_4dgs_entry *entry)
 {
-    int n_bands = w->coding->sh_degree;
+    int n_bands = entry->n_bands;
 
     SPIN_TRY(begin_record(w));
     put_doubles(w->record, entry->interval, 2);
@@ -416,6 +598,8 @@ static spin_status write_entry(struct spin_4dgs_writer *w, const struct spin_4dg
         put_number(w->record, entry->band[b].at, 8);
         put_number(w->record, entry->band[b].bytes, 8);
     }
+    if (w->coding->key_every > 0)
+        put_state(w->record, entry);
     return end_record(w, SPIN_4DGS_REC_INDEX);
 }
 
@@ -443,6 +627,21 @@ static spin_status checksum(struct spin_4dgs_writer *w, uint64_t start, uint32_t
     return SPIN_OK;
 }
 
+/* Replaces the header, whose length does not change. */
+static spin_status write_header_again(struct spin_4dgs_writer *w)
+{
+    uint64_t bytes = w->out->bytes;
+    spin_status status;
+
+    if (fseek(w->out->file, SPIN_4DGS_MAGIC_BYTES, SEEK_SET) != 0)
+        return spin_fail(SPIN_E_IO, "cannot write the header of '%s'", w->out->path);
+    status = write_header(w);
+    w->out->bytes = bytes;
+    if (status == SPIN_OK && fseek(w->out->file, 0, SEEK_END) != 0)
+        return spin_fail(SPIN_E_IO, "cannot write the header of '%s'", w->out->path);
+    return status;
+}
+
 spin_status spin_4dgs_write_end(struct spin_4dgs_writer *w)
 {
     uint64_t start = w->out->bytes;
@@ -457,7 +656,8 @@ spin_status spin_4dgs_write_end(struct spin_4dgs_writer *w)
     put_number(w->record, 0, 8); /* no summary offsets */
     put_number(w->record, crc, 4);
     SPIN_TRY(end_record(w, SPIN_4DGS_REC_FOOTER));
-    return spin_out_write(w->out, SPIN_4DGS_MAGIC, SPIN_4DGS_MAGIC_BYTES);
+    SPIN_TRY(spin_out_write(w->out, SPIN_4DGS_MAGIC, SPIN_4DGS_MAGIC_BYTES));
+    return write_header_again(w);
 }
 
 void spin_4dgs_write_free(struct spin_4dgs_writer *w)

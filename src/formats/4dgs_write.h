@@ -15,6 +15,9 @@ struct spin_4dgs_coding {
     bool up;        /* y points up */
     bool antialias; /* the splats are to be rendered with antialiasing */
     uint64_t n;     /* number of splats */
+    /* Number of states from one keyframe to the next; 0: the model is gaussian-birth, else it is
+     * keyframe-delta. */
+    int key_every;
     double (*window)[2];
     size_t n_windows;
 };
@@ -22,6 +25,15 @@ struct spin_4dgs_coding {
 /* Sets the steps and the origin for splats with positions in the box and standard deviations around
  * `scale`. All steps are twice the errors that the file states. */
 void spin_4dgs_choose_steps(struct spin_4dgs_coding *coding, double scale);
+
+/* What a state changes in the state before it. */
+struct spin_4dgs_changes {
+    const struct spin_4dgs_splat *before, *after; /* [n_updates] the same splats, by id */
+    const struct spin_4dgs_splat *born;           /* [n_births] */
+    const uint32_t *death;                        /* [n_deaths] ids */
+    size_t n_updates, n_births, n_deaths;
+    size_t n_live; /* number of splats after the changes */
+};
 
 struct spin_4dgs_entry;
 
@@ -37,9 +49,14 @@ struct spin_4dgs_writer {
 
 /* Writes everything before the first chunk. Zero the writer before, and set `out` and `coding`. */
 spin_status spin_4dgs_write_begin(struct spin_4dgs_writer *w);
-/* Writes n splats, at least one, that are only visible in the interval. */
+/* Writes n splats that are only visible in the interval; a keyframe if coding->key_every is set. */
 spin_status spin_4dgs_write_chunk(struct spin_4dgs_writer *w, const double interval[2],
                                   const struct spin_4dgs_splat *splat, size_t n);
-/* Writes the index and the end of the file. */
+/* Writes a delta that follows a keyframe or another delta. Updates may change anything but SH,
+ * sigma and window. */
+spin_status spin_4dgs_write_delta(struct spin_4dgs_writer *w, const double interval[2],
+                                  const struct spin_4dgs_changes *changes);
+/* Writes the index and the end of the file, and the header once more, since coding->n and
+ * coding->box may have changed. */
 spin_status spin_4dgs_write_end(struct spin_4dgs_writer *w);
 void spin_4dgs_write_free(struct spin_4dgs_writer *w);

@@ -94,13 +94,14 @@ static spin_status name_output(struct convert *c)
                        &c->output);
 }
 
-/* Returns whether an exporter is to get 4D splats: if it accepts nothing else, or if it is 'tsog',
- * since a file of that format with frames instead would store every splat of every frame. */
+/* Returns whether an exporter is to get 4D splats: if it accepts nothing else, or if it is 'tsog'
+ * or '4dgs', since files of these formats with frames instead are far larger. */
 static bool stores_4d(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
         if (strcmp((*e)->name, name) == 0)
-            return (*e)->splats_4d && (!(*e)->frame || strcmp(name, "tsog") == 0);
+            return (*e)->splats_4d &&
+                   (!(*e)->frame || strcmp(name, "tsog") == 0 || strcmp(name, "4dgs") == 0);
     return false;
 }
 
