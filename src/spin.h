@@ -314,7 +314,8 @@ struct spin_peek {
     const char *path;
     bool is_folder;
     /* The first 16384 bytes, or fewer if the file is shorter. For a folder, they are those of the
-     * first of these files that exists: cfg_args, chkpnt*, deformation.pth, point_cloud.ply. */
+     * first of these files that exists: cfg_args, chkpnt*, deformation.pth, point_cloud.ply,
+     * ckpts/ckpt_*.pt, ckpt_*.pt. */
     const unsigned char *head;
     size_t n_head;
     /* Member names, one per line, of a zip archive or of the params.npz of a folder; else "". */

@@ -359,9 +359,10 @@ static spin_status read_paths(struct spin_usd_layer *layer)
     SPIN_TRY(find_section(c, "PATHS", &p));
     SPIN_TRY(read_u64(&p, &n_paths));
     SPIN_TRY(read_u64(&p, &n));
-    if (n_paths > MAX_PATHS || n > n_paths)
-        return spin_malformed("%llu paths, expected at most %d", (unsigned long long)n_paths,
-                              MAX_PATHS);
+    /* The table has a few more paths than the tree, such as the empty path. */
+    if (n_paths > MAX_PATHS || n > n_paths || n_paths > 2 * n + 64)
+        return spin_malformed("%llu paths, of which %llu are in the tree",
+                              (unsigned long long)n_paths, (unsigned long long)n);
     SPIN_TRY(read_ints(&p, n, &path));
     SPIN_TRY(read_ints(&p, n, &token));
     SPIN_TRY(read_ints(&p, n, &jump));

@@ -93,6 +93,25 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
     return status;
 }
 
+/* Reads the first bytes of the first checkpoint in the subfolder `ckpts`, or in the folder itself
+ * if the name is that of such a file, since several methods name theirs alike. */
+static void peek_ckpts(const char *folder, const char *name, struct spin_peek *out)
+{
+    SPIN_FREED char *path = NULL;
+    char **names = NULL;
+    size_t n = 0;
+
+    if (out->head || spin_path_join(folder, name, &path) != SPIN_OK)
+        return;
+    if (strncmp(name, "ckpt_", 5) == 0 && spin_text_ends(name, ".pt"))
+        (void)peek_head(path, out);
+    if (strcmp(name, "ckpts") != 0 || spin_folder_list(path, &names, &n) != SPIN_OK)
+        return;
+    for (size_t i = 0; i < n && !out->head; i++)
+        peek_ckpts(path, names[i], out);
+    spin_folder_list_free(names);
+}
+
 static spin_status peek_folder(const char *path, struct spin_peek *out, char **members)
 {
     char **names;
@@ -107,6 +126,8 @@ static spin_status peek_folder(const char *path, struct spin_peek *out, char **m
     out->names = (const char *const *)names;
     for (size_t i = 0; names[i]; i++)
         SPIN_TRY(peek_inside(path, names[i], out, members));
+    for (size_t i = 0; names[i]; i++)
+        peek_ckpts(path, names[i], out);
     return SPIN_OK;
 }
 

@@ -39,6 +39,11 @@ static const struct run {
      {NULL}},
     {"shapeofmotion", "shapeofmotion/fg_only_k4", {"checkpoints/last.ckpt"}, {NULL}},
     {"freetimegspp", "freetimegspp/gated_sh3", {"gaussians.pt", "config.toml"}, {NULL}},
+    {"gifstream", "gifstream/entropy_knn", {"ckpts/ckpt_29999_rank0.pt", "cfg.yml"}, {NULL}},
+    {"gifstream",
+     "gifstream/view_app",
+     {"ckpts/ckpt_6999_rank0.pt", "cfg.yml"},
+     {"camera", "0,0,-6", NULL}},
 };
 enum { N_RUNS = sizeof runs / sizeof *runs };
 

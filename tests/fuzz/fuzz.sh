@@ -18,7 +18,7 @@ FLAGS="-std=gnu11 -g -O1 -Isrc -I. -D_GNU_SOURCE -pthread -fno-sanitize-recover=
 SANITIZE=-fsanitize=fuzzer-no-link,address,undefined
 
 # An archive of what readers are made of, so that a target links only what it calls.
-for source in src/base/*.c src/io/*.c src/formats/*.c src/scene/*.c src/device/*.c src/device/cpu/*.c src/model/*.c \
+for source in src/base/*.c src/io/*.c src/formats/*.c src/geometry/*.c src/scene/*.c src/device/*.c src/device/cpu/*.c src/model/*.c \
     src/render/*.c importers/*.c importers/lib/*.c; do
     case $source in src/io/video*ffmpeg.c | src/io/ranks_mpi.c) continue ;; esac # shims, opened at run time
     object=build/fuzz/lib/${source%.c}.o

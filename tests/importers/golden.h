@@ -48,7 +48,7 @@ struct golden {
     const char *unless, *expected; /* not for an expected.npz with this key; NULL: expected.npz */
     unsigned still;
     double last;               /* times are from 0 to this; 0: not looked at */
-    bool frames;               /* the times are numbers of frames */
+    bool frames;               /* the times are numbers of frames, or an array `frames` has these */
     const char *said, *unsaid; /* in the notes or in the variant */
     const char *also[3];       /* paths that are the same run */
 };
@@ -107,6 +107,9 @@ ARRAYS(rigid, A("xyz", MEANS), A("rot", QUATS), A("cov6", COV6),
        A("rgb", BASE, .bound = "opacity, rgb"));
 ARRAYS(states, A("xyz", MEANS), A("opacity", OPACITIES, .bound = "", .abs = 1e-5),
        A("cov6", COV6, .bound = "", .abs = 1e-6), A("?rgb", BASE, .bound = "", .abs = 1e-5));
+ARRAYS(spawned, A("xyz", MEANS), A("rot", QUATS), A("scale", SCALES, .bound = "", .rel = 1e-4),
+       A("cov6", COV6, .bound = "scale, cov6"), A("opacity", OPACITIES, .bound = "opacity, rgb"),
+       A("rgb", BASE, .bound = "opacity, rgb"));
 ARRAYS(particles, A("xyz", MEANS, .bound = "all", .abs = 1e-7),
        A("rot", QUATS, .bound = "all", .abs = 2e-7),
        A("scale", SCALES, .bound = "all", .abs = 1e-9, .rel = 1e-6),
@@ -177,6 +180,8 @@ static const struct golden goldens[] = {
       SPIN_COL_LOG_SCALES | SETTLED, .frames = true, .also = {""}),
     G("4dgs", "4dgs", "", states, ANY_STILL, .seen = {{"visible", 0}}, .unless = "centre"),
     G("stglite", "stglite", "scene.ply", line, ANY_STILL, .seen = {{"opacity", 1 / 255.0}}),
+    G("gifstream", "gifstream", "", spawned, ANY_STILL, .options = {"camera", "0,0,-6"},
+      .seen = {{"mask", 0}}, .frames = true, .also = {"ckpts", "ckpts/*"}),
     G("usd", "usd", "scene.usdc", particles, ANY_STILL, .options = {"axes", "source"},
       .frames = true, .also = {"?scene.usda", "?scene.usdz"}),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
@@ -532,7 +537,9 @@ static inline void golden_time(const struct golden *g, struct run *run, struct g
 
     now->s = &s;
     if (ok(run->importer->frame(run->self, frame, time, run->sequence.columns, &s) == SPIN_OK &&
-               s.n == n && (run->sequence.continuous || s.n == run->sequence.counts[frame]),
+               s.n == n &&
+               (run->sequence.continuous || !run->sequence.counts ||
+                s.n == run->sequence.counts[frame]),
            "%s: %zu of %zu Gaussians are seen", now->name, n, now->n_all)) {
         for (const struct golden_array *a = g->array; a->key; a++)
             golden_compare(now, a);
@@ -573,7 +580,8 @@ static inline void golden_run(const struct golden *g, const char *from, const ch
        "%s: the notes do not say '%s'", name, g->unsaid ? g->unsaid : "");
     first = golden_load(&npz, g->array->key, 0);
     if (spin_npz_has(&npz, "times"))
-        times = golden_load(&npz, "times", 0);
+        times =
+            golden_load(&npz, g->frames && spin_npz_has(&npz, "frames") ? "frames" : "times", 0);
     ok(run.sequence.continuous == (times.value && g->array != golden_plain && !g->frames),
        "%s: any time may be asked for where there are times", name);
     now.npz = &npz;

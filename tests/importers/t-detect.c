@@ -1,7 +1,7 @@
 /* Which importer every fixture is recognised as, without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash
  * 4dgaussian K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat
- * splat4d 4dgs sog tsog sogst gltf usd panoptic colmap dynerf K: transforms 4danyone easyvolcap */
+ * splat4d 4dgs sog tsog sogst gltf usd gifstream panoptic colmap dynerf K: transforms 4danyone easyvolcap */
 #include "tests/importers/runs.h"
 
 struct known {
@@ -28,6 +28,9 @@ static const struct known runs[] = {
     {"ex4dgs/small/model/point_cloud/iteration_40000/dynamic_point_cloud.ply", "ex4dgs"},
     {"freetimegs/*", "freetimegs"},
     {"ftgs_ply/*/scene.ftgs.ply", "freetimegs"},
+    {"gifstream/view_app", "gifstream"},
+    {"gifstream/entropy_knn/ckpts", "gifstream"},
+    {"gifstream/entropy_knn/ckpts/ckpt_29999_rank0.pt", "gifstream"},
     {"grid4d/*/model", "grid4d"},
     {"hybrid4dgs/*/model", "hybrid4dgs"},
     {"hybrid4dgs/small/model/chkpnt6000.pth", "hybrid4dgs"},

@@ -1,7 +1,7 @@
 /* Every fixture with numbers of its method's own code, by the table of golden.h and the tolerances
  * of its manifest. TAP_PART is a folder of fixtures, or one of them: ed3dgs/annealed_early. K:
  * golden import deformable3dgs motiongs grid4d dash ed3dgs 4dgaussian spacetimegs rotor4dgs
- * realtime4dgs hybrid4dgs omg4 modecgs ex4dgs freetimegs ftgs_ply freetimegspp scgs shapeofmotion stglite usd d3dgs tc3dgs threads */
+ * realtime4dgs hybrid4dgs omg4 modecgs ex4dgs freetimegs ftgs_ply freetimegspp scgs shapeofmotion stglite gifstream usd d3dgs tc3dgs threads */
 #include "tests/importers/golden.h"
 
 static void fixtures_of(const char *method)
@@ -52,6 +52,7 @@ TAP_MAIN
     METHOD_PART(shapeofmotion);
     METHOD_PART(4dgs);
     METHOD_PART(stglite);
+    METHOD_PART(gifstream);
     METHOD_PART(usd);
     METHOD_PART(d3dgs);
     METHOD_PART(tc3dgs);

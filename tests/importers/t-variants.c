@@ -1,7 +1,7 @@
 /* The altered runs of fixtures, whose manifest lists what has to become of each: an error of one
  * line that names the file, or the splats of the unaltered run, but for a few rows.
  * TAP_PART is a folder of fixtures.
- * K: variants import malformed freetimegspp scgs shapeofmotion stglite usd */
+ * K: variants import malformed freetimegspp scgs shapeofmotion stglite usd gifstream */
 #include "tests/importers/models.h"
 
 #define MOST_ALTERED 4 /* rows that an alteration may change or drop */
@@ -17,6 +17,7 @@ static const struct altered {
     {"4dgs/conformance", "4dgs", NULL},
     {"stglite", "stglite", "base/scene.ply"},
     {"usd", "usd", "base.usdc"},
+    {"gifstream", "gifstream", "base"},
 };
 
 struct slice {

@@ -2,7 +2,7 @@
 # Who may include whom: the drawing of the house as a table, and no arrow that is not in it.
 #
 #     cmd                  -> spin.h base/program.h base/text.h io/json.h io/template.h cmd, and train/options.def, which is data
-#     importers            -> spin.h formats io math base, and headers of their own room
+#     importers            -> spin.h formats geometry io math base, and headers of their own room
 #     exporters            -> spin.h formats geometry io math base, and headers of their own room
 #     run                  -> every room below
 #     train                -> spin.h eval render model scene device/*.h io math base train
@@ -27,7 +27,7 @@ ours() {
     src/spin_train.h) echo '^spin\.h$' ;;
     src/spin_run.h) echo '^spin_train\.h$' ;;
     src/cmd/*) echo '^(spin(_run)?\.h|base/(program|text)\.h|io/(json|template)\.h|cmd/.*|train/options\.def)$' ;;
-    importers/*) echo '^(spin\.h|(formats|io|math|base|importers)/.*)$' ;;
+    importers/*) echo '^(spin\.h|(formats|geometry|io|math|base|importers)/.*)$' ;;
     exporters/*) echo '^(spin\.h|(formats|geometry|io|math|base|exporters)/.*)$' ;;
     src/run/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|geometry|io|math|base|run)/.*)$' ;;
     src/train/*) echo '^(spin(_train)?\.h|device/[a-z_]+\.h|(eval|render|model|scene|geometry|io|math|base|train)/.*)$' ;;
