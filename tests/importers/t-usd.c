@@ -1,6 +1,6 @@
 /* usd: composition of layers, value clips, transforms, and files that lie; t-golden.c compares the
  * values. K: usd usda usdz import */
-#include "tests/importers/models.h"
+#include "tests/importers/crates.h"
 #include "tests/importers/slices.h"
 
 #define HEAD "#usda 1.0\n(\n    defaultPrim = \"S\"\n)\n"
@@ -345,6 +345,120 @@ static void test_crates(void)
     }
 }
 
+static const float two_places[] = {1, 2, 3, 4, 5, 6}, ones[] = {1, 1, 1, 1, 1, 1};
+
+static uint64_t vectors(struct crate *c, const float *v)
+{
+    return crate_array(c, 24, 2, v, 6 * sizeof *v);
+}
+
+static int two_splats(struct crate *c, int parent, const char *name)
+{
+    int prim = crate_prim(c, parent, name, "ParticleField3DGaussianSplat");
+
+    crate_attribute(c, prim, "positions", vectors(c, two_places));
+    crate_attribute(c, prim, "scales", vectors(c, ones));
+    return prim;
+}
+
+/* References, payloads and transforms of a crate, whose inline values have one byte a number. */
+static void test_crate_layers(void)
+{
+    const char *folder = new_folder(), *path = path_in(folder, "root.usdc");
+    static const char *const order[] = {"xformOp:translate", "xformOp:transform", NULL};
+    static const char *const below[] = {"./sub.usdc", NULL};
+    static struct crate c;
+    struct run run;
+    int world, prim;
+
+    crate_begin(&c);
+    crate_prim(&c, -1, "", NULL);
+    crate_field(&c, "defaultPrim", crate_text(&c, 11, "S"));
+    two_splats(&c, 0, "S");
+    crate_write(&c, path_in(folder, "a.usdc"));
+    crate_begin(&c);
+    crate_prim(&c, -1, "", NULL);
+    world = crate_prim(&c, 0, "W", NULL);
+    prim = crate_prim(&c, world, "Q", NULL);
+    crate_attribute(&c, prim, "positions", vectors(&c, ones));
+    crate_write(&c, path_in(folder, "sub.usdc"));
+    crate_begin(&c);
+    crate_prim(&c, -1, "", NULL);
+    crate_field(&c, "subLayers", crate_texts(&c, 50, below));
+    crate_field(&c, "timeCodesPerSecond", crate_word(9, CRATE_INLINE, 0x41c00000)); /* 24 */
+    world = crate_prim(&c, 0, "W", "Xform");
+    crate_attribute(&c, world, "xformOp:translate", crate_word(23, CRATE_INLINE, 0x00ff0a));
+    crate_attribute(&c, world, "xformOp:transform", crate_word(15, CRATE_INLINE, 0x01020202));
+    crate_attribute(&c, world, "xformOpOrder", crate_texts(&c, 11, order));
+    prim = crate_prim(&c, world, "P", NULL); /* path 5 */
+    crate_field(&c, "references", crate_reference(&c, 35, "a.usdc", 99));
+    prim = crate_prim(&c, world, "Q", NULL);
+    crate_field(&c, "payload", crate_reference(&c, 47, "./a.usdc", 99));
+    prim = crate_prim(&c, world, "R", NULL);
+    crate_field(&c, "payload", crate_reference(&c, 55, "", 5));
+    prim = two_splats(&c, world, "Off");
+    c.set[c.n_set++] = -1; /* a second spec of the prim */
+    memcpy(c.spec[c.n_specs++], (int32_t[]){prim, c.n_set, 6}, 12);
+    crate_field(&c, "active", crate_word(1, CRATE_INLINE, 0));
+    crate_write(&c, path);
+    ok(opens(path, as_is, &run) && run.sequence.counts[0] == 6, "three of four prims have splats");
+    ok(is_at(&run, 0, 0, 12, 3, 6), "a reference, scaled and then translated");
+    ok(is_at(&run, 0, 2, 12, 1, 2), "a payload, overridden by a sublayer");
+    ok(is_at(&run, 0, 5, 18, 9, 12), "a payload within the layer");
+    run_close(&run);
+}
+
+/* Samples, one of which is blocked, and value clips. */
+static void test_crate_clips(void)
+{
+    static const float moved[] = {7, 7, 7, 8, 8, 8};
+    static const char *const assets[] = {"./a.usdc", "./b.usdc", NULL};
+    const char *folder = new_folder(), *path = path_in(folder, "root.usdc");
+    static struct crate c;
+    uint64_t set, words[4], clips;
+    struct run run;
+    int prim;
+
+    for (int k = 0; k < 2; k++) {
+        crate_begin(&c);
+        crate_prim(&c, -1, "", NULL);
+        prim = crate_prim(&c, 0, "P", NULL);
+        words[0] = vectors(&c, k ? moved : two_places);
+        words[1] = crate_word(51, CRATE_INLINE, 0);
+        words[2] = vectors(&c, k ? two_places : moved);
+        crate_attribute(&c, prim, "positions", crate_samples(&c, words, 3));
+        crate_write(&c, path_in(folder, k ? "b.usdc" : "a.usdc"));
+    }
+    crate_begin(&c);
+    words[0] = crate_array(&c, 19, 2, (double[]){0, 0, 3, 1}, 32);
+    words[1] = crate_array(&c, 19, 2, (double[]){0, 0, 9, 9}, 32);
+    words[2] = crate_texts(&c, 12, assets);
+    words[3] = crate_text(&c, 10, "/P");
+    set = crate_u64(&c, 4);
+    for (int k = 0; k < 4; k++) {
+        static const char *const keys[] = {"active", "times", "assetPaths", "primPath"};
+
+        crate_u32(&c, crate_token(&c, keys[k]));
+        crate_u64(&c, 8);
+        crate_u64(&c, words[k]);
+    }
+    clips = crate_u64(&c, 1);
+    crate_u32(&c, crate_token(&c, "default"));
+    crate_u64(&c, 8);
+    crate_u64(&c, crate_word(31, 0, set));
+    crate_prim(&c, -1, "", NULL);
+    prim = crate_prim(&c, 0, "S", "ParticleField3DGaussianSplat");
+    crate_field(&c, "clips", crate_word(31, 0, clips));
+    crate_attribute(&c, prim, "scales", vectors(&c, ones));
+    crate_write(&c, path);
+    ok(opens(path, as_is, &run) && run.sequence.n_frames == 4 && run.sequence.numbers[3] == 3,
+       "the samples of the first clip, and the start of the second, which has no more");
+    ok(is_at(&run, 0, 1, 4, 5, 6) && is_at(&run, 2, 1, 8, 8, 8) && is_at(&run, 3, 0, 1, 2, 3) &&
+           run.sequence.counts[1] == 0,
+       "their values, and none while a sample is blocked");
+    run_close(&run);
+}
+
 /* A package of two layers in folders. */
 static void test_packages(void)
 {
@@ -381,5 +495,7 @@ TAP_MAIN
     test_lies();
     test_cycles();
     test_crates();
+    test_crate_layers();
+    test_crate_clips();
     test_packages();
 }
