@@ -20,7 +20,7 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
     {"axes", "source|rub", "axes to write; rub: right, up, back, half a turn about x", "source"},
-    {"spz-version", "3|4", "version of the format: 3 (gzip) or 4 (zstd streams)", "3"},
+    {"spz-version", "4|3", "version of the format: 4 (zstd streams) or 3 (gzip)", "4"},
     {"level", "N", "effort of gzip or zstd, 1 (fast) to 9 (small)", "1"},
     {0},
 };
@@ -241,8 +241,8 @@ static spin_status parse_options(void *self, const struct spin_export_job *job)
     int axes, version;
 
     SPIN_TRY(spin_option_word(v, "axes", "source|rub", &axes));
-    SPIN_TRY(spin_option_word(v, "spz-version", "3|4", &version));
-    x->version = 3 + version;
+    SPIN_TRY(spin_option_word(v, "spz-version", "4|3", &version));
+    x->version = 4 - version;
     x->level = 1;
     SPIN_TRY(spin_option_count(v, "level", 1, 9, &x->level));
     if (axes == 1 && spin_plugin_value(v, "up", NULL))
@@ -250,7 +250,9 @@ static spin_status parse_options(void *self, const struct spin_export_job *job)
             "--axes rub and --up exclude each other: rub assumes that y points down");
     x->frames.axes = axes == 1 ? half_about_x : NULL;
     x->fraction = SPIN_SPZ_FRACTION;
-    return x->version == 4 ? spin_zstd_need() : SPIN_OK;
+    if (x->version == 4)
+        SPIN_TRY_IN(spin_zstd_need(), "SPZ version 4 (--spz-version 3 needs no zstd)");
+    return SPIN_OK;
 }
 
 static void free_export(void *self)

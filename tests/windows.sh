@@ -78,8 +78,8 @@ for run in court-mini 4dgs/birth_one_window 4dgs/birth_sh2 spacetimegs/full_tech
         same "$run --to $format"
         [ $code != 0 ] || exported=$((exported + 1))
     done
-    both spin-export clip.spin --to spz --spz-version 4 -o out
-    same "$run --spz-version 4"
+    both spin-export clip.spin --to spz --spz-version 3 -o out
+    same "$run --spz-version 3"
     [ $code = 0 ] || fail "no zstd"
 done
 [ $exported -gt 50 ] || fail "$exported exports only"

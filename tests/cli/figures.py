@@ -641,7 +641,7 @@ def count_in(file):
     if file.endswith(".splat"):
         return len(data) // 32
     if file.endswith(".spz"):
-        return struct.unpack("<I", zlib.decompress(data, 31)[8:12])[0]
+        return struct.unpack("<I", data[8:12])[0]
     if file.endswith(".glb"):
         j = json.loads(data[20:20 + struct.unpack("<I", data[12:16])[0]])
         return j["accessors"][j["meshes"][0]["primitives"][0]["attributes"]["POSITION"]]["count"]

@@ -14,7 +14,7 @@ in=$work/in.spin
 run "$bin/spin-import" "$run_of" -o "$in" --range 0:4 --json
 is "$code" 0 "imports the run"
 frames=$(member frames)
-formats='gltf:glb ply:ply splat:splat compressed-ply:compressed.ply spz:spz spz4:spz'
+formats='gltf:glb ply:ply splat:splat compressed-ply:compressed.ply spz:spz spz3:spz'
 if ldconfig -p 2>/dev/null | grep -q 'libwebp\.so\.7'; then
     formats="$formats sog:sog"
 else
@@ -24,7 +24,7 @@ fi
 # to_of NAME: the exporter of that name, with its options.
 to_of() {
     case $1 in
-    spz4) echo "spz --spz-version 4" ;;
+    spz3) echo "spz --spz-version 3" ;;
     *) echo "$1" ;;
     esac
 }

@@ -151,7 +151,7 @@ for range in 2:5 1:5:2; do
 
     other=fewer.spin
     for one in ply:o gltf:o gltf:clip.glb gltf:clip.glb:--still-apart splat:o compressed-ply:o \
-        spz:o spz:o:--spz-version:4 sog:o usd:o html:page.html html:page.html:--split:--max-splats:9 images:o \
+        spz:o spz:o:--spz-version:3 sog:o usd:o html:page.html html:page.html:--split:--max-splats:9 images:o \
         images:o:--views:train:--panels:truth,after images:o:--path:orbit:--repeat:1:--size:64x48 images:o:--path:train:--repeat:1:--size:64x48 $videos; do
         to=${one%%:*}
         rest=$(echo "${one#*:}" | tr : ' ')

@@ -133,7 +133,7 @@ static void test_format(const char *name, const char *file, const char *ending,
 TAP_MAIN
 {
     static const double none[6] = {0};
-    static const char *const version_4[] = {"spz-version", "4", NULL};
+    static const char *const version_3[] = {"spz-version", "3", NULL};
     static const char *const apart[] = {"still-apart", "", NULL};
     static const char *const plain[] = {NULL};
 
@@ -146,7 +146,7 @@ TAP_MAIN
     test_format("compressed-ply", "compressed", "compressed.ply", plain,
                 (double[6]){0.005, 0.004, 0.25, 0.002, 0.002, 0.016});
     test_format("spz", "spz", "spz", plain, (double[6]){0.00022, 0.032, 0.25, 0.002, 0.004, 0.063});
-    test_format("spz", "spz4", "spz", version_4,
+    test_format("spz", "spz3", "spz", version_3,
                 (double[6]){0.00022, 0.032, 0.25, 0.002, 0.004, 0.063});
     test_format("sog", "sog", "sog", plain, (double[6]){0.0002, 0.04, 1, 0.002, 0.006, 0.006});
 }

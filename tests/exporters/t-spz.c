@@ -103,7 +103,7 @@ static int sh_is_right(const struct spz *f, size_t i, const struct spin_splats *
 
 static void test_values(int from, const char *sh, int to, const char *axes)
 {
-    const char *pairs[] = {"sh", sh, "axes", axes, NULL};
+    const char *pairs[] = {"sh", sh, "axes", axes, "spz-version", "3", NULL};
     struct spin_plugin_values values = {pairs};
     int turned = strcmp(axes, "rub") == 0, good[6] = {1, 1, 1, 1, 1, 1};
     char name[64];
@@ -159,10 +159,13 @@ static void rotate(const double q[4], const double v[3], double out[3])
     out[2] = v[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
+static const char *const pairs_3[] = {"spz-version", "3", NULL};
+static const struct spin_plugin_values version_3 = {pairs_3};
+
 /* The axes of each ellipsoid, turned about x, are up to sign those of the file. */
 static void test_turned_rotation(void)
 {
-    static const char *const pairs[] = {"axes", "rub", NULL};
+    static const char *const pairs[] = {"axes", "rub", "spz-version", "3", NULL};
     struct spin_plugin_values values = {pairs};
     struct spin_export_job job = {.output = in_folder("rub"), .n_frames = 1, .values = &values};
     struct spin_splats s = {0};
@@ -192,7 +195,7 @@ static void test_turned_rotation(void)
 
 static void test_far(void)
 {
-    struct spin_export_job job = {.output = in_folder("far"), .n_frames = 3};
+    struct spin_export_job job = {.output = in_folder("far"), .n_frames = 3, .values = &version_3};
     struct spin_frame_info info = {0};
     struct spin_splats s = {0};
     struct spz f;
@@ -227,7 +230,8 @@ static void test_far(void)
 
 static void test_edges(void)
 {
-    struct spin_export_job job = {.output = in_folder("edges"), .n_frames = 1, .force = true};
+    struct spin_export_job job = {
+        .output = in_folder("edges"), .n_frames = 1, .force = true, .values = &version_3};
     struct spin_splats s = {0};
     struct spz f;
 
@@ -268,14 +272,11 @@ static uint64_t u64_at(const unsigned char *at)
  * contents. */
 static void test_version_4(int degree, size_t n_rows)
 {
-    static const char *const pairs[] = {"spz-version", "4", NULL};
-    struct spin_plugin_values values = {pairs};
     struct spin_export_job job = {.output = in_folder("v4"),
                                   .n_frames = 1,
                                   .sh_degree = degree,
                                   .antialias = true,
-                                  .force = true,
-                                  .values = &values};
+                                  .force = true};
     int n_streams = n_rows == 0 ? 0 : degree == 0 ? 5 : 6;
     size_t n = 0, at = 32 + 16 * (size_t)n_streams, at_3 = 16;
     struct spin_splats s = {0};
@@ -288,7 +289,7 @@ static void test_version_4(int degree, size_t n_rows)
             degree, spin_last_error()))
         return;
     job.output = in_folder("v3");
-    job.values = NULL;
+    job.values = &version_3;
     job.antialias = false; /* load() knows no flags */
     ok(run(&spin_exporter_spz, &job, &s, 0) == SPIN_OK &&
            load(in_folder("v3/frame_00000.spz"), &three),
@@ -319,9 +320,7 @@ static void test_version_4(int degree, size_t n_rows)
 /* In a process of its own, as the library is looked for once. */
 static void test_without_zstd(void)
 {
-    static const char *const pairs[] = {"spz-version", "4", NULL};
-    struct spin_plugin_values values = {pairs};
-    struct spin_export_job job = {.output = in_folder("nozstd"), .n_frames = 1, .values = &values};
+    struct spin_export_job job = {.output = in_folder("nozstd"), .n_frames = 1};
     int status = 0;
     pid_t child = fork();
 
@@ -330,7 +329,8 @@ static void test_without_zstd(void)
 
         setenv("SPIN_ZSTD", "/no/such.so", 1);
         _exit(spin_exporter_spz.begin(&job, &self) == SPIN_E_UNSUPPORTED &&
-                      strstr(spin_last_error(), "libzstd")
+                      strstr(spin_last_error(), "libzstd") &&
+                      strstr(spin_last_error(), "--spz-version 3")
                   ? 0
                   : 1);
     }

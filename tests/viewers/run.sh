@@ -65,8 +65,8 @@ export_all() {
             { fail "$1.spin does not export to $format"; return 1; }
     done
     # shellcheck disable=SC2086
-    "$bin/spin-export" -q $range "$1.spin" --to spz --spz-version 4 -o "$1/spz4" ||
-        { fail "$1.spin does not export to SPZ 4"; return 1; }
+    "$bin/spin-export" -q $range "$1.spin" --to spz --spz-version 3 -o "$1/spz3" ||
+        { fail "$1.spin does not export to SPZ 3"; return 1; }
     # shellcheck disable=SC2086
     "$bin/spin-export" -q $range "$1.spin" --to gltf -o "$1/clip.glb" ||
         { fail "$1.spin does not export to one GLB"; return 1; }
@@ -141,7 +141,7 @@ show() {
     fi
     # shellcheck disable=SC2086
     node "$here/bench.mjs" --expect-motion $size $known --out "$sample-shots" "$@" "$sample/ply" \
-        "$sample/compressed-ply" "$sample/sog" "$sample/spz" "$sample/spz4" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
+        "$sample/compressed-ply" "$sample/sog" "$sample/spz" "$sample/spz3" "$sample/splat" "$sample/gltf" "$sample/clip.glb" ||
         fail "$sample: a viewer disagrees"
     use_page "$sample"
 }
