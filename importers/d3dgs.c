@@ -272,6 +272,7 @@ static spin_status open_run(void *self, const char *path)
     } lost[] = {
         {"mask", "array 'mask' (TC3DGS) is ignored: every Gaussian is present in every frame"},
         {"cam_m", "the per-camera colour corrections (cam_m, cam_c) are not imported"},
+        {"part_colors", "the colours of parts (part_colors, PaMoSplat) are not imported"},
         {"seg_colors", "the flags of foreground and background (seg_colors) are not imported"},
     };
     struct run *run = self;

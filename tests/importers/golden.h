@@ -117,6 +117,8 @@ ARRAYS(particles, A("xyz", MEANS, .bound = "all", .abs = 1e-7),
        A("cov6", COV6, .bound = "all", .abs = 1e-7),
        A("f_dc", SH, .bound = "all", .abs = 1e-7, .width = 3),
        A("?f_rest", SH_CHANNELS, .bound = "all", .abs = 1e-7));
+ARRAYS(parts, A("xyz", MEANS), A("rot", QUATS), A("cov6", COV6),
+       A("opacity", OPACITIES, .bound = "opacity, rgb"), A("rgb", BASE, .bound = "opacity, rgb"));
 ARRAYS(cloud, A("means", MEANS), A("quats_wxyz", QUATS), A("scales", SCALES),
        A("opacities", OPACITIES), A("sh_dc", SH));
 
@@ -186,6 +188,9 @@ static const struct golden goldens[] = {
       .frames = true, .also = {"?scene.usda", "?scene.usdz"}),
     G("d3dgs", "d3dgs", "params.npz", cloud, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
       .also = {""}),
+    G("d3dgs", "pamosplat", "params.npz", parts, SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES,
+      .frames = true, .said = "part_colors"),
+    G("ply", "trackersplat", "model", particles, 0, .frames = true),
     TC3DGS("expected_ste_0.1.npz"),
     TC3DGS("expected_ste_0.01.npz", "tc-mask", "frame", "tc-threshold", "0.01"),
     TC3DGS("expected_prune_avg_0.1.npz", "tc-mask", "avg", "tc-threshold", "0.1"),
@@ -525,6 +530,18 @@ static inline void golden_columns(struct run *run, int frame, double time,
     spin_splats_free(&one);
 }
 
+/* The index of the frame with this number. */
+static inline int golden_index(const struct run *run, int number)
+{
+    int i = 0;
+
+    if (!run->sequence.numbers)
+        return number;
+    while (i < run->sequence.n_frames && run->sequence.numbers[i] != number)
+        i++;
+    return i;
+}
+
 /* One time: what was read, all at once and column by column. */
 static inline void golden_time(const struct golden *g, struct run *run, struct golden_now *now,
                                double time)
@@ -532,8 +549,8 @@ static inline void golden_time(const struct golden *g, struct run *run, struct g
     struct spin_splats s = {0};
     size_t n = golden_rows(g, now->npz, now->n_all, now->index, now->row);
     int frame = run->sequence.continuous || run->sequence.n_frames == 1 ? 0
-                : g->frames                                             ? (int)time
-                                                                        : (int)now->index;
+                : g->frames ? golden_index(run, (int)time)
+                            : (int)now->index;
 
     now->s = &s;
     if (ok(run->importer->frame(run->self, frame, time, run->sequence.columns, &s) == SPIN_OK &&

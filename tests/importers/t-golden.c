@@ -1,7 +1,8 @@
 /* Every fixture with numbers of its method's own code, by the table of golden.h and the tolerances
  * of its manifest. TAP_PART is a folder of fixtures, or one of them: ed3dgs/annealed_early. K:
  * golden import deformable3dgs motiongs grid4d dash ed3dgs 4dgaussian spacetimegs rotor4dgs
- * realtime4dgs hybrid4dgs omg4 modecgs ex4dgs freetimegs ftgs_ply freetimegspp scgs shapeofmotion stglite gifstream usd d3dgs tc3dgs threads */
+ * realtime4dgs hybrid4dgs omg4 modecgs ex4dgs freetimegs ftgs_ply freetimegspp scgs shapeofmotion
+ * stglite gifstream usd d3dgs pamosplat trackersplat tc3dgs threads */
 #include "tests/importers/golden.h"
 
 static void fixtures_of(const char *method)
@@ -55,5 +56,7 @@ TAP_MAIN
     METHOD_PART(gifstream);
     METHOD_PART(usd);
     METHOD_PART(d3dgs);
+    METHOD_PART(pamosplat);
+    METHOD_PART(trackersplat);
     METHOD_PART(tc3dgs);
 }
