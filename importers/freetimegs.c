@@ -35,6 +35,18 @@ static long long step_of(const char *name)
     return end && strcmp(end, ".pt") == 0 ? n : -1;
 }
 
+/* Other methods have folders with the same names: those whose checkpoint has means, but no
+ * durations. A damaged checkpoint, which has neither, is claimed, so that open() reports it. */
+static int probe_folder(const struct spin_peek *peek)
+{
+    if (spin_peek_contains(peek, "means") && !spin_peek_contains(peek, "durations"))
+        return 0;
+    for (size_t i = 0; peek->names && peek->names[i]; i++)
+        if (step_of(peek->names[i]) >= 0)
+            return 80;
+    return spin_peek_has(peek, "ckpts") ? 60 : 0;
+}
+
 static int probe(const struct spin_peek *peek)
 {
     if (spin_peek_contains(peek, "comment ftgs_version") ||
@@ -42,11 +54,7 @@ static int probe(const struct spin_peek *peek)
          spin_peek_contains(peek, "property float time\n")))
         return 100;
     if (peek->is_folder)
-        for (size_t i = 0; peek->names && peek->names[i]; i++)
-            if (step_of(peek->names[i]) >= 0)
-                return 80;
-    if (peek->is_folder)
-        return spin_peek_has(peek, "ckpts") ? 60 : 0;
+        return probe_folder(peek);
     return spin_peek_contains(peek, "durations") && spin_peek_contains(peek, "velocities") ? 95
            : step_of(spin_path_name(peek->path)) >= 0                                      ? 40
                                                                                            : 0;

@@ -1,6 +1,7 @@
 /* freetimegs: how many frames a clip has, what another writer says, and files that lie.
  * K: freetimegs ftgs_ply ftgs import 4d */
 #include "tests/importers/models.h"
+#include "scene/probe.h"
 #include "tests/importers/slices.h"
 
 #define FROM "freetimegs"
@@ -156,6 +157,24 @@ static void test_ply(const char *path)
     survive_flips(FROM, path);
 }
 
+/* Other methods have folders and checkpoints of the same names. */
+static void test_foreign_folder(const char *checkpoint)
+{
+    const char *run = new_folder(), *alone = new_folder();
+    const struct spin_importer *found = NULL;
+
+    if (spin_folder_make(path_in(run, "ckpts")) != SPIN_OK)
+        exit(1);
+    write_text(path_in(run, "ckpts/ckpt_6999.pt"), "means scales quats opacities sh0 shN");
+    write_text(path_in(alone, "ckpt_6999.pt"), "means scales quats opacities sh0 shN");
+    ok(spin_importer_find(run, NULL, false, &found) == SPIN_E_NOT_RECOGNISED &&
+           spin_importer_find(alone, NULL, false, &found) == SPIN_E_NOT_RECOGNISED,
+       "a folder with the checkpoint of another method is not recognised");
+    copy_file(checkpoint, path_in(alone, "ckpt_6999.pt"));
+    ok(spin_importer_find(alone, NULL, false, &found) == SPIN_OK && !strcmp(found->name, FROM),
+       "and one with its own checkpoint is");
+}
+
 TAP_MAIN
 {
     const char **names = check_cases("freetimegs", "expected.npz");
@@ -185,6 +204,7 @@ TAP_MAIN
             exit(1);
         first = path_in(folder, entries[n - 1]);
         test_checkpoint(first);
+        test_foreign_folder(first);
         spin_folder_list_free(entries);
     }
     free(names);
