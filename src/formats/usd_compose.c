@@ -1,5 +1,6 @@
 #include "formats/usd_compose.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -8,6 +9,7 @@
 #define MAX_DEPTH 64
 #define MAX_NODES 100000
 #define MAX_OPINIONS 256
+#define MAX_CLIPS 1000000
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
@@ -279,6 +281,79 @@ static spin_status read_assets(struct spin_usd_stage *s, const struct spin_usd_v
     return SPIN_OK;
 }
 
+static spin_status entry_number(const struct spin_usd_value *set, const char *name, double *out)
+{
+    struct spin_usd_value value;
+
+    SPIN_TRY(spin_usd_entry(set, name, &value));
+    return value.layer ? spin_usd_doubles(&value, 1, 1, out)
+                       : spin_malformed("clips with a template have no '%s'", name);
+}
+
+/* Adds the file of a time code to the clips, unless it does not exist. The file's name has the time
+ * code in place of the only `#` signs of the template, which say how many digits it has. */
+static spin_status add_template(struct spin_usd_stage *s, const char *template, double time,
+                                struct usd_clips *out)
+{
+    size_t before = strcspn(template, "#"), digits = strspn(template + before, "#");
+    const char *after = template + before + digits, *path;
+    char name[4096];
+    int n = snprintf(name, sizeof name, "%.*s%0*.0f%s", (int)before, template, (int)digits, time,
+                     after);
+
+    if (digits == 0 || digits > 32 || strchr(after, '#') || n < 0 || (size_t)n >= sizeof name)
+        return spin_unsupported("clips named like '%.80s' are not supported", template);
+    SPIN_TRY(resolve_path(s, out->folder_of, name, &path));
+    if (!file_exists(s, path))
+        return SPIN_OK;
+    SPIN_TRY(copy_text(s, name, (const char **)&out->asset[out->n_assets]));
+    out->active[2 * out->n_assets] = time;
+    out->active[2 * out->n_assets + 1] = (double)out->n_assets;
+    out->n_active = ++out->n_assets;
+    return SPIN_OK;
+}
+
+/* Reads clips whose files are named by a template, one for each time code of a range. */
+static spin_status read_template(struct spin_usd_stage *s, const struct spin_usd_value *set,
+                                 const struct spin_usd_value *name, struct usd_clips *out)
+{
+    SPIN_FREED char *template = NULL;
+    double first = 0, last = 0, stride = 0, n;
+
+    SPIN_TRY(spin_usd_text(name, &template));
+    SPIN_TRY(entry_number(set, "templateStartTime", &first));
+    SPIN_TRY(entry_number(set, "templateEndTime", &last));
+    SPIN_TRY(entry_number(set, "templateStride", &stride));
+    n = floor((last - first) / stride + 1e-6) + 1;
+    if (!(stride >= 1 && first >= 0 && n >= 1 && n <= MAX_CLIPS && first == floor(first) &&
+          stride == floor(stride)))
+        return spin_unsupported("clips from %g to %g by %g are not supported: expected whole time "
+                                "codes",
+                                first, last, stride);
+    SPIN_TRY(spin_arena_take(&s->arena, (size_t)n, sizeof *out->asset, (void **)&out->asset));
+    SPIN_TRY(spin_arena_take(&s->arena, (size_t)n, 2 * sizeof *out->active, (void **)&out->active));
+    for (size_t i = 0; i < (size_t)n; i++)
+        SPIN_TRY(add_template(s, template, first + (double)i * stride, out));
+    return out->n_active > 0 ? SPIN_OK : spin_not_found("no clips named like '%s' exist", template);
+}
+
+/* Reads the list of files and the times of the clips. */
+static spin_status read_list(struct spin_usd_stage *s, const struct spin_usd_value *set,
+                             struct usd_clips *out)
+{
+    struct spin_usd_value value;
+
+    SPIN_TRY(spin_usd_entry(set, "assetPaths", &value));
+    if (value.layer) {
+        SPIN_TRY(read_assets(s, &value, out));
+        SPIN_TRY(read_pairs(s, set, "active", &out->active, &out->n_active));
+        return read_pairs(s, set, "times", &out->times, &out->n_times);
+    }
+    SPIN_TRY(spin_usd_entry(set, "templateAssetPath", &value));
+    return value.layer ? read_template(s, set, &value, out)
+                       : spin_malformed("clips have neither assetPaths nor templateAssetPath");
+}
+
 /* Reads the clips of a prim from the entries of one set of clips. */
 static spin_status read_clips(struct spin_usd_stage *s, const struct spin_usd_value *set,
                               struct usd_clips *out, struct usd_node *node)
@@ -286,17 +361,12 @@ static spin_status read_clips(struct spin_usd_stage *s, const struct spin_usd_va
     struct spin_usd_value value;
     SPIN_FREED char *path = NULL;
 
-    SPIN_TRY(spin_usd_entry(set, "assetPaths", &value));
-    if (!value.layer)
-        return spin_unsupported("'%s' has clips without assetPaths", node->path);
-    SPIN_TRY(read_assets(s, &value, out));
+    SPIN_TRY(read_list(s, set, out));
     SPIN_TRY(spin_usd_entry(set, "primPath", &value));
     if (!value.layer)
         return spin_malformed("the clips of '%s' have no primPath", node->path);
     SPIN_TRY(spin_usd_text(&value, &path));
     SPIN_TRY(copy_text(s, path, &node->clip_path));
-    SPIN_TRY(read_pairs(s, set, "active", &out->active, &out->n_active));
-    SPIN_TRY(read_pairs(s, set, "times", &out->times, &out->n_times));
     for (size_t i = 0; i < out->n_active; i++)
         if (!(out->active[2 * i + 1] >= 0 && out->active[2 * i + 1] < (double)out->n_assets))
             return spin_malformed("the clips of '%s' name file %g of %zu", node->path,

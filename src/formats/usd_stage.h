@@ -1,6 +1,6 @@
 /* Composes layers of USD to a scene, and reads its splats: prims of type
  * ParticleField3DGaussianSplat (OpenUSD 26.03). Composed are sublayers, references and payloads,
- * value clips with a list of files, and packages (.usdz). Files that a layer names are opened
+ * value clips, and packages (.usdz). Files that a layer names are opened
  * relative to it.
  *
  * A frame is at each time code at which a splat attribute or a transform has a sample; between

@@ -241,6 +241,51 @@ static void test_clips(void)
     run_close(&run);
 }
 
+/* Clips whose files have a time code in their names, one of which is missing. */
+static void test_templates(void)
+{
+    static const struct {
+        const char *from, *to, *word;
+    } lies[] = {
+        {"c.###", "c.##.##", "not supported"},
+        {"c.###", "c", "not supported"},
+        {"c.###", "d.###", "no clips named like"},
+        {"templateStride = 2", "templateStride = 0.5", "whole time codes"},
+        {"templateStride = 2", "templateStride = 0", "whole time codes"},
+        {"templateStride", "templateStep", "no 'templateStride'"},
+        {"templateAssetPath", "templatePath", "neither assetPaths"},
+    };
+    const char *folder = new_folder(), *path = path_in(folder, "clip.usda");
+    struct run run;
+
+    for (int k = 0; k < 6; k += k == 0 ? 4 : 2) {
+        char name[20], text[200];
+
+        snprintf(name, sizeof name, "c.%03d.usda", 96 + k);
+        snprintf(
+            text, sizeof text,
+            "#usda 1.0\nover \"S\"\n{\n    point3f[] positions.timeSamples = { %d: [(%d, 0, 0)]"
+            " }\n}\n",
+            96 + k, k);
+        write_text(path_in(folder, name), text);
+    }
+    write_text(path,
+               "#usda 1.0\n" SPLATS "(\n    clips = { dictionary default = {\n"
+               "        asset templateAssetPath = @./c.###.usda@\n"
+               "        double templateStartTime = 96\n        double templateEndTime = 100\n"
+               "        double templateStride = 2\n        string primPath = \"/S\"\n    } }\n"
+               ")\n{\n    float3[] scales = [(1, 1, 1)]\n}\n");
+    ok(opens(path, as_is, &run) && run.sequence.n_frames == 2 && run.sequence.numbers[1] == 100 &&
+           is_at(&run, 0, 0, 0, 0, 0) && is_at(&run, 1, 0, 4, 0, 0),
+       "files named by a template");
+    run_close(&run);
+    for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {
+        const char *bad = with_line(path, lies[i].from, lies[i].to);
+
+        model_fails("usd", bad, NULL, "clip.usda", lies[i].word, lies[i].word);
+    }
+}
+
 static void test_lies(void)
 {
     static const struct {
@@ -492,6 +537,7 @@ TAP_MAIN
     test_transforms();
     test_samples();
     test_clips();
+    test_templates();
     test_lies();
     test_cycles();
     test_crates();
