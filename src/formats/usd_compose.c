@@ -27,8 +27,7 @@ static spin_status copy_text(struct spin_usd_stage *s, const char *text, const c
 static spin_status resolve_path(struct spin_usd_stage *s, const char *from, const char *asset,
                                 const char **out)
 {
-    const char *slash = strrchr(from, '/');
-    size_t n = slash && *asset != '/' ? (size_t)(slash - from) + 1 : 0;
+    size_t n = *asset != '/' ? (size_t)(spin_path_name(from) - from) : 0;
     char *path;
 
     SPIN_TRY(spin_arena_take(&s->arena, n + strlen(asset) + 1, 1, (void **)&path));
