@@ -32,6 +32,7 @@
 #define PRIM "Splats"
 #define STILL "still.usda"
 #define APERTURE 36.0 /* horizontal aperture of every camera */
+#define COLOUR_SPACE "    prepend apiSchemas = [\"ColorSpaceAPI\"]\n"
 
 static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.usda"),
@@ -362,9 +363,16 @@ static void print_head(const struct export *x, int first, int last, FILE *to)
             x->still ? "    subLayers = [@./" STILL "@]\n" : "", x->frames.fps * x->codes);
 }
 
-static void print_degree(const struct export *x, FILE *to)
+/* Prints the attributes that never have time samples. Readers take colours without a colour space
+ * for linear light; OpenUSD has no name for display values but this one, with the curve and the
+ * primaries of sRGB. */
+static void print_uniforms(const struct export *x, FILE *to)
 {
-    fprintf(to, "    uniform int radiance:sphericalHarmonicsDegree = %d\n",
+    fprintf(to,
+            "    uniform token colorSpace:name = \"srgb_rec709_scene\"\n"
+            "    uniform token projectionModeHint = \"perspective\"\n"
+            "    uniform int radiance:sphericalHarmonicsDegree = %d\n"
+            "    uniform token sortingModeHint = \"zDepth\"\n",
             x->frames.rows.sh_degree);
 }
 
@@ -380,9 +388,9 @@ static spin_status layer_head(const struct export *x, int number, size_t n, char
     print_head(x, number, number, to);
     fprintf(to,
             "def ParticleField3DGaussianSplat \"" PRIM "\" (\n    customData = {\n"
-            "        int splats = %zu\n    }\n)\n{\n",
+            "        int splats = %zu\n    }\n" COLOUR_SPACE ")\n{\n",
             n);
-    print_degree(x, to);
+    print_uniforms(x, to);
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
 
@@ -681,8 +689,8 @@ static spin_status write_stage(struct export *x, bool manifest)
         print_head(x, first, last, to);
         fprintf(to, "def ParticleField3DGaussianSplat \"" PRIM "\" (\n");
         status = print_clips(x, to);
-        fprintf(to, ")\n{\n");
-        print_degree(x, to);
+        fprintf(to, COLOUR_SPACE ")\n{\n");
+        print_uniforms(x, to);
     }
     print_attributes(x, to);
     fprintf(to, "}\n");

@@ -91,6 +91,14 @@ static double reach_of(const struct want *w, size_t axis)
 /* Values of degree n are of one sign, or of the other, when the scene is turned half about x. */
 static const char sh_signs[] = "+--+-++-+-+--+-+";
 
+static bool has_hints(const char *text)
+{
+    return strstr(text, "    prepend apiSchemas = [\"ColorSpaceAPI\"]\n)\n{\n") &&
+           strstr(text, "    uniform token colorSpace:name = \"srgb_rec709_scene\"\n") &&
+           strstr(text, "    uniform token projectionModeHint = \"perspective\"\n") &&
+           strstr(text, "    uniform token sortingModeHint = \"zDepth\"\n");
+}
+
 static void test_values(int degree, const char *sh, int to, int half, const char *axes)
 {
     const char *pairs[] = {"sh", sh, "axes", axes, "fps", "24", half ? NULL : "float", "1", NULL};
@@ -123,6 +131,7 @@ static void test_values(int degree, const char *sh, int to, int half, const char
        "the stage's metadata and the prim");
     snprintf(line, sizeof line, "\n    uniform int radiance:sphericalHarmonicsDegree = %d\n", to);
     ok(strstr(text, line) != NULL, "the degree");
+    ok(has_hints(text), "the colour space and the hints");
     ok(samples(text, "point3f[] positions", 3, &time[0], &place) == 3 * (long)n &&
            samples(text, half ? "quath[] orientationsh" : "quatf[] orientations", 4, &time[1],
                    &q) == 4 * (long)n &&
@@ -241,6 +250,7 @@ static void test_stage(void)
     }
     ok(good && spin_exporter_usd.end(self) == SPIN_OK, "writes three frames");
     text = slurp(in_folder("clip/clip.usda"));
+    ok(has_hints(text), "the stage has the colour space and the hints");
     ok(!strncmp(text, "#usda 1.0\n(\n", 12) && strstr(text, "defaultPrim = \"Splats\"\n") &&
            strstr(text, "startTimeCode = 3\n") && strstr(text, "endTimeCode = 9\n") &&
            strstr(text, "timeCodesPerSecond = 12.5\n") && strstr(text, "upAxis = \"Y\"\n"),
