@@ -55,7 +55,7 @@ struct parser {
 
 /* ---- Messages, signals and exit codes -------------------------------------------------------- */
 
-/* False in all ranks but one, so that an error that all ranks share is printed once. */
+/* True in one rank only, so that an error common to all ranks is printed once. */
 static bool speaks = true;
 
 /* Prints an error as one line, without the control characters that names of files may contain. */

@@ -172,8 +172,8 @@ static const char *const of_clip[] = {"tracks",      "iterations", "batch",     
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-/* The number of options at the start of of_clip and of_tracks that also have an effect with
- * --method 4d. */
+/* With --method 4d, only this many options, the first ones of of_clip and of of_tracks, have an
+ * effect. */
 enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 };
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};

@@ -40,7 +40,7 @@ struct spin_eval_report {
     double seconds_decode; /* mean time to decode a frame to splats */
     double seconds_draw;   /* mean time to render a view of a decoded frame */
     struct spin_bundle_bytes storage, unpacked; /* size of the bundle: packed, unpacked */
-    struct spin_flicker_sums *flicker; /* [n_flicker] static cameras; NULL: not measured */
+    struct spin_flicker_sums *flicker;          /* [n_flicker] static cameras; NULL: not measured */
     size_t n_flicker;
 };
 
@@ -65,7 +65,8 @@ struct spin_metrics {
     /* Measure only this mask, with the background everywhere else; NULL: measure whole images. */
     struct spin_dynamic_mask *subject;
     struct spin_lpips *lpips[SPIN_N_LPIPS]; /* NULL: not measured */
-    /* Folder for PNGs with ground truth and rendered image side by side; NULL: none. */
+    /* Folder for PNGs that show ground truth and rendered image side by side; NULL: none are
+     * written. */
     const char *images;
     struct spin_player *source; /* not NULL: the PNGs show the source between these two images */
     const char *what;           /* text of the progress line */

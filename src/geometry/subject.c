@@ -3,15 +3,16 @@
 #include "base/base.h"
 #include "math/rng.h"
 
-/* Cells of which a smaller share moves flicker. */
+/* A cell with a smaller share of dynamic splats, by opaque area, only flickers: nothing in it
+ * moves. */
 #define LEAST_SHARE 0.3f
 
 enum {
     STARTS = 30,  /* starts of the search for the densest ball */
     SHIFTS = 12,  /* steps of the search from one start */
-    FEW = 20,     /* with fewer dynamic splats in the clip, nothing moves */
+    FEW = 20,     /* a clip with fewer dynamic splats is treated as static */
     MOST = 40000, /* splats that the search examines */
-    SAMPLES = 60, /* places along a ray */
+    SAMPLES = 60, /* sample points along a ray */
 };
 
 struct item {
@@ -93,7 +94,8 @@ static spin_status find_reach(const struct spin_voxels *v, const double from[3],
 
 /* ---- The splats of the subject --------------------------------------------------------------- */
 
-/* Sets *share to an array with the share of the opaque area of each cell that moves. */
+/* Computes for each cell which share of its opaque area belongs to dynamic splats. The caller frees
+ * *share. */
 static spin_status find_moving_shares(const struct spin_voxels *v, float **share)
 {
     SPIN_FREED float *all = NULL;
@@ -117,8 +119,8 @@ static spin_status find_moving_shares(const struct spin_voxels *v, float **share
     return SPIN_OK;
 }
 
-/* Multiplies the weights by the square of the share of their cell that moves: of a wall that
- * flickers, only some splats seem to move. */
+/* Multiplies the weight of each splat by the square of its cell's dynamic share. This suppresses
+ * flickering walls, of which only some splats seem to move. */
 static spin_status weigh_by_share(const struct spin_voxels *v, struct spin_subject *s)
 {
     SPIN_FREED float *share = NULL;
@@ -136,8 +138,8 @@ static spin_status weigh_by_share(const struct spin_voxels *v, struct spin_subje
     return SPIN_OK;
 }
 
-/* Lists the splats that move, or all splats. Large splats that move are flicker of walls and
- * background. */
+/* Lists the dynamic splats (if `moving`) or all splats. Large dynamic splats are left out, since
+ * they usually belong to a flickering wall or background. */
 static spin_status list_splats(const struct spin_voxels *v, bool moving, struct spin_subject *s)
 {
     SPIN_TRY(spin_grow(v->n_splats + 1, sizeof *s->splat, (void **)&s->splat));
@@ -154,8 +156,8 @@ static spin_status list_splats(const struct spin_voxels *v, bool moving, struct 
     return SPIN_OK;
 }
 
-/* Multiplies the weights by the transmittance towards the middle of the scene: what flickers behind
- * a wall is not the subject. */
+/* Multiplies the weight of each splat by the transmittance between the splat and the middle of the
+ * scene, since splats that flicker behind a wall are not part of the subject. */
 static void weigh_by_sight(const struct spin_voxels *v, const double middle[3],
                            struct spin_subject *s)
 {
@@ -240,7 +242,8 @@ static spin_status find_ball(const struct spin_voxels *v, double radius, uint64_
     return SPIN_OK;
 }
 
-/* Sets the radius to that of the ball with 80 % of the subject, without what is far from it. */
+/* Sets the radius to that of the ball that contains 80 % of the subject's weight. Splats farther
+ * than `span` from the centre are ignored. */
 static spin_status find_radius(const struct spin_voxels *v, struct spin_subject *s)
 {
     SPIN_FREED struct item *item = NULL;

@@ -1,4 +1,5 @@
-/* Finds what a clip is about, as a ball: what moves or, without motion, its densest part. */
+/* Finds the subject of a clip, which is the part that moves or, in a static clip, the densest part.
+ * The subject is described by its splats and by a ball around most of them. */
 #pragma once
 
 #include "geometry/voxels.h"
@@ -6,16 +7,17 @@
 struct spin_subject {
     double centre[3], radius;
     double reach; /* radius of the ball around `centre` that contains 90 % of the opaque area */
-    double span;  /* radius within which splats of the subject were looked for */
+    double span;  /* only splats within this radius belong to the subject */
     bool moves;
-    size_t *splat;  /* [n], splats of the subject, indices into the voxels' list */
-    double *weight; /* [n], visible opacity of each */
+    size_t *splat;  /* [n] splats of the subject, as indices into spin_voxels.splat */
+    double *weight; /* [n] weight of each, based on its visible opacity */
     size_t n;
 };
 
 spin_status spin_subject_find(const struct spin_voxels *v, uint64_t seed, struct spin_subject *out);
 void spin_subject_free(struct spin_subject *s);
 
-/* Draws item i with probability weight[i] / sum of weights; `sums` are the running sums. share: 0
- * to 1. */
+/* Samples an item by its weight: returns the first i whose running sum sums[i] exceeds `share`, 0
+ * to 1, of the total. A uniform random share gives item i with the probability weight[i] /
+ * total. */
 size_t spin_subject_draw(const double *sums, size_t n, double share);

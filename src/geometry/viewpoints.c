@@ -6,23 +6,23 @@
 
 #define LOWEST (-0.1)      /* directions below this sine of the elevation are not used */
 #define WALL_DEPTH 0.7     /* optical depth of a wall */
-#define FREE_SHARE 0.03    /* largest share of covered rays of a free view */
-#define INWARDS 0.93       /* factor on the distance of a camera that is not free */
+#define FREE_SHARE 0.03    /* a view is free if at most this share of its rays is covered */
+#define INWARDS 0.93       /* factor on a camera's distance in each step inwards */
 #define LEAST_DISTANCE 1.2 /* smallest distance of a camera, in radii of the subject */
 #define MOST_DISTANCE                                                                              \
     5.0 /* largest distance, in radii of the subject: the scene may be unbounded */
 enum {
     DIRECTIONS = 200, /* directions that decide whether the scene is a room */
-    TRIES = 8,        /* steps inwards until a camera is free */
+    TRIES = 8,        /* largest number of steps inwards to find a free view */
     ACROSS = 16,      /* rays of a probe, horizontally and vertically */
     DOWN = 9,
-    SAMPLES = 40,     /* places along a ray of a probe */
+    SAMPLES = 40,     /* sample points along a ray of a probe */
     MOST_PLACES = 60, /* directions per camera after which the search ends */
-    TARGETS = 400,    /* splats of the subject, and of the rest, that the cameras are to cover */
-    DRAWS = 4000,     /* draws for these */
-    AIMS = 13,        /* points that a camera may look at: the centre, or one that moves */
+    TARGETS = 400,    /* numbers of splats to cover: of the subject, and of the rest */
+    DRAWS = 4000,     /* largest number of random draws for each of these numbers */
+    AIMS = 13,        /* number of points among which each camera chooses its target */
     LEAST_CAMERAS = 8,
-    AZIMUTHS = 24, /* places on a circle */
+    AZIMUTHS = 24, /* positions on a circle */
 };
 /* Streams of random numbers. */
 enum { NEAR_CENTRE = 2, DISTANCE, AIM, SUBJECT, REST };
@@ -30,8 +30,8 @@ enum { NEAR_CENTRE = 2, DISTANCE, AIM, SUBJECT, REST };
 struct target {
     double at[3], weight;
     bool moves;
-    int draw; /* number of the draw that found it */
-    int seen; /* number of cameras that have it inside their image */
+    int draw; /* number of the random draw that selected it */
+    int seen; /* number of cameras whose image contains it */
 };
 
 struct placing {
@@ -81,7 +81,7 @@ static double distance_to(const double a[3], const double b[3])
     return sqrt(dot(v, v));
 }
 
-/* Sets the rows of `axis` to right, down and ahead of a camera. */
+/* Sets the rows of `axis` to the camera's directions right, down and forward. */
 static void find_axes(const double eye[3], const double target[3], const double up[3],
                       double axis[3][3])
 {
@@ -106,8 +106,8 @@ void spin_viewpoints_look(const double eye[3], const double target[3], const dou
 
 /* ---- Directions ------------------------------------------------------------------------------ */
 
-/* Sets `out` to direction i of n on the sphere (a Fibonacci lattice); its third component is
- * upwards. Returns false for directions that are too low. */
+/* Sets `out` to direction i of n, evenly distributed over the sphere (a Fibonacci lattice with the
+ * pole at `up`). Returns false if the direction is below LOWEST. */
 static bool find_direction(const struct placing *p, int i, int n, double turn, double out[3])
 {
     double z = 1 - 2 * (i + 0.5) / n, angle = M_PI * (1 + sqrt(5)) * (i + 0.5) + turn;
@@ -118,8 +118,8 @@ static bool find_direction(const struct placing *p, int i, int n, double turn, d
     return z >= LOWEST;
 }
 
-/* Returns the distance from the centre of the first wall in a direction; INFINITY: none up to
- * `far`. */
+/* Returns the distance from the centre to the first wall in a direction; INFINITY if there is no
+ * wall up to `far`. */
 static double wall_distance(const struct placing *p, double from, const double direction[3])
 {
     double step = p->v->cell / 2, sum = 0;
@@ -137,8 +137,8 @@ static double wall_distance(const struct placing *p, double from, const double d
     return INFINITY;
 }
 
-/* Lists the distances of walls in all directions. Returns their number, *n is that of directions.
- */
+/* Sets `wall` to the sorted distances of the walls around the centre and returns their number. *n
+ * is the number of directions that were searched. */
 static int list_walls(const struct placing *p, double wall[DIRECTIONS], int *n)
 {
     int n_walls = 0;
@@ -172,10 +172,10 @@ static double share_within(const struct placing *p, double radius)
     return all > 0 ? sum / all : 0;
 }
 
-/* Decides whether walls surround the subject. In a room, no camera is far behind the median wall,
- * even where the room is open; and a subject that fills the room is taken to be half as large.
- * Without motion, the shell of an object looks like a room from inside: something must be in the
- * middle. */
+/* Decides whether walls surround the subject. In a room, `far` is limited to the median distance of
+ * the walls, so that cameras do not leave through openings, and the radius of a subject that fills
+ * the room is reduced. In a static clip, the shell of an object looks like a room from inside, so a
+ * room must also have splats in its middle. */
 static void find_room(struct placing *p)
 {
     double wall[DIRECTIONS];
@@ -196,7 +196,7 @@ static void find_room(struct placing *p)
 
 /* ---- Places ---------------------------------------------------------------------------------- */
 
-/* Returns whether this ray, from the eye, is at least 30 % covered. */
+/* Returns whether splats absorb at least 30 % of a ray from the eye. */
 static bool is_covered(const struct placing *p, const double eye[3], const double ray[3],
                        double length)
 {
@@ -205,9 +205,9 @@ static bool is_covered(const struct placing *p, const double eye[3], const doubl
     return spin_voxels_depth(p->v, p->v->opacity, eye, along, SAMPLES) > -log(0.7);
 }
 
-/* Returns the share of the rays of a probe, towards `aim`, that are covered within a third of the
- * distance from the centre, plus half the share of those in the middle that are covered before the
- * subject. */
+/* Measures how much blocks the view from `eye` towards `aim`, by a grid of rays: returns the share
+ * of rays that are covered within a third of the distance to the centre, plus half the share of the
+ * middle rays that are covered before they reach the subject. */
 static double covered_share(const struct placing *p, const double eye[3], const double aim[3])
 {
     double axis[3][3], away = distance_to(eye, p->out->centre);
@@ -245,8 +245,9 @@ static bool free_view(const struct placing *p, double eye[3])
     return false;
 }
 
-/* Finds the place for a camera in a direction, at `scale` times the largest distance. A wall
- * near the centre is a part of the subject that stands still. */
+/* Finds a position for a camera in a direction, at `scale` times the largest possible distance. A
+ * wall close to the centre is taken for a static part of the subject, and the next wall is used
+ * instead. */
 static bool find_place(const struct placing *p, const double direction[3], double scale,
                        double eye[3])
 {
@@ -260,7 +261,7 @@ static bool find_place(const struct placing *p, const double direction[3], doubl
     return free_view(p, eye);
 }
 
-/* Lists the free places among n directions. */
+/* Lists the positions with a free view among n directions. */
 static int list_places(const struct placing *p, int n, double turn, double least, double (*eye)[3])
 {
     int n_eyes = 0;
@@ -276,7 +277,8 @@ static int list_places(const struct placing *p, int n, double turn, double least
     return n_eyes;
 }
 
-/* Finds places for n cameras in evenly distributed directions; *found is their number. */
+/* Finds positions for up to n cameras in evenly distributed directions, and sets *found to their
+ * number. */
 static spin_status find_places(const struct placing *p, int n, double turn, double least,
                                double (*eye)[3], int *found)
 {
@@ -300,7 +302,7 @@ static spin_status find_places(const struct placing *p, int n, double turn, doub
 
 /* ---- A circle -------------------------------------------------------------------------------- */
 
-/* Sets `eye` to place k of AZIMUTHS on a circle around the axis `up`; place 0 is in front. */
+/* Sets `eye` to position k of AZIMUTHS on a circle around the axis `up`; position 0 is in front. */
 static void find_azimuth(const struct placing *p, int k, double sine, double distance,
                          double eye[3])
 {
@@ -311,7 +313,7 @@ static void find_azimuth(const struct placing *p, int k, double sine, double dis
     add_scaled(eye, sine * distance, p->axis[2], eye);
 }
 
-/* Returns the distance from the centre at which a circle meets no wall. */
+/* Returns the largest distance from the centre at which a circle is inside all walls. */
 static double circle_distance(const struct placing *p, double sine)
 {
     double least = p->far, radius = p->out->radius, unit[3], eye[3];
@@ -337,7 +339,8 @@ static int count_covered(const struct placing *p, double sine, double distance)
     return n;
 }
 
-/* Finds the circle with the fewest covered places, preferably a large one of low elevation. */
+/* Finds the circle with the fewest blocked positions; among equals, a large one at low
+ * elevation. */
 static void find_circle(struct placing *p)
 {
     static const double sines[] = {0.2, 0.35, 0.5, 0.05};
@@ -361,7 +364,7 @@ static void find_circle(struct placing *p)
 
 /* ---- What to look at ------------------------------------------------------------------------- */
 
-/* Returns whether a point can be seen from the centre. */
+/* Returns whether little opacity lies between a point and the centre. */
 static bool is_in_sight(const struct placing *p, const double at[3])
 {
     double from[3], along[3];
@@ -386,7 +389,7 @@ static void add_target(struct placing *p, const float position[3], bool moves, i
     p->n_moving += moves;
 }
 
-/* Draws splats of the subject, by their weight. */
+/* Samples splats of the subject at random, by their weight, as targets. */
 static spin_status add_subject(struct placing *p)
 {
     const struct spin_subject *s = p->subject;
@@ -404,7 +407,7 @@ static spin_status add_subject(struct placing *p)
     return SPIN_OK;
 }
 
-/* Draws splats of the scene, by their opaque area. */
+/* Samples splats of the whole scene at random, by their opaque area, as targets. */
 static spin_status add_rest(struct placing *p)
 {
     int most = p->n_targets + TARGETS;
@@ -434,8 +437,9 @@ static bool is_inside(const struct placing *p, const double eye[3], double axis[
            fabs(dot(axis[1], v)) < 0.95 * p->half[1] * depth;
 }
 
-/* Returns what a camera adds: targets that few cameras have seen count most. count: also counts it
- * as one that has seen them. */
+/* Returns the gain in coverage by a camera: the weights of the targets inside its image, each
+ * divided by 1 plus the number of earlier cameras that see the target. count: adds the camera to
+ * these numbers. */
 static double gain_of(const struct placing *p, const double eye[3], const double aim[3], bool count)
 {
     double axis[3][3], gain = 0;
@@ -449,8 +453,9 @@ static double gain_of(const struct placing *p, const double eye[3], const double
     return gain;
 }
 
-/* Returns a moving target. It is chosen by the number of its draw, so that the choice does not
- * depend on how many targets before it are in sight. */
+/* Returns a random moving target. The random number is compared with the numbers of the draws
+ * instead of indices, so that the choice does not depend on how many earlier draws were
+ * rejected. */
 static const struct target *choose_target(const struct placing *p, uint64_t counter)
 {
     int draw = (int)spin_rng_below(p->o->seed, AIM, counter, TARGETS), i = 0;
@@ -460,7 +465,8 @@ static const struct target *choose_target(const struct placing *p, uint64_t coun
     return &p->target[i];
 }
 
-/* Sets `aim` to candidate k for camera i: a point near the centre, or a moving one. */
+/* Sets `aim` to the k-th point at which camera i may look: for k = 0 or without motion a point near
+ * the centre, otherwise a moving target. */
 static void find_aim(const struct placing *p, int i, int k, double aim[3])
 {
     uint64_t at = 3 * ((uint64_t)i * AIMS + (uint64_t)k);
@@ -477,7 +483,8 @@ static void find_aim(const struct placing *p, int i, int k, double aim[3])
     }
 }
 
-/* Adds a camera that looks at the best of several points. */
+/* Adds a camera that looks at the point, among AIMS candidates, with the largest gain in
+ * coverage. */
 static void add_camera(struct placing *p, const double eye[3], bool test)
 {
     struct spin_viewpoint *c = &p->out->camera[p->out->n];
@@ -491,7 +498,7 @@ static void add_camera(struct placing *p, const double eye[3], bool test)
             distance_to(aim, eye) < 0.5 * p->out->radius || covered_share(p, eye, aim) >= FREE_SHARE
                 ? -1
                 : gain_of(p, eye, aim, false);
-        if (gain <= 1.001 * most) /* rounding must not decide */
+        if (gain <= 1.001 * most) /* the margin keeps rounding errors from deciding */
             continue;
         most = gain;
         memcpy(best, aim, sizeof best);
@@ -526,7 +533,7 @@ static void measure_targets(struct placing *p)
 
 /* ---- All cameras ----------------------------------------------------------------------------- */
 
-/* Chooses two horizontal axes, which turn with `up`. */
+/* Derives two horizontal axes from `up`, so that they rotate with the scene. */
 static void set_axes(struct placing *p)
 {
     double x[3] = {1, 0, 0}, z[3] = {0, 0, 1}, *up = p->out->up;

@@ -1,13 +1,13 @@
-/* Places cameras around what a clip shows, for clips without cameras of their own: inside rooms,
- * around subjects, and never with a wall before the lens. What moves is the subject; without
- * motion, it is the densest part of the scene. The cameras do not depend on the unit of the scene,
- * and turn with it. */
+/* Places cameras around the subject of a clip that has no cameras of its own. The subject is the
+ * part that moves or, in a static clip, the densest part. In a room the cameras stay inside the
+ * walls, and no wall blocks their view. Placement is invariant to the scale of the scene, and
+ * rotates with the scene. */
 #pragma once
 
 #include "geometry/voxels.h"
 
 struct spin_viewpoints_options {
-    int n_cameras, n_test; /* cameras to place, and further ones that are held out; may be 0 */
+    int n_cameras, n_test; /* numbers of training and of held-out cameras to place; may be 0 */
     int width, height;     /* pixels */
     double fovy_deg;       /* vertical field of view */
     double up[3];          /* {0}: -y, as in most captures */
@@ -20,24 +20,26 @@ struct spin_viewpoint {
 };
 
 struct spin_viewpoints {
-    struct spin_viewpoint *camera; /* [n], held-out ones last */
+    struct spin_viewpoint *camera; /* [n] cameras, the held-out ones last */
     int n;
     double centre[3], radius; /* the ball around the subject */
-    double reach;             /* radius of the ball around `centre` with 90 % of the scene */
-    double up[3];             /* unit vector */
-    bool room;                /* walls surround the subject: the cameras stand inside */
-    /* A place in front of the subject and slightly above. From there, a camera can circle around
-     * the axis `up` through the centre; `free_circle`: without a wall before its lens anywhere. */
+    double reach; /* radius of the ball around `centre` that contains 90 % of the scene */
+    double up[3]; /* unit vector */
+    bool room;    /* walls surround the subject, so the cameras are inside them */
+    /* A position in front of the subject and slightly above, from which a camera can circle around
+     * the axis `up` through the centre. free_circle: no wall blocks its view anywhere on the
+     * circle. */
     double front[3];
     bool free_circle;
     double distance; /* largest distance of a camera from the centre */
-    /* Share of what moves, or of the subject, and of the rest, that fewer than three of the
-     * n_cameras have inside their image. */
+    /* Shares of the sampled splats of the subject (few_moving) and of the rest of the scene
+     * (few_static) that are inside the images of fewer than three training cameras. */
     double few_moving, few_static;
 };
 
-/* Fails with SPIN_E_UNSUPPORTED if the clip has no opacities, or if fewer than n_cameras, or 8 of
- * them, have a free view: it sets out->n to the number of cameras that were placed. */
+/* Fails with SPIN_E_UNSUPPORTED if the clip has no opacities, or if no free view was found for
+ * n_cameras cameras or for 8 of them, whichever is fewer. out->n is then the number of cameras that
+ * were placed. */
 spin_status spin_viewpoints_open(const struct spin_viewpoints_options *o, int n_frames,
                                  spin_voxel_read_fn read, void *context,
                                  struct spin_viewpoints *out);

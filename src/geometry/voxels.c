@@ -61,7 +61,7 @@ static struct spin_voxel_splat make_splat(const struct spin_splats *s, size_t i,
     return out;
 }
 
-/* Adds the splats of a frame; of a large frame only every n-th. */
+/* Adds the splats of a frame or, if the frame is large, every n-th of them. */
 static spin_status add_frame(struct spin_voxels *v, const struct spin_splats *s)
 {
     size_t stride = 1 + s->n / MOST_SPLATS, before = v->n_splats;
@@ -95,7 +95,8 @@ static spin_status read_frames(struct spin_voxels *v, int n_frames, spin_voxel_r
 
 /* ---- The grid -------------------------------------------------------------------------------- */
 
-/* Sets low and high to the 1st and the 99th percentile of the positions of visible splats. */
+/* Sets low and high to the 1st and the 99th percentile of the positions of visible splats along
+ * each axis. */
 static spin_status find_bounds(const struct spin_voxels *v, double low[3], double high[3])
 {
     SPIN_FREED float *value = NULL;
@@ -116,7 +117,8 @@ static spin_status find_bounds(const struct spin_voxels *v, double low[3], doubl
     return SPIN_OK;
 }
 
-/* Centres the grid, so that it is the same for a scene that is turned upside down. */
+/* Centres the grid on the bounding box, so that a scene that is turned upside down gets the same
+ * cells. */
 static spin_status set_grid(struct spin_voxels *v)
 {
     double low[3], high[3], side = 0;
@@ -157,7 +159,7 @@ void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3])
     }
 }
 
-/* Returns the cell of part k of a splat: of its centre, or of an end of one of its axes. */
+/* Returns the cell that contains part k of a splat: its centre or an end of one of its axes. */
 static size_t cell_of_part(const struct spin_voxels *v, const struct spin_voxel_splat *s, int k)
 {
     double at[3], side = k == 0 ? 0 : k % 2 ? 1 : -1;
@@ -216,8 +218,8 @@ static void add_mass(const struct spin_voxels *v, int f, int channel, float *fie
     }
 }
 
-/* Adds all splats to a field. Those that are larger than a cell, such as floaters before a lens,
- * extend over several cells. */
+/* Adds all splats to a field. Splats larger than a cell, such as floaters in front of a lens, are
+ * spread over several cells. */
 static void add_extents(const struct spin_voxels *v, float *field)
 {
     for (size_t i = 0; i < v->n_splats; i++) {
@@ -259,8 +261,8 @@ static spin_status make_colours(struct spin_voxels *v)
     return SPIN_OK;
 }
 
-/* Returns the 40th percentile of the masses of one cell: what moves is no wall, and a wall that
- * flickers is one. */
+/* Returns the 40th percentile of the masses of one cell over the frames. This is small where
+ * something only passes by, and large in a flickering wall. */
 static float wall_mass(const struct spin_voxels *v, size_t cell)
 {
     float mass[SPIN_VOXEL_FRAMES];

@@ -1,21 +1,23 @@
-/* A coarse grid around the splats of a clip: how opaque space is, where walls are, and which splats
- * move. It needs no renders and no links between the splats of different frames. */
+/* A coarse voxel grid of a clip, from which callers learn how opaque space is, where walls are and
+ * which splats move. It needs neither renders nor matches between the splats of different
+ * frames. */
 #pragma once
 
 #include "spin.h"
 
 enum { SPIN_VOXEL_FRAMES = 8, SPIN_VOXEL_SIDE = 80 };
 
-/* Returns a frame of a clip, with all attribute columns. The splats stay valid until the next call.
- */
+/* Reads a frame of a clip, with all attribute columns. The splats stay valid until the next
+ * call. */
 typedef spin_status (*spin_voxel_read_fn)(void *context, int frame, const struct spin_splats **out);
 
 struct spin_voxel_splat {
     float at[3], rgb[3];
-    float opacity, area; /* area: opacity times the integral over the largest side */
+    float opacity, area; /* area: opacity times the integral of the Gaussian over the plane of its
+                            two longest axes */
     float largest;       /* largest standard deviation */
     float axis[2][3];    /* the two longest axes of the ellipsoid */
-    float count;         /* number of splats that this one stands for, in large frames */
+    float count;         /* number of splats that this one represents, above 1 in large frames */
     int frame;           /* sampled frame, 0..n_frames - 1 */
 };
 
@@ -31,8 +33,8 @@ struct spin_voxels {
         *mass[SPIN_VOXEL_FRAMES]; /* [n] opaque area of each frame, blurred over 3 x 3 x 3 cells */
     float *mean;                  /* [n] mean of these masses */
     float *colour[4]; /* [n] mean colour, and mean of its squared length, weighted by mass */
-    float *opacity;   /* [n] extinction per unit of length, mean over the frames, not blurred */
-    float *walls;     /* [n] extinction of what most frames contain, blurred */
+    float *opacity;   /* [n] mean extinction per unit of length over the frames, not blurred */
+    float *walls;     /* [n] extinction of what is present in most frames, blurred */
 };
 
 /* Reads up to SPIN_VOXEL_FRAMES of n_frames frames. Fails with SPIN_E_UNSUPPORTED if they have no
@@ -44,13 +46,13 @@ void spin_voxels_close(struct spin_voxels *v);
 /* Returns the index of the cell that contains a point; SIZE_MAX: outside of the grid. */
 size_t spin_voxels_find(const struct spin_voxels *v, const double at[3]);
 void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3]);
-/* Returns the opaque area of a splat: at most a side of a cell, for each splat that it stands for.
- */
+/* Returns the opaque area of a splat, limited to a side of a cell, times the number of splats that
+ * it represents. */
 double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_splat *s);
-/* Returns the optical depth of a field such as v->opacity along from + t along, t from 0 to 1,
- * sampled at n places. */
+/* Returns the optical depth of a field such as v->opacity from the point `from` to `from + along`,
+ * from n samples. */
 double spin_voxels_depth(const struct spin_voxels *v, const float *field, const double from[3],
                          const double along[3], int n);
-/* Returns whether a splat moves: most of the other frames have no mass in its cell, or mass of
- * other colours. Always false with one sampled frame. */
+/* Returns whether a splat is dynamic: in most of the other frames its cell is empty or has another
+ * colour. Always false if only one frame was sampled. */
 bool spin_voxels_moves(const struct spin_voxels *v, const struct spin_voxel_splat *s);

@@ -7,8 +7,9 @@
 #include "render/player.h"
 #include "scene/renders.h"
 
-/* The bundle that was drawn last stays open, with its current frame, since images are mostly read
- * frame by frame. A device of its own draws, as a training may use another one at the same time. */
+/* The bundle whose images were drawn last stays open with its current frame, since images are
+ * mostly read frame by frame. It is rendered on a separate device, since a training may be using
+ * another device at the same time. */
 static struct {
     pthread_mutex_t mutex;
     int users, n_threads;

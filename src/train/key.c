@@ -15,8 +15,8 @@ static void add_images(spin_json *j, const struct spin_plan *plan, const struct 
     spin_json_set_string(j, "images", text);
 }
 
-/* Adds a hash of the names, sizes and CRCs of the input's arrays. It contains the names, so an
- * input with exchanged or renamed arrays counts as another input. */
+/* Adds a hash of the names, sizes and CRCs of the input's arrays. Since names are included, an
+ * input with exchanged or renamed arrays gets another hash. */
 static void add_members(spin_json *j, const struct spin_zip *zip)
 {
     uint64_t hash = SPIN_HASH_BEGIN;

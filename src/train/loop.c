@@ -137,9 +137,9 @@ static spin_status densify_clip(const struct spin_loop *l, struct spin_densify_c
 }
 
 /* Runs one iteration. After success the trainer can be saved. If the iteration densifies a single
- * frame, it skips the Adam step, as 3DGS does, where the parameters are replaced and their
- * gradients lost. All values are checked before a densification, since it would silently prune
- * splats with values that are not finite. */
+ * frame, it skips the Adam step. 3DGS skips it too, because its densification replaces the
+ * parameters and thereby loses their gradients. All values are checked before a densification,
+ * since it would silently prune splats with values that are not finite. */
 static spin_status run_iteration(const struct spin_loop *l, const struct spin_sampler *sampler,
                                  struct spin_steps *steps)
 {

@@ -182,9 +182,9 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     t->device->op->adam(t->device, n_groups, group);
 }
 
-/* Copies the gradients of the values that a frame owns from the buffers of the frame to `at`, which
- * is in t->own_grad, or with `put` false from there to the buffers. Ranks sum t->own_grad in
- * between. Returns the number of floats copied. */
+/* Copies the gradients of the values that a frame owns between the frame's buffers and its part of
+ * t->own_grad, which starts at `at` and which is summed over ranks: to `at` if `put` is true, back
+ * to the buffers otherwise. Returns the number of floats copied. */
 static size_t copy_own_gradients(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
                                  const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
@@ -271,8 +271,8 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 
 /* ---- The iteration --------------------------------------------------------------------------- */
 
-/* Processes n frames: those of the items in `first`, each of which is the first item of this rank
- * that shows its frame. Other items that show these frames may be anywhere in the batch. */
+/* Processes n frames. `first` lists an item for each of them: the first item of this rank that
+ * shows the frame. Further items that show the frame may be anywhere in the batch. */
 static spin_status process_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                   int n)
 {

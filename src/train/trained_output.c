@@ -11,10 +11,10 @@
 /* ---- Precision ------------------------------------------------------------------------------- */
 
 /* Values are rounded to multiples of a step, 1 / per_unit(). With --precision half, the step is
- * about that of half floats near 1, and it is the same near 0. With --precision compact, errors of
- * a step are hardly visible in an 8-bit image. Positions have more bits, since they are large
- * compared with the splats: their steps are 2^-16 (half) or 2^-14 (compact) of the camera extent.
- */
+ * about that of half floats near 1, but unlike theirs it does not shrink near 0. With --precision
+ * compact, errors of a step are hardly visible in an 8-bit image. Positions have more bits, since
+ * they are large compared with the splats: their steps are 2^-16 (half) or 2^-14 (compact) of the
+ * camera extent. */
 enum { BITS = 11, POSITION_BITS = 16, COMPACT_POSITION_BITS = 14 };
 
 /* Returns the number of rounding steps per unit for the values of a column; 0: the values are not
@@ -405,8 +405,7 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
         SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
             SPIN_TRY(set_column_units(output, &w->packer, "refined", kept, splats.sh_degree));
-        /* With other methods, the training of the clip started from the exact values, so they are
-         * kept. */
+        /* Other methods trained the clip from the exact values, so these are kept unrounded. */
         if (plan->o->method == SPIN_METHOD_FRAMES)
             round_splats(output, kept, &splats);
         SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));

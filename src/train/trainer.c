@@ -152,8 +152,8 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
     for (int f = 0; f < t->n_frames; f++)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
     if (n <= t->n_max) {
-        /* Clear the gradients of residual values. If no tracks are left, an iteration clears only
-         * those of values that splats own, and others would stay nonzero. */
+        /* Clear the gradients of all residual values: if no tracks are left, iterations clear only
+         * those of values that splats own, and the remaining ones would stay nonzero. */
         if (t->d_residual)
             t->device->op->zero(t->device, t->d_residual,
                                 splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));

@@ -62,10 +62,10 @@ struct one {
     float scale[3], q[4];
 };
 
-/* Computes one axis of spin_to_camera(). In the code for a single splat, with which the published
- * results were computed, the compiler fuses one of the first two products last: product `first`,
- * which differs between the forward and the backward pass. With the same order, a block gives the
- * same bits as that code. */
+/* Computes one axis of spin_to_camera() in a fixed order of multiply-adds that starts with product
+ * `first`. The published results were computed by code for a single splat, for which the compiler
+ * chose one order in the forward pass and another in the backward pass. The same orders give the
+ * same bits. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {

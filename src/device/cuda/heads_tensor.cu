@@ -121,9 +121,10 @@ static __device__ void load_rows(const float *x, int step, cuda_split<4> *to)
     }
 }
 
-/* Loads the weights (k, n) and (k + 1, n) of W^T or, if BACK is true, of W with ROOM rows, where k
- * = 8 step + 2 t and n = 8 tile + g. The code of place() is repeated here, so that only the parts
- * that depend on the step are recomputed. */
+/* Loads from each of N tiles the weights (k, n) and (k + 1, n), where k = 8 step + 2 t and n = 8
+ * tile + g. They are elements of W^T or, if BACK is true, of W, which has ROOM rows. The index is
+ * that of place(), with the terms that do not depend on the step written separately, so that the
+ * compiler moves these out of the loop over steps. */
 template <int N, bool BACK, int ROOM>
 static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> *to)
 {
@@ -149,8 +150,8 @@ static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> 
     }
 }
 
-/* Computes sum [16 M][8 N] = x W^T or, if BACK is true, x W, over 8 * steps columns of x. The sums
- * that a lane holds of 16 rows have the layout of C in mma.h. */
+/* Computes sum [16 M][8 N] = x W^T or, if BACK is true, x W, over 8 * steps columns of x. Each
+ * block of 16 rows is distributed over the lanes like C in mma.h. */
 template <int M, int N, bool BACK, int ROOM>
 static __device__ void product(const float *x, int steps, const float *w, float (*sum)[4 * N])
 {
