@@ -25,16 +25,16 @@ struct export
 {
     struct spin_time_windows windows;
     struct spin_splat_rows rows;
-    struct spin_sort_rows order; /* the kept rows of windows.clip in the order of the file */
+    struct spin_sort_rows order; /* kept rows of windows.clip, in the order of the file */
     double fps;
     struct spin_4dgs_coding coding;
     double(*span)[2];              /* [clip.n] window of each row in the file */
     uint32_t *window_of;           /* [clip.n] its index in the window table */
     struct spin_4dgs_splat *splat; /* [order.n] */
-    double segment;                /* seconds of a chunk */
-    double slack;                  /* largest error of a position at its centre in time */
+    double segment;                /* duration of a chunk in seconds */
+    double slack;                  /* largest error of a position, at the splat's centre in time */
     struct spin_4dgs_coder coder;
-    struct spin_4dgs_frames frames; /* if the clip consists of frames */
+    struct spin_4dgs_frames frames; /* the export of a clip of frames */
     struct spin_4dgs_writer writer;
     struct spin_out out;
 };
@@ -130,9 +130,9 @@ static spin_status choose_steps(struct export *x)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Sets the bins of sigma, of the centre in time and of the path, and moves row k of the clip to
- * the time that a reader decodes. Returns the length of the life that the path's step depends on.
- */
+/* Quantises sigma, the centre in time and the path of a row, and moves row k of the clip to the
+ * time that a reader decodes. Returns the duration of the splat's visible life, which determines
+ * the quantisation step of the path. */
 static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
 {
     struct spin_splats_4d *s = &x->windows.clip;
@@ -154,8 +154,8 @@ static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
     return never ? span[1] - span[0] : sqrt(-2 * log(x->coding.cutoff)) * sigma;
 }
 
-/* Sets the bins of the path and of the position. The position is exact at the time within the
- * splat's visible life that is nearest to its centre in time. */
+/* Quantises the path and the position. The position has no error from the path at the time, within
+ * the splat's visible life, that is nearest to its centre in time. */
 static void code_place(struct export *x, size_t k, double life, struct spin_4dgs_splat *to,
                        struct spin_gaussian *shown)
 {

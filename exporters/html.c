@@ -100,7 +100,7 @@ struct export
     struct spin_page_space space;
     double size; /* size of the scene, see spin_initial_view_middle(); 0: not known yet */
     struct spin_initial_view view;
-    bool looks_at_subject; /* the clip has no cameras, and `view` shows what moves */
+    bool looks_at_subject; /* the clip has no cameras, and `view` is aimed at the subject */
     struct version version[2];
     int n_versions;
     struct spin_splats source;
@@ -545,7 +545,7 @@ static spin_status write_titles(struct export *x)
     return write_text(x, "<style>\n");
 }
 
-/* Without cameras, looks for a view that shows what moves. */
+/* Aims the first view at the subject if the clip has no cameras. */
 static spin_status find_subject(struct export *x)
 {
     static const double origin[3] = {0};

@@ -48,7 +48,7 @@ struct export
     uint64_t n_bright; /* number of pixels brighter than a display, without --clamp */
     float brightest;   /* largest display value */
     enum which which;
-    int n_unseen; /* number of frames of which the data set has no view that --views selects */
+    int n_unseen; /* number of frames without a view that --views selects */
     struct spin_film film;
     bool wants_depth;
     float *layers; /* [3][h][w]: alpha, expected depth, median depth */

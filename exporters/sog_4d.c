@@ -64,8 +64,8 @@ struct export
     struct spin_out out;
 
     /* In the following arrays, rows are in the order of the file. */
-    float *rest, *palette; /* SH coefficients above degree 0 of the rows [n][n_rest] and of the
-                              palette entries [n_palette][n_rest] */
+    float *rest, *palette; /* SH coefficients above degree 0: of the rows, [n][n_rest], and of the
+                              palette, [n_palette][n_rest] */
     uint32_t *label;       /* [n] palette index of each row */
     size_t n_groups; /* 1: the clip is not segmented; otherwise 1 + number of segments: group 0
                         contains the persistent splats, group g those of segment g - 1 */

@@ -69,8 +69,9 @@ struct export
     struct spin_frames frames;
     double codes; /* number of time codes from one frame to the next */
     bool half;
-    double meters; /* metres per unit of the scene */
-    int decimals;  /* decimal places of positions unless --float is given; set at the first frame */
+    double meters;     /* metres per unit of the scene */
+    int decimals;      /* decimal places of positions, which the first frame determines; unused with
+                          --float */
     unsigned still;    /* bit mask: if bit a is 1, attribute a has the same values in all frames */
     char(*halves)[10]; /* [65536] the decimal text of each half float, indexed by the bits of the
                           half */

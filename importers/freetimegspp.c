@@ -1,12 +1,13 @@
 /* FreeTimeGS++: gaussians.pt or, after the separation, separated.pt, with config.toml beside it.
  *
- * The file contains the model as an object, whose state is read as data. Splats move on straight
- * lines, and the gate of a splat is the share of its opacity that its Gaussian window in time does
- * not affect: they are 4D splats exactly. Times are seconds from the first frame of the video.
+ * The file contains the model as a Python object, whose state is read as data without running code.
+ * Splats move on straight lines; the gate of a splat is the share of its opacity that its Gaussian
+ * window in time does not affect. 4D splats represent both exactly. Times are seconds from the
+ * first frame of the video.
  *
- * In runs with velocity_model = "field", a network computes the velocity of a splat for each time,
- * from its position: a hash grid, followed by layers whose biases are functions of the time. These
- * models are frames only. */
+ * In runs with velocity_model = "field", a network computes the velocity of a splat from its
+ * position and the time: a hash grid, followed by layers whose biases are functions of the time.
+ * Such a model has no 4D splats and can only be sampled. */
 #include "importers/lib/chkpnt.h"
 #include "math/activate.h"
 
@@ -23,10 +24,10 @@ struct level {
 };
 
 struct velocity_net {
-    float place[2][3], time[2]; /* least and greatest values, which become 0 and 1 */
+    float place[2][3], time[2]; /* values that are mapped to 0 and to 1 */
     struct level level[MOST_LEVELS];
     int n_levels, n_features;
-    struct mlp_net layers; /* their biases are computed for each time */
+    struct mlp_net layers; /* layers whose biases are computed for each time */
     struct mlp_net bias[MLP_MAX_LAYERS];
     float *biases[MLP_MAX_LAYERS];
 };
@@ -34,11 +35,11 @@ struct velocity_net {
 struct model {
     struct spin_model base;
     double max_duration;
-    double fps, first, stop; /* of config.toml; fps is 0 without one */
+    double fps, first, stop; /* values of config.toml; fps is 0 if there is no such file */
     bool has_network;
     struct velocity_net net;
-    size_t *rows;      /* rows that are drawn at a time */
-    float *velocities; /* [n][3] at that time */
+    size_t *rows;      /* rows that are visible at the current time */
+    float *velocities; /* [n][3] velocities of these rows at that time */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -54,7 +55,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Objects --------------------------------------------------------------------------------- */
 
-/* The state of an object, a dict; NULL if there is none. */
+/* Returns the state of an object, a dict, or NULL if there is none. */
 static const struct spin_value *state_of(const struct spin_value *object)
 {
     return object && object->kind == SPIN_VALUE_OBJECT && object->n == 1 ? object->item[0] : NULL;
@@ -136,7 +137,7 @@ static spin_status read_config(struct model *m, const char *path)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* Appends the layer of a Linear module. `bias`: the layer has one. */
+/* Appends the layer of a Linear module. bias: whether the module has a bias. */
 static spin_status add_layer(struct model *m, const struct spin_value *linear, bool bias, int n_in,
                              struct mlp_net *net)
 {
@@ -366,7 +367,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
             m->velocities[3 * (first + (size_t)p) + (size_t)c] = out[c * MLP_BLOCK + p];
 }
 
-/* Computes the biases of all layers at a time, with the first thread's scratch memory. */
+/* Computes the biases of all layers for one time, in the first thread's scratch memory. */
 static void set_biases(struct model *m, double time)
 {
     struct velocity_net *net = &m->net;
@@ -385,7 +386,8 @@ static void set_biases(struct model *m, double time)
     }
 }
 
-/* Scratch memory of a thread: three activations of the widest layer of any network. */
+/* Starts the threads, each with scratch memory for three blocks of activations of the widest layer
+ * of all networks. */
 static spin_status start_team(struct model *m)
 {
     size_t widest = spin_mlp_widest(&m->net.layers);
@@ -433,8 +435,8 @@ static spin_status frame_splats_4d(void *self, const struct spin_splats_4d **out
 
 /* ---- The splats ------------------------------------------------------------------------------ */
 
-/* Converts the values of the file: logarithms or shares of widths to standard deviations in
- * seconds, and gates to shares of the opacity. */
+/* Converts the values of the file: widths, stored as logarithms or as shares of the maximum, become
+ * standard deviations in seconds; gates, stored as logits, become shares of the opacity. */
 static void convert_rows(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;

@@ -1,11 +1,12 @@
 /* GIFStream (XDimLab, CVPR 2025): ckpts/ckpt_<step>_rank<r>.pt with cfg.yml, one run for each group
- * of frames (GOP). Anchors spawn splats at several offsets each; networks compute the opacity,
- * shape and colour of these splats from features of the anchor and of its frame, and a network
- * moves the anchor. A frame consists of the splats with an opacity above 0.
+ * of frames (GOP). Each anchor spawns splats at several offsets. Networks compute opacity, shape
+ * and colour of these splats from features of the anchor and of the frame; another network moves
+ * the anchor. A frame consists of the splats with an opacity above 0.
  *
- * If the networks also depend on the direction of view (view_adaptive), a frame has only positions,
- * unless --camera states from where it is seen. Trainings with compression_sim draw rounded
- * tensors, as does this importer; the step of a value may be the output of an entropy network. */
+ * If the networks also depend on the viewing direction (view_adaptive), only positions are
+ * imported, unless --camera gives the position of the viewer. Trainings with compression_sim render
+ * with rounded tensors, so this importer rounds them too; the rounding step of a value may be the
+ * output of an entropy network. */
 #include "geometry/kd_tree.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/chkpnt.h"
@@ -16,32 +17,34 @@
 
 enum { MOST_OFFSETS = 64, MOST_FEATURES = 1024, MOST_FRAMES = 100000, MOST_NEIGHBOURS = 64 };
 
-/* The tensors of anchors. */
+/* Tensors with one row per anchor. */
 enum { ANCHORS, SCALES, OFFSETS, FEATURES, TIMES, FACTORS, N_TENSORS };
 static const char *const names[N_TENSORS] = {"anchors",         "scales",        "offsets",
                                              "anchor_features", "time_features", "factors"};
-/* The networks; CENTRE is the one that moves anchors. */
+/* The networks; CENTRE moves the anchors. */
 enum { OPACITY, SHAPE, COLOUR, CENTRE, N_NETS };
 static const char *const net_names[N_NETS] = {"mlp_opacity", "mlp_cov", "mlp_color", "mlp_motion"};
-static const size_t net_outputs[N_NETS] = {1, 7, 3, 7}; /* for each offset; CENTRE: in all */
+static const size_t net_outputs[N_NETS] = {
+    1, 7, 3, 7}; /* number of outputs for each offset; for CENTRE, of all outputs */
 
 struct model {
     struct spin_model base;
-    size_t n, n_read;              /* anchors; those in the files, NaN included */
-    size_t width[N_TENSORS];       /* floats of each anchor */
+    size_t n, n_read;              /* number of anchors; before those with NaN were dropped */
+    size_t width[N_TENSORS];       /* number of floats for each anchor */
     float *tensor[N_TENSORS];      /* [n][width] */
-    size_t k, n_frames, per_frame; /* offsets; frames; features of a frame */
+    size_t k, n_frames, per_frame; /* numbers of offsets, of frames and of features of a frame */
     size_t first_frame;            /* start_frame */
     struct mlp_net net[N_NETS];
-    size_t n_view, n_embed; /* inputs: direction of view, embedding of a camera */
-    float *embed;           /* [n_embed] of the first camera */
+    size_t n_view, n_embed; /* numbers of inputs: viewing direction, embedding of a camera */
+    float *embed;           /* [n_embed] embedding of the first camera */
     struct camera_places camera;
     double phi, n_knn;
     bool knn, rounded;
-    double step[N_TENSORS];  /* of rounded values; 0: not rounded */
-    uint32_t *neighbour;     /* [n][n_knn] */
-    float *out[N_NETS];      /* of the frame that is read: [n k][net_outputs], [n k][3] centres */
-    double now, *embed_time; /* time of that frame; [CENTRE's inputs that depend on it] */
+    double step[N_TENSORS]; /* rounding step; 0: values are not rounded */
+    uint32_t *neighbour;    /* [n][n_knn] */
+    float *out[N_NETS]; /* for the current frame: outputs [n k][net_outputs] and centres [n k][3] */
+    double now,
+        *embed_time; /* time of the current frame, and the inputs of CENTRE that depend on it */
     size_t frame, n_time;
 };
 
@@ -67,7 +70,7 @@ static long long step_of(const char *name)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* Reads a number of cfg.yml; *out keeps its value if there is none. */
+/* Reads a number from cfg.yml. If the key is missing, *out keeps its value. */
 static spin_status read_setting(const struct model *m, const char *key, double least, double most,
                                 double *out)
 {
@@ -81,8 +84,8 @@ static spin_status read_setting(const struct model *m, const char *key, double l
     return SPIN_OK;
 }
 
-/* Opens cfg.yml: that of --config, or the one in the folder of the run, which has no other copy of
- * the settings. */
+/* Opens the cfg.yml that --config names or, by default, the one in the folder of the run. It is
+ * required, since the checkpoints do not contain the settings. */
 static spin_status read_settings(struct model *m, const char *path)
 {
     const char *config = spin_model_option(&m->base, "config"), *folder, *up;
@@ -131,7 +134,7 @@ static spin_status find_tensors(struct model *m)
     return m->base.tensors ? SPIN_OK : spin_malformed("there is no dict 'splats'");
 }
 
-/* Sets the sizes of a run, from its first file. */
+/* Derives the sizes of a run from the tensors of its first file. */
 static spin_status read_sizes(struct model *m)
 {
     const int64_t shape[3] = {-1, -1, -1}, offsets[3] = {-1, -1, 3};
@@ -158,8 +161,8 @@ static spin_status read_sizes(struct model *m)
     return SPIN_OK;
 }
 
-/* Reads the anchors of a file, after those of the files before it. Without memory for them yet,
- * they are only counted, and all shapes are checked. */
+/* Appends the anchors of a file to those of the previous files. In the first pass, before memory is
+ * allocated, it only checks all shapes and counts the anchors. */
 static spin_status read_anchors(struct spin_model *base)
 {
     struct model *m = (struct model *)base;
@@ -187,7 +190,7 @@ static spin_status read_anchors(struct spin_model *base)
                                           : spin_unsupported("there are too many anchors");
 }
 
-/* Reads the anchors of all files of the run's step, one of each rank of the training. */
+/* Reads the anchors of all files of the run's step. Each rank of the training wrote one file. */
 static spin_status read_ranks(struct model *m)
 {
     size_t n = strlen(m->base.path), tail = strlen("0.pt");
@@ -226,7 +229,7 @@ static spin_status load_anchors(struct model *m)
     return read_ranks(m);
 }
 
-/* Drops the anchors that have values which are not finite. */
+/* Drops the anchors with values that are not finite. */
 static spin_status drop_rows(struct model *m)
 {
     size_t n = 0;
@@ -310,8 +313,9 @@ static spin_status load_networks(struct spin_model *base)
 /* Rounds a value to a multiple of the step. */
 static float round_to(double x, double step) { return (float)(nearbyint(x / step) * step); }
 
-/* Rounds the values of a tensor. If it has an entropy network, the last third of its outputs for
- * the features of an anchor divides the steps of the anchor's values. */
+/* Rounds the values of a tensor. If the tensor has an entropy network, the network is evaluated for
+ * the features of each anchor, and the last third of its outputs divides the rounding steps of the
+ * anchor's values. */
 static spin_status round_tensor(struct model *m, int t, const struct mlp_net *net)
 {
     size_t widest = net->n ? spin_mlp_widest(net) : 0, width = m->width[t];
@@ -338,7 +342,8 @@ static spin_status round_tensor(struct model *m, int t, const struct mlp_net *ne
     return SPIN_OK;
 }
 
-/* Reads the steps, and rounds the tensors that have one, features first. */
+/* Reads the rounding steps, and rounds the tensors that have one. Features are first, since the
+ * entropy networks need the rounded features. */
 static spin_status round_tensors(struct spin_model *base)
 {
     static const int order[] = {FEATURES, TIMES, SCALES, OFFSETS, FACTORS};
@@ -365,7 +370,8 @@ static spin_status round_tensors(struct spin_model *base)
     return SPIN_OK;
 }
 
-/* Replaces logits by shares, and rounds tensors if the training drew rounded ones. */
+/* Applies the sigmoid to logits, and rounds the tensors if the training rendered with rounded
+ * ones. */
 static spin_status activate(struct spin_model *base)
 {
     struct model *m = (struct model *)base;
@@ -380,14 +386,14 @@ static spin_status activate(struct spin_model *base)
     for (size_t i = 0; i < 4 * m->n; i++)
         f[i] = f[i] < 0.1f ? 0 : i % 4 == 3 ? 1 : f[i];
     for (size_t i = 0; i < 6 * m->n; i++)
-        if (i % 6 < 3) /* the spread of offsets; the others stay logarithms */
+        if (i % 6 < 3) /* scales of the offsets; the other scales stay logarithms */
             m->tensor[SCALES][i] = expf(m->tensor[SCALES][i]);
     return load_networks(base);
 }
 
 /* ---- Neighbours ------------------------------------------------------------------------------ */
 
-/* The nearest anchors of one anchor, the nearest first. */
+/* The nearest neighbours of an anchor, sorted by distance. */
 struct nearest {
     const float *points;
     uint32_t self, index[MOST_NEIGHBOURS];
@@ -415,7 +421,8 @@ static void add_nearest(void *context, uint32_t point)
     near->index[at] = point;
 }
 
-/* Finds the nearest anchors of all anchors, within a reach that doubles until it has enough. */
+/* Finds the nearest neighbours of all anchors. The search radius is doubled until it contains
+ * enough of them. */
 static spin_status find_neighbours(struct model *m)
 {
     SPIN_LEAVES(spin_kd_tree_close) struct spin_kd_tree tree = {0};
@@ -445,7 +452,7 @@ static spin_status find_neighbours(struct model *m)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Adds `weight` times the features of an anchor in this frame to one column of a block. */
+/* Adds the features of an anchor in this frame, times `weight`, to one column of a block. */
 static void add_features(const struct model *m, size_t row, float weight, size_t skip, float *to)
 {
     const float *f = m->tensor[FEATURES] + row * m->width[FEATURES];
@@ -459,8 +466,8 @@ static void add_features(const struct model *m, size_t row, float weight, size_t
         to[c * MLP_BLOCK] += weight * t[c] * share;
 }
 
-/* Sets the inputs of the networks of attributes: the features, with the direction of view between
- * those of the anchor and those of the frame, and the embedding of a camera. */
+/* Sets the inputs of the networks for attributes: features of the anchor, viewing direction,
+ * features of the frame, and embedding of a camera. */
 static void set_inputs(const struct model *m, size_t row, float *to)
 {
     const float *place = m->tensor[ANCHORS] + 3 * row;
@@ -480,8 +487,8 @@ static void set_inputs(const struct model *m, size_t row, float *to)
         to[(n_u + c) * MLP_BLOCK] = m->embed[c];
 }
 
-/* Sets the inputs of the network of motion: features, mixed with those of the neighbours, and
- * waves of the time. */
+/* Sets the inputs of the motion network: the features, blended with those of the neighbours, and
+ * sines and cosines of the time. */
 static void set_motion_inputs(const struct model *m, size_t row, float *to)
 {
     size_t n_u = m->width[FEATURES] + m->per_frame, most = (size_t)m->n_knn;
@@ -496,7 +503,7 @@ static void set_motion_inputs(const struct model *m, size_t row, float *to)
         to[(n_u + c) * MLP_BLOCK] = (float)m->embed_time[c];
 }
 
-/* Computes the centres of an anchor's splats from the output of the network of motion. */
+/* Computes the centres of an anchor's splats from the output of the motion network. */
 static void move_anchor(const struct model *m, size_t row, const float *motion, size_t step)
 {
     const float *place = m->tensor[ANCHORS] + 3 * row,
@@ -545,7 +552,7 @@ static void evaluate(void *context, size_t first, int n, float *scratch)
     }
 }
 
-/* The opacity of a splat; it is drawn if this is above 0. */
+/* Returns the opacity of a splat, which is visible if the result is above 0. */
 static float opacity_of(const struct model *m, size_t i)
 {
     return m->camera.n == 0 && m->n_view
@@ -573,8 +580,8 @@ static void write_row(const struct model *m, size_t i, float opacity, unsigned c
             (float)((spin_sigmoid_of((double)m->out[COLOUR][3 * i + c]) - 0.5) / SPIN_SH_C0);
 }
 
-/* Evaluates the networks for a frame. The method finds the features of frame i at the index
- * i / (F - 1) (F - 1), rounded down, which is sometimes i - 1. */
+/* Evaluates the networks for a frame. As in the method, the features of frame i are those at the
+ * index i / (F - 1) * (F - 1), rounded down; by rounding errors this is sometimes i - 1. */
 static void evaluate_frame(struct model *m, size_t frame)
 {
     double last = (double)m->n_frames - 1, wave = M_PI;

@@ -3,8 +3,8 @@
  * learned coordinates beyond it ("hyper"). The nearest nodes and their weights do not depend on the
  * time.
  *
- * Scales are changed after their exponential and may become negative, which draws the same
- * ellipsoid as their absolute value. */
+ * The network adds to scales after their exponential, so the sum may be negative. A negative scale
+ * renders the same ellipsoid as its absolute value, which the importer stores. */
 #include "importers/lib/deform.h"
 #include "importers/lib/deform_net.h"
 #include "math/activate.h"
@@ -12,26 +12,27 @@
 
 enum { WARM_UP = 3000, MOST_NODES = 1 << 20, MOST_COLUMNS = 256 };
 
-/* Offsets of the outputs of a node. */
+/* Offsets of the values in a row of the network's outputs for a node. */
 enum { WARP = 0, ROTATION = 3, SCALING = 7, LOCAL = 10, OPACITY = 14, COLOUR = 15, WIDTH = 18 };
 
 struct model {
     struct spin_model base;
     struct deform_net net;
-    struct mlp_net head[6]; /* in the order of `heads`; n is 0 if the model lacks it */
+    struct mlp_net head[6]; /* in the order of `heads`; n is 0 if the model lacks the head */
     /* cfg_args */
-    int n_near; /* nodes that move a Gaussian */
+    int n_near; /* number of nodes that move a Gaussian */
     int n_hyper;
     bool mask, skinning, rotation_is_residual, still;
-    double most_scale; /* at most 0: changes of scales are not limited */
+    double most_scale; /* limit for changes of scales; 0 or less: no limit */
     size_t n_nodes;
     float *nodes;           /* [n_nodes][3 + n_hyper] */
-    float *radius, *weight; /* [n_nodes] logarithm, logit; radius is NULL when skinning */
-    float *features;        /* [n][n_features] of the PLY */
+    float *radius, *weight; /* [n_nodes] logarithm of the radius and logit of the weight; radius is
+                               NULL with skinning */
+    float *features;        /* [n][n_features] properties fea_* of the PLY */
     int n_features;
     uint32_t *near; /* [n][n_near] nodes of each Gaussian */
-    float *share;   /* [n][n_near] their weights, whose sum is 1 */
-    float *output;  /* [n_nodes][WIDTH] of the network at the current time */
+    float *share;   /* [n][n_near] weights of these nodes, which sum to 1 */
+    float *output;  /* [n_nodes][WIDTH] outputs of the network at the current time */
 };
 
 static const struct {
@@ -255,7 +256,8 @@ static void weigh_nearest(const struct model *m, const uint32_t *near, double *w
     }
 }
 
-/* Skinning: the weights are the softmax of the features, for all nodes. */
+/* With skinning, all nodes move every Gaussian, and their weights are the softmax of its
+ * features. */
 static void weigh_all(const struct model *m, const float *features, uint32_t *near, double *weight)
 {
     double most = -HUGE_VAL;
@@ -328,7 +330,8 @@ static unsigned moved_columns(const struct model *m)
            (m->head[COLOUR_HEAD].n ? (unsigned)SPIN_COL_SH : 0);
 }
 
-/* Limits the changes of scales, and completes quaternions that are changes of the identity. */
+/* Limits the changes of scales, and adds the identity to quaternions, which are stored as
+ * differences from it. */
 static void finish_nodes(struct model *m)
 {
     for (size_t i = 0; i < m->n_nodes; i++) {
@@ -340,8 +343,8 @@ static void finish_nodes(struct model *m)
     }
 }
 
-/* Adds w times the displacement by one node: that of the node, or that of the point if it turns
- * about the node. */
+/* Adds w times the displacement of a point by one node: the translation of the node and, if the
+ * point rotates about the node, the effect of that rotation. */
 static void add_warp(const struct model *m, uint32_t node, double w, const double place[3],
                      double sum[3])
 {

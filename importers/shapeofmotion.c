@@ -1,7 +1,8 @@
-/* Shape of Motion (Wang et al.): checkpoints/last.ckpt. Foreground splats move by a few rigid
- * motions per frame, which are shared: a splat blends the six numbers and the translations of all
- * motions with its own weights, and the blended numbers are then made a rotation. Background splats
- * rest. Motions are a table of frames; between frames nothing is defined. */
+/* Shape of Motion (Wang et al.): checkpoints/last.ckpt. All foreground splats share a few rigid
+ * motions, the motion bases. A splat blends the translations of the bases, and the six numbers that
+ * describe each of their rotations, with its own weights; the blended six numbers are then
+ * orthonormalised to a rotation. Background splats are static. Motions are tabulated for each frame
+ * and are undefined between frames. */
 #include "importers/lib/chkpnt.h"
 #include "math/quat.h"
 #include "math/sh.h"
@@ -17,12 +18,12 @@ static const struct {
 
 struct model {
     struct spin_model base;
-    size_t n_fore, n_all; /* rows of the foreground, which come first, and of both */
+    size_t n_fore, n_all; /* number of foreground rows, which come first, and of all rows */
     size_t n_bases, n_frames;
-    float *column[N_COLUMNS]; /* [n_all][width] of the file */
-    float *weights;           /* [n_fore][n_bases], whose sums are 1 */
+    float *column[N_COLUMNS]; /* [n_all][width] values of the file */
+    float *weights;           /* [n_fore][n_bases] weights, which sum to 1 in each row */
     float *turns, *shifts;    /* [n_bases][n_frames][6], [n_bases][n_frames][3] */
-    size_t *row;              /* [n] rows that are kept, in order */
+    size_t *row;              /* [n] rows that are kept, ascending */
     size_t n, n_fore_kept;
     size_t *counts; /* [n_frames] n */
 };
@@ -53,8 +54,8 @@ static spin_status bind(struct model *m, const char *name, int n_dims, const int
     return spin_chkpnt_bind(&m->base.torch, v, name, n_dims, shape, out);
 }
 
-/* Chooses the state dict: that of key 'model', or the whole file. Names may begin with "module.",
- * as in trainings on several GPUs. */
+/* Finds the state dict, which is the value of key 'model' or the root of the file. Trainings on
+ * several GPUs put "module." before every name. */
 static spin_status find_tensors(struct model *m)
 {
     struct spin_model *base = &m->base;
@@ -151,7 +152,7 @@ static spin_status load_columns(struct model *m)
     return SPIN_OK;
 }
 
-/* Replaces the coefficients of a row by their softmax. */
+/* Replaces the coefficients of a row by their softmax, the weights of the bases. */
 static void softmax(float *values, size_t n)
 {
     double most = -HUGE_VAL, sum = 0;
@@ -164,7 +165,8 @@ static void softmax(float *values, size_t n)
         values[k] = (float)(exp((double)values[k] - most) / sum);
 }
 
-/* Refuses a value that is not finite, which would affect all splats of its frame. */
+/* Refuses motions with a value that is not finite, since it would affect all splats of its
+ * frame. */
 static spin_status check_basis(const struct model *m, const char *name, const float *values,
                                size_t width)
 {
@@ -286,7 +288,8 @@ static void multiply_quats(const double a[4], const float b[4], float out[4])
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Whether all values of a row are finite, it has a rotation, and it has one in every frame. */
+/* Returns whether all values of a row are finite, its quaternion is not zero, and its blended
+ * motion is a rotation in every frame. */
 static bool is_valid(const struct model *m, size_t row)
 {
     double r[3][3], shift[3];

@@ -1,13 +1,13 @@
-/* PLY files of splats on straight lines with a Gaussian window in time, in the layouts of three
- * viewers, which properties of time tell apart:
+/* PLY files of splats that move on straight lines and have a Gaussian window in time, in the
+ * layouts of three viewers. The names of the time properties identify the layout:
  *
  *     supersplat4d  trbf_center, trbf_scale  window exp(-(d/s)^2); seconds; a comment has the range
  *     opensplat4d   t, scale_t               window exp(-0.5 (d/s)^2); the unit is not stored
  *     tsog          t, t_scale               the same; times from 0 to 1
  *
- * s is the exponential of the property, d the difference to the centre. motion_0..2 is the velocity
- * per unit of time, and colours are SH. With motion_0..8 and omega_0..3, trbf_* belong to
- * SpacetimeGaussians, whose f_dc_* are RGB and which another importer reads. */
+ * s is the exponential of the second property, and d the time minus the centre. motion_0..2 are the
+ * velocity per unit of time, and colours are SH. A file with trbf_*, motion_0..8 and omega_0..3 is
+ * of SpacetimeGaussians, which another importer reads: its f_dc_* are RGB. */
 #include "importers/lib/model.h"
 #include "math/activate.h"
 
@@ -28,13 +28,14 @@ static const struct dialect {
 struct model {
     struct spin_model base;
     int dialect;
-    double start, duration, fps; /* from a comment of the PLY; fps is 0 if there is none */
+    double start, duration,
+        fps; /* values of a comment in the PLY; fps is 0 if there is no such comment */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Whether a PLY header declares a property of this name, of any type, or one whose name only begins
- * like this if `name` does not end with a line feed. */
+/* Returns whether a PLY header declares a property of this name, of any type. If `name` does not
+ * end with a line feed, it is a prefix of the name. */
 static bool declares(const struct spin_peek *peek, const char *name)
 {
     static const char *const types[] = {"float", "double", "float32", "float64"};
@@ -65,8 +66,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The header ------------------------------------------------------------------------------ */
 
-/* Finds "key=value" or "key value" in a comment; returns whether *out was set. A value that is no
- * number is NaN. */
+/* Finds "key=value" or "key value" in a comment and sets *out to the value, or to NaN if it is not
+ * a number. Returns false if the comment lacks the key. */
 static bool find_number(const char *text, const char *key, double *out)
 {
     size_t n = strlen(key);
@@ -112,8 +113,8 @@ static spin_status read_comment(struct model *m, int sh_degree)
     return SPIN_OK;
 }
 
-/* Returns whether the file has a property of time of this dialect. 't' alone is one of
- * opensplat4d. */
+/* Returns whether the file has a time property of this dialect. If 't' is the only time property,
+ * the dialect is opensplat4d. */
 static bool has_time(const struct spin_ply_element *e, int dialect)
 {
     const struct dialect *d = &dialects[dialect];
@@ -125,7 +126,8 @@ static bool has_time(const struct spin_ply_element *e, int dialect)
                                  !(dialect == OPENSPLAT4D && spin_ply_has(e, "t_scale"));
 }
 
-/* Whether the times of SuperSplat-4D and of OpenSplat4D are equal, as in files of spin4d. */
+/* Returns whether the times for SuperSplat-4D and for OpenSplat4D are equal, as in files that
+ * spin4d writes for both viewers. */
 static bool times_are_equal(const struct spin_ply *ply)
 {
     for (size_t i = 0; i < ply->n_comments; i++)
@@ -134,8 +136,8 @@ static bool times_are_equal(const struct spin_ply *ply)
     return false;
 }
 
-/* Sets the dialect to that of option `dialect`, or else to the only one that has properties of
- * time. */
+/* Sets the dialect to that of option `dialect` or, by default, to the only one whose time
+ * properties exist. */
 static spin_status choose_dialect(struct model *m, const struct spin_ply_element *e)
 {
     int n = 0, asked = -1;
@@ -161,7 +163,7 @@ static spin_status choose_dialect(struct model *m, const struct spin_ply_element
                             spin_ply_has(e, "scale_t") ? "scale_t" : "t");
 }
 
-/* Refuses models with other paths or rotations than these layouts have. Sets *moves to whether
+/* Refuses models with paths or rotations that these layouts do not have. Sets *moves to whether
  * there are velocities. */
 static spin_status check_motion(const struct model *m, const struct spin_ply_element *e,
                                 bool *moves)
@@ -193,8 +195,8 @@ static spin_status check_motion(const struct model *m, const struct spin_ply_ele
 
 /* ---- The splats ------------------------------------------------------------------------------ */
 
-/* Properties are added to the list of targets by name; a missing one is an error unless `optional`.
- */
+/* Adds a property to the list of targets by its name. A missing property is an error unless
+ * `optional`. */
 struct targets {
     const struct spin_ply *ply;
     const struct spin_ply_element *e;
@@ -233,7 +235,8 @@ static spin_status read_columns(struct model *m, const struct spin_ply_element *
     const struct dialect *d = &dialects[m->dialect];
     size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
     struct targets t = {.ply = &m->base.ply, .e = e};
-    bool open = m->dialect == OPENSPLAT4D; /* its viewer takes either property of time alone */
+    bool open = m->dialect ==
+                OPENSPLAT4D; /* its viewer accepts files with only one of the two time properties */
 
     for (size_t c = 0; c < 3; c++)
         SPIN_TRY(add_target(&t, c == 0 ? "x" : c == 1 ? "y" : "z", false, s->centres + c, 3));
@@ -250,8 +253,8 @@ static spin_status read_columns(struct model *m, const struct spin_ply_element *
     return SPIN_OK;
 }
 
-/* Converts widths, which are stored as logarithms, to standard deviations. A width beyond the range
- * of float is permanent. */
+/* Converts widths, which are stored as logarithms, to standard deviations. A splat whose width
+ * exceeds the range of float is permanent. */
 static void convert_widths(const struct model *m, bool given)
 {
     const struct spin_splats_4d *s = &m->base.splats_4d;
@@ -270,7 +273,8 @@ static void convert_widths(const struct model *m, bool given)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Finds the range of times: that of the option, else of the comment, else a guess. */
+/* Sets the range of times: that of the option, or else of the comment, or else a guess from the
+ * splats. */
 static spin_status describe(struct model *m, const char *asked, const struct clip_times *guess)
 {
     struct spin_sequence_info *sequence = m->base.sequence;

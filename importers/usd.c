@@ -13,7 +13,7 @@ struct usd_model {
     struct spin_model base;
     struct spin_usd_stage stage;
     bool turned;
-    bool warned; /* about splats that were dropped */
+    bool warned; /* note about splats that were dropped */
     int *numbers;
 };
 
@@ -40,7 +40,7 @@ static int probe(const struct spin_peek *peek)
     return peek->is_folder ? best : 0;
 }
 
-/* Sets *out to the file to read: `path`, or the stage in this folder. */
+/* Sets *out to the file to read: `path` itself or, if `path` is a folder, the stage in it. */
 static spin_status find_stage(struct spin_model *m, const char *path, const char **out)
 {
     struct spin_file_sequence files = {0};
@@ -115,7 +115,7 @@ static spin_status describe(struct usd_model *m)
     sequence->counts = s->counts;
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     sequence->static_columns = s->n_frames > 1 ? s->still : 0;
-    /* Rows whose shape and colour never change are the same splats. */
+    /* If neither shape nor colour of the rows changes, row i is the same splat in all frames. */
     sequence->identity = s->n_frames > 1 && (s->still & tracked) == tracked;
     sequence->sh_degree = s->sh_degree;
     sequence->antialias = s->antialias;

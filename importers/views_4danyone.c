@@ -1,4 +1,4 @@
-/* Data sets of 4DAnyone: synchronous videos that a network generated from a single video.
+/* Data sets of 4DAnyone: synchronised videos that a network generated from a single video.
  *
  *     cameras.json                    camera_model, cameras[]: camera_id, K, image_width,
  *                                     image_height, camera_to_world (OpenCV's axes), video

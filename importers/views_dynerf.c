@@ -372,8 +372,8 @@ static spin_status read_cameras(struct set *set)
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Checks that no camera has a frame twice, and that more than half of all images exist: otherwise
- * the numbers of the cameras do not mean the same frames. */
+/* Checks that no camera has a frame twice, and that more than half of all images exist. If they do
+ * not, equal numbers of different cameras probably do not mean the same frame. */
 static spin_status check_rows(struct set *set)
 {
     size_t n = set->n_cameras * set->n_rows, n_there;
@@ -399,8 +399,8 @@ static spin_status check_rows(struct set *set)
     return SPIN_OK;
 }
 
-/* Refuses a camera with as many frames as another, but numbered from another number on: their
- * numbers probably do not mean the same time. */
+/* Refuses a camera that has as many frames as another one but another first number: equal numbers
+ * then probably do not mean the same time. */
 static spin_status check_first_numbers(const struct set *set)
 {
     int first[2] = {0}, count[2] = {0};

@@ -2,7 +2,8 @@
 
 #include "base/base.h"
 
-/* Values may exceed the range of the format by this much, from rounding. */
+/* Values that exceed the range of the format by less than this are not counted as clamped, since
+ * float rounding may cause it. */
 #define NEAR 1e-5
 
 int32_t spin_4dgs_round(double value, double step)
@@ -10,7 +11,7 @@ int32_t spin_4dgs_round(double value, double step)
     return (int32_t)spin_4dgs_clamp(rint(value / step), INT32_MIN, INT32_MAX);
 }
 
-/* Sets the bins of a rotation. The largest component of the quaternion x y z w is made positive and
+/* Quantises a rotation. The largest component of the quaternion x y z w is made positive and
  * omitted. */
 static void code_rotation(const float wxyz[4], double step, struct spin_4dgs_splat *to)
 {

@@ -9,16 +9,17 @@
 struct spin_4dgs_coder {
     const struct spin_4dgs_coding *coding;
     const struct spin_splat_rows *rows;
-    uint64_t n_colours, n_sh;    /* splats with colours or SH coefficients out of range */
-    double lost_colour, lost_sh; /* largest differences by this */
+    uint64_t n_colours,
+        n_sh; /* numbers of splats with colours, and with SH coefficients, out of range */
+    double lost_colour,
+        lost_sh; /* largest changes of a colour and of an SH coefficient by clamping */
     struct spin_quant_error quant;
 };
 
 int32_t spin_4dgs_round(double value, double step);
-/* Sets the integers of scale, rotation, colour, opacity and SH to those of a row, and the same
- * members of *shown to what a reader decodes. *is: the row. Adds the errors of SH to the
- * coder's. */
+/* Quantises scale, rotation, colour, opacity and SH of the row *is, and sets the same members of
+ * *shown to the values that a reader decodes. Adds the errors of SH to those of the coder. */
 void spin_4dgs_code_look(struct spin_4dgs_coder *c, size_t row, const struct spin_gaussian *is,
                          struct spin_4dgs_splat *to, struct spin_gaussian *shown);
-/* Warns about values that were clamped, and logs the errors. */
+/* Warns about clamped values, and logs the quantisation errors. */
 void spin_4dgs_coder_report(const struct spin_4dgs_coder *c);

@@ -114,13 +114,13 @@ static spin_status code_rows(struct spin_4dgs_frames *x)
 
 /* ---- Splats that continue -------------------------------------------------------------------- */
 
-/* Whether row i is the same splat in every frame so far. */
+/* Returns whether row i has been the same splat in every frame so far. */
 static bool has_rows(const struct spin_4dgs_frames *x)
 {
     return x->job->identity && !(x->job->report && x->job->report->rows_differ);
 }
 
-/* A delta cannot change SH, a keyframe can. */
+/* SH must be equal too, since a delta cannot change them; a keyframe can. */
 static void match_rows(struct spin_4dgs_frames *x, bool key)
 {
     for (size_t j = 0; j < x->shown.n; j++) {
@@ -133,7 +133,7 @@ static void match_rows(struct spin_4dgs_frames *x, bool key)
     }
 }
 
-/* Hashes everything but the centre in time, which the file changes with each keyframe. */
+/* Hashes all values except the centre in time, which the file changes with each keyframe. */
 static struct spin_static_row hash_row(const struct spin_4dgs_splat *splat, uint32_t row)
 {
     struct spin_static_row out = {{0, 0}, row};
@@ -156,7 +156,7 @@ static int by_hash(const void *a, const void *b)
     return first ? first : second ? second : (x->row > y->row) - (x->row < y->row);
 }
 
-/* Compares two hashes without their rows. */
+/* Compares two entries by their hashes, ignoring their rows. */
 static int compare_hashes(const struct spin_static_row *a, const struct spin_static_row *b)
 {
     struct spin_static_row same = *a;
@@ -189,7 +189,8 @@ static spin_status match_values(struct spin_4dgs_frames *x)
     return SPIN_OK;
 }
 
-/* Finds the row that continues each splat, and returns their number in *n. */
+/* Finds for each splat the row of the new frame that continues it. *n is the number of rows
+ * found. */
 static spin_status match(struct spin_4dgs_frames *x, bool key, size_t *n)
 {
     SPIN_TRY(spin_grow(x->shown.n + 1, sizeof *x->mate, (void **)&x->mate));
@@ -221,8 +222,8 @@ static void append(struct spin_4dgs_frames *x, size_t row, uint32_t id, int32_t 
     x->next.row[x->next.n++] = (uint32_t)row;
 }
 
-/* Makes the next state, sorted by id, since new splats have higher ids. Sets `changes` to what it
- * changes, except if it is a keyframe. */
+/* Builds the next state, which is sorted by id because new splats get higher ids. Unless it is a
+ * keyframe, also sets `changes` to the differences from the previous state. */
 static void make_state(struct spin_4dgs_frames *x, bool key, struct spin_4dgs_changes *changes)
 {
     double step = x->coding->step[SPIN_4DGS_STEP_TIME];
@@ -264,7 +265,8 @@ static spin_status reserve_state(struct spin_4dgs_frames *x)
     return spin_grow(n, sizeof *x->death, (void **)&x->death);
 }
 
-/* Writes the next state: a keyframe at regular intervals, or if most splats are new. */
+/* Writes the next state: as a keyframe at regular intervals or if most splats are new, otherwise as
+ * a delta. */
 static spin_status write_state(struct spin_4dgs_frames *x)
 {
     const double interval[2] = {time_of(x, x->n_frames), time_of(x, x->n_frames + 1)};
@@ -357,7 +359,8 @@ void spin_4dgs_frames_free(struct spin_4dgs_frames *x)
 static spin_status check_frame(struct spin_4dgs_frames *x, struct spin_readback *values, int f,
                                const struct spin_splats *back)
 {
-    const struct spin_splat_rows plain = {.splats = back}; /* applies no rotation */
+    const struct spin_splat_rows plain = {
+        .splats = back}; /* the identity, so positions keep the axes of the source */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree);
     const struct spin_splats *splats;
     struct spin_gaussian there;

@@ -6,7 +6,7 @@
 #include "exporters/lib/4dgs_code.h"
 #include "exporters/lib/sort_rows.h"
 
-/* A state that is written, sorted by id. row: [n] the row of each splat in its frame. */
+/* A state as it is written, sorted by id. row: [n] the row of each splat in its frame. */
 struct spin_4dgs_written {
     struct spin_4dgs_splat *splat;
     uint32_t *row;
@@ -21,18 +21,18 @@ struct spin_4dgs_frames {
     struct spin_4dgs_coder coder;
     struct spin_sort_rows order;
     struct spin_4dgs_written shown, next;
-    int n_frames, key; /* frames written, and the last keyframe; n_frames includes empty frames
-                          before the first splat, which are written with it */
-    bool begun;        /* the beginning of the file is written */
+    int n_frames, key; /* number of written frames, and index of the last keyframe; empty frames
+                          before the first splat are counted when that splat is written */
+    bool begun;        /* the header of the file has been written */
     uint32_t n_ids;
-    uint32_t **row_of; /* [job->n_frames] for --check: the rows of each frame, by id */
+    uint32_t **row_of; /* [job->n_frames] for --check: the rows of each frame, sorted by id */
     size_t *n_of;      /* [job->n_frames] */
 
     /* The current frame. */
-    struct spin_4dgs_splat *coded;          /* [rows] */
-    unsigned char *taken;                   /* [rows] 1: the row continues a splat */
-    uint32_t *mate;                         /* [shown.n] the row that continues each splat */
-    struct spin_4dgs_splat *before, *after; /* [shown.n] splats that change */
+    struct spin_4dgs_splat *coded; /* [rows] */
+    unsigned char *taken;          /* [rows] 1: the row continues a splat of the previous frame */
+    uint32_t *mate; /* [shown.n] for each splat of the previous state, the row that continues it */
+    struct spin_4dgs_splat *before, *after; /* [shown.n] 1: the splat changes */
     uint32_t *death;                        /* [shown.n] */
 };
 

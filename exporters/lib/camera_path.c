@@ -235,9 +235,9 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
     return d->fixed ? "camera" : name[d->path];
 }
 
-/* Without a data set and --camera: aims the moving camera at the moving part of the scene, from a
- * position where no other splats hide that part. If there is no such position, the camera is in
- * front of all splats. */
+/* Used without a data set and without --camera: aims the moving camera at the subject, from a
+ * position where no wall blocks the view. If there is no such position, the camera is in front of
+ * all splats. */
 static spin_status look_at_subject(struct spin_camera_path *d)
 {
     static const double origin[3] = {0};

@@ -46,11 +46,10 @@ bool spin_initial_view_is_blank(const float *image, size_t n, const float backgr
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
 
-/* Without a data set: aims the view at what moves or, without motion, at the densest part of the
- * scene, from a place without a wall before the lens. Uses the view's field of view, and its `up`
- * as changed by --up and --rotate. width, height: of the image, in pixels. *found: false if no such
- * place was found; the view is then unchanged. Must be called before the first frame is exported.
- */
+/* For clips without a data set: aims the view at the subject (geometry/subject.h), from a position
+ * where no wall blocks the view. Uses the view's field of view, and its `up` as changed by --up and
+ * --rotate. width, height: size of the image in pixels. If there is no such position, sets *found
+ * to false and leaves the view unchanged. Must be called before the first frame is exported. */
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found);
 

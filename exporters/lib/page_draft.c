@@ -2,7 +2,7 @@
 
 #include "base/base.h"
 
-#define FEWEST 32     /* least number of splats that show a recognisable scene */
+#define FEWEST 32     /* a draft with fewer splats would not show a recognisable scene */
 #define TRIES 8       /* number of attempts to find the number of splats that fit */
 #define BYTES_EACH 14 /* approximate size in bytes of a splat in a key frame */
 #define MOST_GROWTH 8 /* largest factor by which a splat is enlarged */

@@ -69,8 +69,8 @@ static double row_distance(const struct spin_page_group *g, const struct spin_pa
     return sum;
 }
 
-/* Whether row i is the same splat in both frames, for every i. This is assumed if the mean distance
- * that a row moves from one frame to the other is much smaller than the mean distance between two
+/* Returns whether row i is the same splat in both frames, for every i. This is assumed if rows
+ * move, on average, much less from one frame to the other than the mean distance between two
  * different rows. */
 static bool keeps_rows(const struct spin_page_group *g, const struct spin_page_frame *last,
                        const struct spin_page_frame *now)

@@ -6,7 +6,7 @@
 #include "math/approx.h"
 #include "math/drawable.h"
 
-/* Bytes of a frame; smaller ones need not be unmapped early. */
+/* Frames with fewer bytes are not unmapped early. */
 #define SMALL ((size_t)64 << 20)
 
 struct spin_splat_rows_block {
@@ -256,7 +256,8 @@ spin_status spin_splat_rows_report_4d(const struct spin_splat_rows *rows,
                                       const double *times, int n_frames)
 {
     const double *spans = job->splats_4d->spans;
-    struct spin_splats_4d kept = {0}; /* spin_splats_4d_counts() only reads n and spans */
+    struct spin_splats_4d kept = {
+        0}; /* spin_splats_4d_counts() reads no other members than n and spans */
     SPIN_FREED double *kept_spans = NULL;
     SPIN_FREED size_t *counts = NULL;
     size_t n_empty = 0;

@@ -1,4 +1,4 @@
-/* When each camera of a rig starts, relative to the clip. */
+/* Reads the start times of the cameras of a rig. */
 #include "importers/lib/camera_offsets.h"
 
 #include "importers/lib/views_check.h"

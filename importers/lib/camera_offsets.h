@@ -1,4 +1,4 @@
-/* When each camera of a rig starts, relative to the clip. */
+/* Start times of the cameras of a rig, relative to the clip. */
 #pragma once
 
 #include "importers/lib/model.h"

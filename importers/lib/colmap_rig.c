@@ -133,8 +133,8 @@ static int by_int_frame(const void *a, const void *b)
     return (x->frame > y->frame) - (x->frame < y->frame);
 }
 
-/* Whether the sorted images are of at least two cameras and two frames, none twice, with at least
- * half of all frames of all cameras. */
+/* Returns whether the sorted images form a rig: at least two cameras and two frames, no image
+ * twice, and at least half of the images that a complete rig would have. */
 static spin_status is_grid(struct spin_model *m, const struct picture *p, size_t n,
                            size_t *n_cameras, bool *out)
 {
@@ -187,7 +187,7 @@ static spin_status fill_rig(struct spin_model *m, struct picture *p, size_t n, s
     return SPIN_OK;
 }
 
-/* If the names of all images of the model consist of a camera and a frame, makes a rig of them. */
+/* Builds a rig from the images of the model if all their names consist of a camera and a frame. */
 static spin_status find_grid(const struct spin_colmap *m, const char *images,
                              struct spin_colmap_rig *out)
 {
@@ -232,8 +232,8 @@ static spin_status list_flat(const struct spin_colmap *m, const char *images, st
     return SPIN_OK;
 }
 
-/* If the folder contains further frames of the cameras of the model, such as cam00_0001.png for the
- * image cam00_0000.png, makes a rig of them. */
+/* Builds a rig from the images of the folder if it contains further frames of the cameras of the
+ * model, such as cam00_0001.png for the image cam00_0000.png. */
 static spin_status find_flat(const struct spin_colmap *m, const char *images,
                              struct spin_colmap_rig *out)
 {
@@ -315,8 +315,8 @@ static spin_status list_sources(struct spin_model *m, const char *parent, struct
     return SPIN_OK;
 }
 
-/* Assigns a folder or, if there is none, a video to each camera: one that `fits`. Returns whether
- * every camera has its own. */
+/* Assigns to each camera a folder or, if there is none, a video that `fits` accepts for it. Returns
+ * whether every camera got one that no other camera got. */
 static bool assign(struct spin_rig_camera *c, size_t n, struct source *s, size_t n_sources,
                    bool (*fits)(const char *camera, const char *source), bool *film)
 {

@@ -6,7 +6,7 @@
 
 struct spin_colmap_rig {
     struct spin_rig_camera *camera; /* [n], sorted by name, with their frames */
-    size_t n;                       /* 0: the images of the model are no rig */
+    size_t n; /* number of cameras; 0 if the images of the model do not form a rig */
 };
 
 /* Finds a rig in the data set `path`, whose images are in the folder `images`. Either the names of
@@ -21,6 +21,6 @@ spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, 
 spin_status spin_colmap_picture(struct spin_model *m, const char *folder, const char *name,
                                 const char **out);
 
-/* Whether the name is that of a folder without the images of a single camera or frame, such as
- * images_2, masks and sparse. */
+/* Returns whether a folder with this name, such as images_2, masks or sparse, cannot contain the
+ * images of a single camera or frame. */
 bool spin_colmap_is_other(const char *name);

@@ -3,8 +3,9 @@
 
 #include "io/video.h"
 
-/* Sets the rate: the inverse of the mean interval, without intervals in which frames were dropped.
- * Time stamps may be rounded, to milliseconds for instance. */
+/* Sets the rate to the inverse of the mean interval between frames. Intervals in which frames were
+ * dropped are ignored. A mean is needed because time stamps may be rounded, for instance to
+ * milliseconds. */
 static spin_status measure_rate(struct spin_rig_video *f)
 {
     SPIN_FREED double *gap = NULL;
@@ -48,8 +49,8 @@ static spin_status open_film(struct spin_model *m, struct spin_rig_video *f,
     return SPIN_OK;
 }
 
-/* Whether all videos have the same rate, such that no frame drifts by half a frame, and offsets of
- * whole frames. */
+/* Returns whether frames can be paired by their index: all videos have rates so similar that they
+ * drift apart by less than half a frame, and offsets of whole frames. */
 static bool are_alike(const struct spin_rig_video *film, size_t n)
 {
     for (size_t i = 0; i < n; i++) {

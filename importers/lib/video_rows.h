@@ -7,10 +7,11 @@
 struct spin_rig_video {
     const char *camera; /* name of the camera, by which its offset is found */
     const char *file;
-    struct spin_file_sequence frames; /* result: paths such as "cam00.mp4#7", with frame numbers */
+    struct spin_file_sequence
+        frames; /* set by the function: paths such as "cam00.mp4#7", with frame numbers */
 
     /* private */
-    double *time; /* [n] seconds from the first frame */
+    double *time; /* [n] times of the frames, in seconds from the first frame */
     size_t n;
     double rate;   /* frames per second, 0 for a single frame */
     double offset; /* seconds by which the video starts later than the clip */

@@ -103,8 +103,8 @@ static spin_status shift_pictures(struct spin_rig_camera *c, size_t n, struct sp
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Refuses cameras whose frames are numbered from another number on than those of the first camera,
- * although they have as many: their numbers probably do not mean the same time. */
+/* Refuses a camera that has as many frames as the first camera but another first number: equal
+ * numbers then probably do not mean the same time. */
 static spin_status check_first_numbers(const struct spin_rig_camera *c, size_t n)
 {
     for (size_t i = 1; i < n; i++) {
@@ -122,8 +122,8 @@ static spin_status check_first_numbers(const struct spin_rig_camera *c, size_t n
     return SPIN_OK;
 }
 
-/* Sets *number to the frame numbers that any camera has, up to the last number of the camera that
- * ends first. */
+/* Sets *number to all frame numbers that occur in at least one camera, up to the last number of the
+ * camera that ends first. */
 static spin_status list_rows(struct spin_model *m, const struct spin_rig_camera *c, size_t n,
                              int **number, size_t *n_rows)
 {
@@ -158,8 +158,8 @@ static spin_status list_rows(struct spin_model *m, const struct spin_rig_camera 
     return SPIN_OK;
 }
 
-/* Warns if some cameras lack images of some frames. Refuses to read less than half of all images,
- * whose numbers then probably do not mean the same frames. */
+/* Warns if cameras lack images of some frames. Fails if at least half of all images are missing,
+ * since the numbers of different cameras then probably do not mean the same frames. */
 static spin_status check_missing(const struct spin_views *views, size_t first, size_t n,
                                  const int *number, size_t n_rows, const struct spin_rig_camera *c)
 {
@@ -214,7 +214,8 @@ static spin_status add_view(struct spin_model *m, const struct spin_rig_camera *
     return spin_views_add(out, view);
 }
 
-/* Scales a static camera to the size of its first image, a moving one in each frame. */
+/* Scales a static camera to the size of its first image, and a moving camera to the size of each
+ * frame's image. */
 static spin_status fit_camera(struct spin_rig_camera *c)
 {
     for (size_t k = 0; k < (c->moving ? c->frames.n_frames : 1); k++)

@@ -12,9 +12,8 @@
  * clip.tracks.spin; the second trains 4D splats that are made from these frames.
  *
  * Frames with opacities but without a data set are retrained on renders of themselves if the format
- * stores 4D splats, or with --data renders. What stands still is then stored once, in
- * clip.static.spin; clip.import.spin is kept, as the images are drawn from it.
- */
+ * stores 4D splats, or with --data renders. Before that, static splats are stored once for all
+ * frames, in clip.static.spin. clip.import.spin is kept, since the renders are drawn from it. */
 #include <sys/stat.h>
 
 #include "base/base.h"
@@ -29,7 +28,8 @@
 #include "scene/data_path.h"
 #include "scene/foreign.h"
 
-/* Number of frames that are sampled from a continuous run if nothing says how many: two seconds. */
+/* Number of frames that are sampled from a continuous run if neither the user nor the run states
+ * it: two seconds. */
 #define DEFAULT_FRAMES 60
 
 struct convert {
@@ -50,7 +50,8 @@ struct convert {
     /* Whether `import` was trained with tracks, so that 4D splats can be made of its frames. */
     bool is_tracks;
     bool renders; /* the clip is retrained on renders of itself */
-    bool settles; /* its static rows are stored once before that, as its frames share no rows */
+    bool
+        settles; /* its static splats are stored once before that, since its frames share no rows */
     spin_json *report;
 };
 
@@ -313,7 +314,8 @@ static spin_status inspect_bundle(struct convert *c)
     return SPIN_OK;
 }
 
-/* Renders have no exposure, and need no values of each frame: those would learn the flicker. */
+/* Renders need no exposures. Residual values of each frame would only learn the flicker of the
+ * source. */
 static void set_recipe(struct spin_retrain_options *o)
 {
     if (o->method != SPIN_METHOD_4D) {
@@ -417,8 +419,7 @@ static spin_status export_bundle(struct convert *c, const char *bundle)
     return add_report(c, "export", text);
 }
 
-/* Measures the clip in views that no training has used, and its flicker beside that of the source.
- */
+/* Measures the clip in held-out views, and compares its flicker with that of the source. */
 static spin_status measure_clip(struct convert *c)
 {
     struct spin_eval_options eval = {.input = c->bundle,

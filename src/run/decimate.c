@@ -584,8 +584,8 @@ static spin_status read_all(void *context, int f, const struct spin_splats **out
     return read_part(d, f, false);
 }
 
-/* Places cameras around what moves if the clip has none. If no place has a free view, the loss is
- * not measured. */
+/* Places cameras around the subject if the clip has none. If no position has a free view, the loss
+ * is not measured. */
 static spin_status place_cameras(struct spin_decimation *d)
 {
     const struct spin_viewpoints_options o = {

@@ -949,8 +949,8 @@ static spin_status count_cameras(const struct spin_views *views, int *n)
     return SPIN_OK;
 }
 
-/* Describes the views of a data set. As many cameras and frames as images are either a still or the
- * video of one camera, which the data set does not say. */
+/* Describes the views of a data set. If there are as many cameras and frames as images, the data
+ * set does not show whether it is a static scene or the video of one moving camera. */
 static spin_status describe_views(const struct spin_views *views, char out[120])
 {
     char frames[48], cameras[48];

@@ -286,7 +286,7 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
     SPIN_TRY(check_paths(r));
     spin_simd_paths_begin(&r->simd_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
-    /* In all other cases the points are examined later, when the frames are loaded. */
+    /* In all other cases the means are checked later, when the frames are loaded. */
     return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_check_points(&r->plan)
                                                           : SPIN_OK;
 }

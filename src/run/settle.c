@@ -6,15 +6,20 @@
 #include "scene/data_path.h"
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
-#define SHARE 0.6         /* of the cameras that have a dynamic splat in their image */
-#define FILL_OPACITY 0.1f /* least opacity of a row that fills a hole */
+#define SHARE                                                                                      \
+    0.6 /* a splat is dynamic if this share of the cameras that see it has a changed pixel there   \
+         */
+#define FILL_OPACITY 0.1f /* rows of other frames fill a hole only above this opacity */
 enum {
-    LEAST_CHANGE = 12,  /* smallest difference of a changed pixel, in 255ths */
-    NOISE_FACTOR = 3,   /* it is also at least so many times the median difference */
-    MEDIAN_FRAMES = 31, /* frames whose median is the static image */
-    FRAMES = 8,         /* frames in which the motion of a splat is looked for, besides its own */
-    CELLS = 100,        /* cells along the longest side, for holes */
-    BLUR = 2,           /* radius of the box filter of the renders */
+    LEAST_CHANGE =
+        12, /* least difference from the median for a pixel to count as changed, in 255ths */
+    NOISE_FACTOR =
+        3, /* the difference must also be this many times the median of all differences */
+    MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
+    FRAMES = 8,         /* frames that are examined for each splat, besides its own */
+    CELLS = 100, /* cells of the position and cell size of the grid in which holes are found along
+                    its longest side */
+    BLUR = 2,    /* radius of the box filter that is applied to renders */
 };
 
 struct settling {
@@ -25,10 +30,11 @@ struct settling {
     size_t plane;
     int threshold;
     uint8_t *change;     /* [n_cameras][n_frames][plane], difference from the median over time */
-    uint8_t **mark;      /* [n_frames][rows] 1: static */
+    uint8_t **mark;      /* [n_frames][rows] 1: static; 2: static and stored in `base` */
     double low[3], cell; /* grid of holes */
     int dim[3];
-    uint8_t *taken;          /* [cells], 1: has a static row, or a neighbour with one */
+    uint8_t *taken; /* [cells] 1 if the cell or a neighbouring cell contains a static row, so that
+                       it is no hole */
     struct spin_splats base; /* the static rows */
     struct spin_splats frame, out;
 };
@@ -121,7 +127,8 @@ static void compare_frames(struct settling *s, const uint8_t *image, uint8_t *ch
     }
 }
 
-/* Draws all images that the cache can hold. This is faster frame by frame than camera by camera. */
+/* Renders all images into the cache, frame by frame: this is faster than camera by camera, since
+ * each frame is decoded only once. */
 static spin_status draw_images(struct settling *s)
 {
     struct spin_progress progress;
@@ -157,7 +164,7 @@ static spin_status find_changes(struct settling *s)
     return SPIN_OK;
 }
 
-/* The threshold follows the flicker of the clip. */
+/* Derives the threshold from the flicker of the clip, which the median difference measures. */
 static void set_threshold(struct settling *s)
 {
     size_t all = (size_t)s->n_cameras * (size_t)s->n_frames * s->plane, sum = 0;
@@ -173,7 +180,8 @@ static void set_threshold(struct settling *s)
 
 /* ---- Static rows ----------------------------------------------------------------------------- */
 
-/* Adds to changed[k] whether the pixel of a point in camera c has changed in frame[k]. */
+/* Adds 1 to changed[k] if the pixel to which a point projects in camera c has changed in
+ * frame[k]. */
 static void count_changes(const struct settling *s, const double pixel[3], int c, const int *frame,
                           int n, int *changed)
 {
@@ -187,7 +195,8 @@ static void count_changes(const struct settling *s, const double pixel[3], int c
     }
 }
 
-/* Returns whether a splat of frame `own` is static, by that frame and some others. */
+/* Returns whether a splat of frame `own` is static, judged by its own frame and FRAMES evenly
+ * spaced ones. */
 static bool is_static(const struct settling *s, const float at[3], int own)
 {
     int frame[FRAMES + 1] = {own}, changed[FRAMES + 1] = {0}, n = 1, seen = 0;
@@ -240,7 +249,7 @@ static size_t cell_of(const struct settling *s, const float at[3])
     return cell;
 }
 
-/* Marks the cell of a static row and its neighbours. */
+/* Marks the cell that contains a static row, and its neighbours, as filled. */
 static void take_cells(struct settling *s, const float at[3])
 {
     for (int k = 0; k < 27; k++) {
@@ -252,7 +261,8 @@ static void take_cells(struct settling *s, const float at[3])
     }
 }
 
-/* Sets the grid to the bounding box of the middle frame's rows, without the outermost percent. */
+/* Sets the grid to the bounding box of the middle frame's rows, ignoring the outermost 1 % of the
+ * coordinates. */
 static spin_status make_grid(struct settling *s)
 {
     SPIN_FREED float *value = NULL;
@@ -297,7 +307,7 @@ static void copy_row(const struct spin_splats *from, size_t i, float larger, str
         to->log_scales[3 * k + c] = from->log_scales[3 * i + c] + larger;
 }
 
-/* Adds the rows of s->frame with mark 2 to the static rows. */
+/* Appends the rows of s->frame with mark 2 to the static rows. */
 static spin_status append_base(struct settling *s, const uint8_t *mark)
 {
     struct spin_splats all = {0};
@@ -317,8 +327,9 @@ static spin_status append_base(struct settling *s, const uint8_t *mark)
     return SPIN_OK;
 }
 
-/* Adds the static rows of frame f: all of the first such frame, else those that fill holes. The
- * cells of a frame's rows are taken only when all its rows were looked at. */
+/* Adds static rows of frame f: all of them if `first`, otherwise those in holes. Their cells are
+ * marked only after all rows were examined, so that neighbouring rows of one frame can fill a hole
+ * together. */
 static spin_status add_static(struct settling *s, int f, bool first)
 {
     uint8_t *mark = s->mark[f];
@@ -360,7 +371,7 @@ static bool keeps(double share, uint64_t stream, size_t i)
     return (double)spin_rng_uniform(0, stream, i) < share;
 }
 
-/* Makes the rows of a frame: the static ones, and those of s->frame that are dynamic. */
+/* Assembles the rows of a frame: the static rows, followed by the dynamic rows of s->frame. */
 static spin_status make_frame(struct settling *s, int f, const double keep[2])
 {
     const float larger[2] = {(float)(-log(keep[0]) / 3), (float)(-log(keep[1]) / 3)};
@@ -397,7 +408,8 @@ static spin_status write_frames(struct settling *s, const double keep[2],
     return SPIN_OK;
 }
 
-/* Writes the bundle with the description of the source, except for what is different. */
+/* Writes the bundle. Its description is that of the source, except for the rows and the data
+ * set. */
 static spin_status write_bundle(struct settling *s, const char *output, const double keep[2],
                                 bool force, struct spin_settled *settled)
 {

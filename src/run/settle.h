@@ -1,23 +1,25 @@
-/* Finds what stands still in a clip whose frames share no splats, and stores it once. */
+/* Finds the static splats of a clip whose frames share no rows, and stores them once for all
+ * frames. This removes their flicker and makes the clip smaller. */
 #pragma once
 
 #include "scene/clip.h"
 
 struct spin_settled {
-    double n_static, n_dynamic; /* rows that are the same in all frames; other rows per frame */
-    double n_before;            /* rows per frame of the source */
+    double n_static,
+        n_dynamic; /* number of rows that all frames share; mean number of other rows in a frame */
+    double n_before; /* mean number of rows in a frame of the source */
 };
 
-/* Writes the bundle `output`, whose frames begin with the same static rows to the bit, which
- * spin-retrain recognises as static tracks, followed by the dynamic rows of each frame. The data
- * set of the new bundle is `input`, drawn by "renders".
+/* Writes the bundle `output`. Its frames begin with the static rows, which are bit-identical in all
+ * frames, so that spin-retrain recognises them as static tracks; the dynamic rows of the frame
+ * follow. The data set of the new bundle is "renders", drawn from `input`.
  *
- * A splat is dynamic if, in some frame, the renders of most cameras that have it in their image
- * differ there from their median over time. This is a visual hull of what moves; it needs no links
- * between splats, and flicker below a threshold is no motion. Static rows are those of the middle
- * frame; those of other frames fill its holes.
+ * A splat is dynamic if there is a frame in which most cameras that see it render another colour at
+ * its position than in their median over time. The dynamic splats are thus inside the visual hull
+ * of the motion. The test needs no matches between splats, and ignores flicker below a threshold.
+ * The static rows are taken from the middle frame; rows of other frames fill its holes.
  *
- * keep: NULL, or the shares of static and dynamic rows to keep at random, with scales enlarged so
- * that they cover as much. */
+ * keep: the shares of static and of dynamic rows to keep, chosen at random and enlarged to cover
+ * the same area; NULL keeps all. */
 spin_status spin_settle(const char *input, const char *data_from, const double keep[2],
                         const char *output, bool force, struct spin_settled *settled);

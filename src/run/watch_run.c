@@ -85,8 +85,7 @@ static spin_status add_curves(const char *log, spin_json *now)
     return SPIN_OK;
 }
 
-/* Adds the names of the newest previews, which are the files whose names end in the number of this
- * iteration. */
+/* Adds the names of the newest previews: the files whose names end in this iteration's number. */
 static spin_status add_pictures(const struct spin_output *output, spin_json *now)
 {
     const char *folder = output->plan->o->preview;
