@@ -2,7 +2,8 @@
  * so errors do not add up. */
 #include "formats/4dgs_states.h"
 
-/* STATE_BYTES: the fields of keyframe-delta at the end of an entry of the index. */
+/* STATE_BYTES: size of the additional fields that the model keyframe-delta has in an entry of the
+ * index. */
 enum { MOST_CHUNKS = 1 << 24, STATE_BYTES = 28 };
 enum { TO_KEYFRAME, CHAINED = SPIN_4DGS_CHAINED };
 /* States are evenly spaced if they begin within this share of a state of the expected time. */
@@ -101,7 +102,8 @@ static bool same_splat(struct spin_4dgs_splat *a, const struct spin_4dgs_splat *
     return memcmp(a->bin, copy.bin, sizeof a->bin) == 0 && memcmp(a->sh, b->sh, sizeof a->sh) == 0;
 }
 
-/* Shows the state that was read: splats that it changes or lacks end at its beginning. */
+/* Makes the state that was read the current one: splats that it changes or omits end at its
+ * beginning. */
 static spin_status show_next(struct spin_4dgs_states *s)
 {
     size_t i = 0;
@@ -134,7 +136,7 @@ static spin_status show_next(struct spin_4dgs_states *s)
     return s->chunk[s->n_chunks - 1].depth > 0 ? SPIN_OK : copy_state(&s->shown, 0, &s->keyframe);
 }
 
-/* Begins the state of a chunk, after showing the one before. */
+/* Completes the previous state and begins that of a chunk. */
 static spin_status begin_chunk(struct spin_4dgs_states *s, const double interval[2],
                                const struct spin_4dgs_chunk *chunk, uint64_t n)
 {
@@ -238,7 +240,8 @@ static spin_status apply_row(const struct group *g, size_t k, bool add,
     return SPIN_OK;
 }
 
-/* Adds the splats of a keyframe, or those that are born, to the state; SH bands refer to them. */
+/* Adds new splats to the state: those of a keyframe, or the births of a delta. The SH bands that
+ * follow refer to these splats. */
 static spin_status add_splats(struct spin_4dgs_states *s, const struct group *g, size_t n)
 {
     free(s->order);
@@ -453,7 +456,7 @@ spin_status spin_4dgs_states_index(struct spin_4dgs_states *s, struct spin_4dgs_
     spin_4dgs_bytes(c, 16);
     offset = spin_4dgs_number(c, 8);
     spin_4dgs_bytes(c, 16);
-    if (c->left > STATE_BYTES) /* references to the SH bands */
+    if (c->left > STATE_BYTES) /* skip the offsets of the SH bands */
         spin_4dgs_bytes(c, c->left - STATE_BYTES);
     kind = (unsigned)spin_4dgs_number(c, 1);
     mode = (unsigned)spin_4dgs_number(c, 1);

@@ -1,4 +1,5 @@
-/* Keyframes and deltas of .4dgs files, as the rows that each state shows. */
+/* Reads the keyframes and deltas of .4dgs files, and converts the states that they define to rows,
+ * each visible while its splat does not change. */
 #pragma once
 
 #include "formats/4dgs_streams.h"
@@ -16,20 +17,20 @@ struct spin_4dgs_splat {
 /* Returns the integers of an attribute. */
 int32_t *spin_4dgs_bin(struct spin_4dgs_splat *splat, int attribute);
 
-/* A splat during the interval in which nothing changes it. */
+/* A splat with the interval in which it does not change. */
 struct spin_4dgs_row {
     struct spin_4dgs_splat splat;
     double interval[2];
 };
 
-/* The splats of a state, sorted by id, with the times since which they are unchanged. */
+/* The splats of a state, sorted by id, with the time of the last change of each. */
 struct spin_4dgs_state {
     struct spin_4dgs_splat *splat;
     double *since;
     size_t n;
 };
 
-/* A chunk of the file, for the references of later chunks and for the index. */
+/* A chunk of the file, to which later chunks and the index refer. */
 struct spin_4dgs_chunk {
     double begin; /* seconds */
     uint64_t offset;
@@ -43,8 +44,8 @@ struct spin_4dgs_states {
     uint64_t most_rows;        /* limit of the rows, against decompression bombs */
     struct spin_4dgs_row *row; /* [n_rows] sorted by id and time at the end */
     size_t n_rows, capacity;
-    uint64_t n_read; /* splats in all chunks */
-    /* The state shown so far, the last keyframe, and the one that is being read. */
+    uint64_t n_read; /* number of splats in all chunks */
+    /* The current state, the last keyframe, and the state that is being read. */
     struct spin_4dgs_state shown, keyframe, next;
     double begin, end; /* interval of `next` */
     uint32_t *order;   /* [n_order] ids in the order of the streams, for SH bands */

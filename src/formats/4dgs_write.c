@@ -10,13 +10,13 @@
 enum { RAW, DIFFERENCE, CONSTANT };
 enum { STATISTICS = 12, SH_CODES = 7, PLUS_Y = 1, MINUS_Z = 5, RIGHT_HANDED = 1 };
 
-/* Stated relative errors of scales and sigmas. */
+/* Relative errors of scales and sigmas that the file states. */
 #define RELATIVE (1 / 256.0)
 
 struct spin_4dgs_entry {
     double interval[2];
     uint64_t at, bytes;
-    size_t n, n_live;   /* splats in the chunk, and in the state */
+    size_t n, n_live;   /* numbers of splats in the chunk and in the state */
     uint64_t reference; /* offset of the chunk that a delta changes */
     uint64_t key;       /* offset of the keyframe */
     unsigned depth;     /* number of deltas since the keyframe, including this one */
@@ -282,8 +282,8 @@ spin_status spin_4dgs_write_chunk(struct spin_4dgs_writer *w, const double inter
 
 /* ---- Deltas ---------------------------------------------------------------------------------- */
 
-/* Sets value[n][channels] to what an update states: the integers of a rotation, or differences of
- * other integers. Returns whether an integer differs. */
+/* Sets value[n][channels] to the integers of an update: for rotations the new integers, for other
+ * attributes the differences from the old ones. Returns whether any integer has changed. */
 static bool find_differences(const struct spin_4dgs_changes *c, size_t from, size_t channels,
                              bool whole, int32_t *value)
 {
@@ -299,8 +299,8 @@ static bool find_differences(const struct spin_4dgs_changes *c, size_t from, siz
     return differs;
 }
 
-/* Writes the attributes that any splat changes. The index of a rotation and its other integers are
- * written together. */
+/* Writes those attributes that change in at least one splat. The two attributes of a rotation are
+ * always written together. */
 static spin_status put_updates(FILE *to, const struct spin_4dgs_changes *c)
 {
     SPIN_FREED int32_t *value = NULL;

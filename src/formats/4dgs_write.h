@@ -3,8 +3,8 @@
 
 #include "formats/4dgs_states.h"
 
-/* What is known before the first chunk. Values of splats are integers in units of `step`; positions
- * are relative to `origin`. */
+/* Parameters of a file that are known before the first chunk. Values of splats are integers in
+ * units of `step`; positions are relative to `origin`. */
 struct spin_4dgs_coding {
     double duration; /* seconds */
     double fps;      /* frames per second */
@@ -26,11 +26,12 @@ struct spin_4dgs_coding {
  * `scale`. All steps are twice the errors that the file states. */
 void spin_4dgs_choose_steps(struct spin_4dgs_coding *coding, double scale);
 
-/* What a state changes in the state before it. */
+/* The changes of a state relative to the previous state. */
 struct spin_4dgs_changes {
-    const struct spin_4dgs_splat *before, *after; /* [n_updates] the same splats, by id */
-    const struct spin_4dgs_splat *born;           /* [n_births] */
-    const uint32_t *death;                        /* [n_deaths] ids */
+    const struct spin_4dgs_splat *before,
+        *after; /* [n_updates] the same splats before and after the change, sorted by id */
+    const struct spin_4dgs_splat *born; /* [n_births] */
+    const uint32_t *death;              /* [n_deaths] ids */
     size_t n_updates, n_births, n_deaths;
     size_t n_live; /* number of splats after the changes */
 };

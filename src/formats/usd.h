@@ -8,17 +8,17 @@
 spin_status spin_usd_open(const void *data, size_t size, struct spin_usd_layer *out);
 void spin_usd_close(struct spin_usd_layer *layer);
 
-/* Return the prim at a path such as "/World/Splats", the field of this name in a list of fields,
- * and the sample that holds at a time: the last one before it, or the first of all. NULL: there is
- * none. */
+/* Return the prim at a path such as "/World/Splats"; the field of this name in a list of fields;
+ * and the sample that applies at a time, which is the last one not later than this time or, before
+ * the first sample, the first. NULL: there is none. */
 struct spin_usd_prim *spin_usd_prim_at(struct spin_usd_layer *layer, const char *path);
 struct spin_usd_prim *spin_usd_child(const struct spin_usd_prim *prim, const char *name, size_t n);
 struct spin_usd_field *spin_usd_field(struct spin_usd_field *list, const char *name);
 struct spin_usd_value *spin_usd_sample_at(struct spin_usd_field *field, double time);
 
-/* Numbers of a value, which is a number, a tuple, or an array of either, with tuples of `width`
- * numbers. spin_usd_count() counts the tuples. The other two functions read n of them, and fail if
- * the value has another number of tuples. Quaternions are w x y z. */
+/* Read the numbers of a value, which is a number, a tuple of `width` numbers, or an array of
+ * either. spin_usd_count() counts the tuples. The other two functions read n tuples, and fail if
+ * the value has another number of them. Quaternions are w x y z. */
 spin_status spin_usd_count(struct spin_usd_value *value, unsigned width, size_t *n);
 spin_status spin_usd_floats(struct spin_usd_value *value, unsigned width, size_t n, float *out);
 spin_status spin_usd_doubles(struct spin_usd_value *value, unsigned width, size_t n, double *out);

@@ -138,13 +138,14 @@ void spin_usd_close_files(struct spin_usd_stage *s)
 
 /* ---- Composition ----------------------------------------------------------------------------- */
 
-/* The opinions about a prim while they are collected. */
+/* The list of opinions about a prim, while it is collected. An opinion (USD's term) is what one
+ * layer states about the prim. */
 struct opinions {
     struct usd_opinion of[MAX_OPINIONS];
     size_t n;
 };
 
-/* Appends what a file and its sublayers say about the prim at `path`. */
+/* Appends the opinions of a file and of its sublayers about the prim at `path`. */
 static spin_status add_stack(struct spin_usd_stage *s, struct opinions *list, struct usd_file *file,
                              const char *path, int depth)
 {
@@ -181,8 +182,8 @@ char *spin_usd_metadata_text(const struct usd_file *file, const char *name)
     return text;
 }
 
-/* Appends what is referenced by one item of a list of references. A reference to a missing file is
- * skipped, as other programs do, but noted. */
+/* Appends the opinions of the prim to which one item of a list of references refers. A reference to
+ * a missing file is skipped with a note, as other programs do. */
 static spin_status add_reference(struct spin_usd_stage *s, struct opinions *list,
                                  struct usd_file *file, const struct spin_usd_value *item)
 {
@@ -203,7 +204,8 @@ static spin_status add_reference(struct spin_usd_stage *s, struct opinions *list
     return *path || chosen ? add_stack(s, list, file, *path ? path : chosen, 0) : SPIN_OK;
 }
 
-/* Appends what is referenced by the opinions of the list, also by those that it appends. */
+/* Appends the opinions to which references of the listed opinions lead, including references of the
+ * opinions that it appends. */
 static spin_status add_references(struct spin_usd_stage *s, struct opinions *list)
 {
     for (size_t i = 0; i < list->n; i++)
@@ -289,8 +291,8 @@ static spin_status entry_number(const struct spin_usd_value *set, const char *na
                        : spin_malformed("clips with a template have no '%s'", name);
 }
 
-/* Adds the file of a time code to the clips, unless it does not exist. The file's name has the time
- * code in place of the only `#` signs of the template, which say how many digits it has. */
+/* Adds the file of a time code to the clips, if the file exists. Its name is the template with the
+ * time code in place of the run of `#` signs, whose length is the number of digits. */
 static spin_status add_template(struct spin_usd_stage *s, const char *template, double time,
                                 struct usd_clips *out)
 {
@@ -374,7 +376,7 @@ static spin_status read_clips(struct spin_usd_stage *s, const struct spin_usd_va
     return SPIN_OK;
 }
 
-/* Sets the clips of a prim that has any. */
+/* Reads the value clips of a prim, if it has any. */
 static spin_status find_clips(struct spin_usd_stage *s, struct usd_node *node)
 {
     for (size_t i = 0; i < node->n; i++) {
@@ -396,7 +398,8 @@ static spin_status find_clips(struct spin_usd_stage *s, struct usd_node *node)
     return SPIN_OK;
 }
 
-/* Makes the node of a prim of which `list` has the opinions; those of its references are added. */
+/* Creates the node of a prim from the opinions in `list`, to which those of its references are
+ * added. */
 static spin_status make_node(struct spin_usd_stage *s, struct usd_node *parent, const char *name,
                              struct opinions *list, struct usd_node **out)
 {
@@ -427,7 +430,7 @@ static spin_status make_node(struct spin_usd_stage *s, struct usd_node *parent, 
     return find_clips(s, node);
 }
 
-/* Collects the opinions of the parent's layers about one of its children. */
+/* Collects the opinions of the parent's layers about one child of the prim. */
 static void find_child(const struct usd_node *parent, const char *name, struct opinions *out,
                        size_t *n_local)
 {
@@ -442,7 +445,8 @@ static void find_child(const struct usd_node *parent, const char *name, struct o
     }
 }
 
-/* Whether a child of this name occurs in an opinion stronger than opinion i. */
+/* Returns whether an opinion stronger than opinion i contains a child of this name, so that the
+ * child was already visited. */
 static bool is_repeated(const struct usd_node *node, size_t i, const char *name)
 {
     for (size_t k = 0; k < i; k++)
@@ -457,7 +461,8 @@ static void note_type(struct spin_usd_stage *s, const char *type)
         snprintf(s->other, sizeof s->other, "%s", type);
 }
 
-/* Visits a node and the prims below it, and appends those that consist of splats to **tail. */
+/* Visits a node and the prims below it, and appends those that contain splats to the list that ends
+ * at **tail. */
 static spin_status visit(struct spin_usd_stage *s, struct usd_node *node, int depth,
                          struct usd_node ***tail)
 {
@@ -500,7 +505,8 @@ spin_status spin_usd_compose(struct spin_usd_stage *s, struct usd_file *root)
 
 /* ---- Values at a time ------------------------------------------------------------------------ */
 
-/* Converts a time code of the stage to one of the clips: linearly between the pairs. */
+/* Converts a time code of the stage to a time code of the clips, by linear interpolation between
+ * the pairs. */
 static double clip_time(const struct usd_clips *c, double time)
 {
     const double *t = c->times;
@@ -516,7 +522,7 @@ static double clip_time(const struct usd_clips *c, double time)
            (time - t[2 * i]) * (t[2 * i + 3] - t[2 * i + 1]) / (t[2 * i + 2] - t[2 * i]);
 }
 
-/* Opens the file of the clips that is active from entry i of `active` on, unless it is open. */
+/* Opens the clip that entry i of `active` activates, unless it is already open. */
 spin_status spin_usd_open_clip(struct spin_usd_stage *s, struct usd_clips *c, size_t i)
 {
     const char *asset = c->asset[(size_t)c->active[2 * i + 1]];
@@ -534,7 +540,8 @@ spin_status spin_usd_open_clip(struct spin_usd_stage *s, struct usd_clips *c, si
     return open_file(s, file);
 }
 
-/* Finds the attribute of a prim in the clips. Without samples, clips have no opinion. */
+/* Finds the attribute of a prim in the active clip. An attribute without samples there counts as
+ * missing. */
 static spin_status find_in_clips(struct spin_usd_stage *s, const struct usd_node *node,
                                  const char *name, double time, struct spin_usd_value **out)
 {
@@ -552,7 +559,8 @@ static spin_status find_in_clips(struct spin_usd_stage *s, const struct usd_node
     return SPIN_OK;
 }
 
-/* Sets *out to the value of an attribute at a time; NULL: it has none, or a sample blocks it. */
+/* Sets *out to the value of an attribute at a time; to NULL if there is none, or if a sample blocks
+ * it. */
 spin_status spin_usd_find_value(struct spin_usd_stage *s, const struct usd_node *node,
                                 const char *name, double time, struct spin_usd_value **out)
 {

@@ -8,14 +8,16 @@
 #include "formats/usd_packed.h"
 
 enum { HEAD = 88, MIN_VERSION = 7, MAX_VERSION = 13 };
-/* The most paths, and the most fields of all prims and attributes together. */
+/* Limits of the number of paths, and of the number of fields of all prims and attributes
+ * together. */
 enum { MAX_PATHS = 1 << 24, MAX_FIELDS = 1 << 22 };
-/* Floats and integers are compressed only in arrays of at least so many. */
+/* Arrays with fewer floats or integers are never compressed. */
 enum { LEAST_PACKED = 16 };
 
 enum kind { SPEC_ATTRIBUTE = 1, SPEC_PRIM = 6, SPEC_ROOT = 7 };
 
-/* Types of values. ITEM is not of the format: an item of a list of references, with its offset. */
+/* Types of values. ITEM is not a type of the format: it is used internally for an item of a list of
+ * references. */
 enum type {
     BOOL = 1,
     UCHAR,
@@ -51,9 +53,10 @@ enum type {
 };
 
 struct path {
-    struct spin_usd_prim *prim; /* the prim, or that of the property; NULL: neither */
+    struct spin_usd_prim
+        *prim; /* the prim, or the prim to which the property belongs; NULL: the path is neither */
     struct spin_usd_prim **tail;
-    const char *name; /* of a property; NULL: the path is that of a prim */
+    const char *name; /* name of the property; NULL: the path is that of a prim */
     uint32_t parent;
     struct spin_usd_field *attribute;
 };
@@ -76,7 +79,7 @@ struct spin_usd_crate {
 
 /* ---- Bytes ----------------------------------------------------------------------------------- */
 
-/* A part of the file that is read from its beginning to its end. */
+/* A part of the file that is read sequentially. */
 struct part {
     const unsigned char *at, *end;
 };
@@ -138,7 +141,8 @@ static spin_status read_count(struct part *p, size_t size, size_t *out)
     return SPIN_OK;
 }
 
-/* Moves to where a distance (8 bytes), counted from its own place, leads. */
+/* Reads a distance of 8 bytes, and moves by this distance from the position at which it is
+ * stored. */
 static spin_status follow(const struct spin_usd_crate *c, struct part *p)
 {
     uint64_t from = (uint64_t)(p->at - c->data), distance;
@@ -268,16 +272,16 @@ static spin_status read_fields(struct spin_usd_layer *layer)
 
 /* ---- Paths ----------------------------------------------------------------------------------- */
 
-/* The tree of paths while it is decoded: a row per path, depth first. */
+/* The encoded tree of paths, with one row per path in depth-first order. */
 struct tree {
     int32_t *path;  /* index of the path */
     int32_t *token; /* last name of the path; negative for properties */
-    int32_t *jump;  /* -2: leaf; -1: a child follows; 0: a sibling follows; k: a child follows, and
-                       k rows further a sibling */
+    int32_t *jump;  /* -2: a leaf; -1: the next row is a child; 0: the next row is a sibling; k > 0:
+                       the next row is a child, and the row k further is a sibling */
     size_t n;
 };
 
-/* Makes the path of row i, whose parent is the path `parent`. */
+/* Creates the path of row i below the path `parent`. */
 static spin_status make_path(struct spin_usd_layer *layer, const struct tree *t, size_t i,
                              uint32_t parent)
 {
@@ -302,8 +306,8 @@ static spin_status make_path(struct spin_usd_layer *layer, const struct tree *t,
     return SPIN_OK;
 }
 
-/* Visits the tree from row 0, the root. No row is visited twice, since rows make different paths.
- */
+/* Visits the tree from row 0, the root. Cycles are impossible: a row that is reached twice would
+ * define its path twice, which is an error. */
 static spin_status walk_paths(struct spin_usd_layer *layer, const struct tree *t, size_t *stack)
 {
     struct path *path = layer->crate->path;
@@ -460,7 +464,7 @@ static spin_status add_metadata(struct spin_usd_layer *layer, struct spin_usd_pr
     return SPIN_OK;
 }
 
-/* Adds a field of an attribute, of which only values and samples are kept. */
+/* Adds a field of an attribute. Only default values and samples are kept. */
 static spin_status add_attribute(struct spin_usd_layer *layer, struct path *path, const char *name,
                                  uint64_t word)
 {
@@ -632,12 +636,12 @@ static double inline_number(enum type component, unsigned width, bool matrix, ui
                      bytes);
 }
 
-/* The numbers of a value that is not inline. */
+/* The numbers of a value that is stored at an offset, not inline. */
 struct numbers {
     enum type component;
     unsigned width;
     size_t n;      /* tuples */
-    struct part p; /* from the first one on */
+    struct part p; /* the numbers, starting with the first */
     bool packed, swap;
 };
 
@@ -747,7 +751,8 @@ spin_status spin_usd_crate_numbers(const struct spin_usd_value *v, size_t n, flo
 
 /* ---- Texts and lists ------------------------------------------------------------------------- */
 
-/* Returns the text with this index: a string, or a token, as which asset paths are stored. */
+/* Returns the text with this index, which is a string or a token; asset paths are stored as
+ * tokens. */
 static const char *text_of(const struct spin_usd_crate *c, enum type type, uint64_t index)
 {
     if (type == STRING)
@@ -834,7 +839,8 @@ spin_status spin_usd_crate_entry(const struct spin_usd_value *dictionary, const 
     return SPIN_OK;
 }
 
-/* Finds item `i` of an array of texts: numbers of 4 bytes after their count. */
+/* Finds item `i` of an array of texts, which is stored as a count followed by indices of 4
+ * bytes. */
 static bool text_item(const struct spin_usd_value *of, enum type type, size_t i,
                       struct spin_usd_value *out)
 {
@@ -850,9 +856,10 @@ static bool text_item(const struct spin_usd_value *of, enum type type, size_t i,
     return true;
 }
 
-/* Finds item `i` of a list operation on references or payloads: lists in the order explicit, added,
- * prepended, appended, deleted, ordered, of which bits 1 to 6 of a byte say which there are. Only
- * the first is read; items have a fixed size unless they have custom data. */
+/* Finds item `i` of a list operation on references or payloads. Such an operation has up to six
+ * lists, in the order explicit, added, prepended, appended, deleted, ordered; bits 1 to 6 of a byte
+ * state which lists exist. Only the first existing list is read. Items have a fixed size unless
+ * they have custom data. */
 static bool reference_item(const struct spin_usd_value *of, size_t size, size_t i,
                            struct spin_usd_value *out)
 {

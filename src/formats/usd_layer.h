@@ -1,9 +1,10 @@
 /* Layers of OpenUSD: trees of prims with their metadata and attributes. A layer is a text (.usda)
  * or a crate, the binary form (.usdc); usd_stage.h composes layers to a scene.
  *
- * Values stay in the file until they are read, since those of splats are most of it. Both forms
- * are parsed without OpenUSD, and only as far as scenes of splats need: relationships, connections
- * and variants are skipped. No function trusts the file. Error messages do not contain its path. */
+ * Values are not read when a layer is opened, since the arrays of splats are most of the file. Both
+ * forms are parsed without OpenUSD, and only as far as scenes of splats need: relationships,
+ * connections and variants are skipped. No function trusts the file. Error messages do not contain
+ * its path. */
 #pragma once
 
 #include "base/mem.h"
@@ -16,7 +17,7 @@ struct spin_usd_value {
     const char *text;                   /* text: the characters of the value */
     size_t n_text;
     uint64_t word;    /* crate: type, and the value or its offset */
-    size_t n_numbers; /* private: number of numbers in the value; SIZE_MAX: not yet counted */
+    size_t n_numbers; /* private: count of numbers in the value; SIZE_MAX: not counted yet */
 };
 
 struct spin_usd_sample {
@@ -35,8 +36,9 @@ struct spin_usd_field {
 
 struct spin_usd_prim {
     const char *name;
-    const char *type; /* "" if this layer states none */
-    bool defined;     /* `def`; otherwise the prim only overrides that of other layers */
+    const char *type; /* type of the prim; "" if this layer states none */
+    bool defined;     /* the layer defines the prim (`def`); if false, it only overrides opinions of
+                         other layers */
     struct spin_usd_field *metadata, *attribute;
     struct spin_usd_prim *child, *next;
 };
@@ -45,7 +47,7 @@ struct spin_usd_layer {
     struct spin_arena arena;
     const unsigned char *data; /* the file, owned by the caller */
     size_t size;
-    struct spin_usd_prim root;    /* its metadata are those of the layer */
+    struct spin_usd_prim root;    /* the pseudo-root, whose metadata are those of the layer */
     struct spin_usd_crate *crate; /* private; NULL: the layer is text */
     bool variants;                /* the layer has variants, which are skipped */
 };

@@ -4,11 +4,11 @@
 
 #include "formats/gaussian.h"
 
-/* The most bytes that an LZ4 block yields for each of its own. */
+/* Upper limit of the expansion of LZ4: bytes of output for each byte of a block. */
 #define MOST_YIELD 255
 
-/* Adds the bytes that continue a length whose first 4 bits are all set. Returns false at the end of
- * the block. */
+/* Completes a length: if its first 4 bits are all set, adds the bytes that continue it. Returns
+ * false at the end of the block. */
 static bool read_length(const unsigned char **in, const unsigned char *end, size_t *length)
 {
     unsigned char more = 255;

@@ -24,8 +24,8 @@ static const struct {
      SPIN_COL_SH},
 };
 
-/* spin_usd_find_value() of the attribute with float values or, if that has none, of its half
- * floats. */
+/* Calls spin_usd_find_value() for the attribute with float values or, if that has no value, for the
+ * attribute with half floats. */
 static spin_status find_column(struct spin_usd_stage *s, const struct usd_node *node, int column,
                                double time, struct spin_usd_value **out)
 {
@@ -58,8 +58,8 @@ static spin_status add_time(struct times *list, double time)
     return SPIN_OK;
 }
 
-/* Whether the samples of an attribute of this name make frames. Those of splats only do if the prim
- * consists of `splats`. */
+/* Returns whether each sample of an attribute of this name defines a frame. Attributes of splats
+ * count only if the prim contains `splats`. */
 static bool is_sampled(struct spin_usd_stage *s, const struct usd_node *splats, const char *name)
 {
     bool found = strncmp(name, "xformOp:", 8) == 0;
@@ -70,7 +70,7 @@ static bool is_sampled(struct spin_usd_stage *s, const struct usd_node *splats, 
     return found;
 }
 
-/* Adds the times of the stage within [from, to) at which the clips are at `time`. */
+/* Adds the times of the stage within [from, to) that map to the clip time `time`. */
 static spin_status add_clip_time(const struct usd_clips *c, double time, double from, double to,
                                  struct times *list)
 {
@@ -90,8 +90,8 @@ static spin_status add_clip_time(const struct usd_clips *c, double time, double 
     return c->n_times > 0 || !(time >= from && time < to) ? SPIN_OK : add_time(list, time);
 }
 
-/* Adds the times of the samples of the clips while entry i of `active` holds; if there are none,
- * the time from which it holds. */
+/* Adds the sample times of the clip that entry i of `active` activates; if it has none, the time at
+ * which the clip becomes active. */
 static spin_status add_clip(struct spin_usd_stage *s, const struct usd_node *node, size_t i,
                             struct times *list)
 {
@@ -109,7 +109,7 @@ static spin_status add_clip(struct spin_usd_stage *s, const struct usd_node *nod
     return list->n > before ? SPIN_OK : add_time(list, from);
 }
 
-/* Adds the times at which splats, or the transforms of their ancestors, change. */
+/* Adds the times at which splats or the transforms of their ancestors have samples. */
 static spin_status add_node(struct spin_usd_stage *s, const struct usd_node *node, bool splats,
                             struct times *list)
 {
@@ -154,11 +154,12 @@ static spin_status find_times(struct spin_usd_stage *s)
 /* The values of the arrays of a prim at one time. */
 struct arrays {
     struct spin_usd_value *value[SPIN_USD_COLUMNS];
-    size_t n, n_sh; /* splats, and coefficients of each */
+    size_t n, n_sh; /* numbers of splats, and of SH coefficients of each */
     int sh_degree;
 };
 
-/* Sets the SH degree from the number of coefficients. The attribute with the degree must agree. */
+/* Derives the SH degree from the number of coefficients. If the attribute with the degree
+ * contradicts it, this is an error. */
 static spin_status find_degree(struct spin_usd_stage *s, const struct usd_node *node, double time,
                                struct arrays *out)
 {
@@ -209,7 +210,7 @@ static spin_status find_arrays(struct spin_usd_stage *s, const struct usd_node *
     return out->value[SPIN_USD_SH] ? find_degree(s, node, time, out) : SPIN_OK;
 }
 
-/* The file that has the splats of a node, for messages. */
+/* Returns the path of the file that contains the splats of a node, for messages. */
 static const char *file_of(const struct spin_usd_stage *s, const struct usd_node *node)
 {
     return s->packed                          ? s->package.path
@@ -257,7 +258,7 @@ static spin_status check_frames(struct spin_usd_stage *s)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the values of an array, unless they are still there. */
+/* Reads the values of an array, unless the previous frame used the same values. */
 static spin_status load_column(struct usd_node *node, int a, struct spin_usd_value *from, size_t n)
 {
     struct usd_column *c = &node->column[a];
@@ -405,7 +406,7 @@ static void read_metadata(struct spin_usd_stage *s, const struct usd_file *root)
         s->antialias = is != 0;
 }
 
-/* Notes whether a prim of splats is said to have colours in linear light. */
+/* Notes whether the stage states that the colours of a prim of splats are in linear light. */
 static spin_status read_colour_space(struct spin_usd_stage *s, const struct usd_node *node)
 {
     SPIN_FREED char *name = NULL;

@@ -3,9 +3,10 @@
  * value clips, and packages (.usdz). Files that a layer names are opened
  * relative to it.
  *
- * A frame is at each time code at which a splat attribute or a transform has a sample; between
- * samples, values are held. Transforms of prims must be similarities. Scales in a file are standard
- * deviations and opacities 0 to 1. Numbers may be half floats, in attributes of another name. */
+ * There is a frame at each time code at which a splat attribute or a transform has a sample;
+ * between samples, values stay constant. Transforms of prims must be similarities. Scales in a file
+ * are standard deviations, and opacities are 0 to 1. Numbers may be half floats, which are in
+ * attributes with other names. */
 #pragma once
 
 #include "formats/usd_compose.h"

@@ -9,7 +9,7 @@
 enum { MAX_DEPTH = 64, MAX_NUMBER = 63, MAX_ATTRIBUTES = 10000 };
 
 struct reader {
-    struct spin_usd_layer *layer; /* NULL: the reader is within a value */
+    struct spin_usd_layer *layer; /* NULL: the reader parses a single value */
     const char *begin, *at, *end;
 };
 
@@ -93,7 +93,7 @@ static spin_status keep_text(struct spin_usd_layer *layer, struct span s, const 
     return SPIN_OK;
 }
 
-/* Reads up to a mark, which is skipped; *out is what lies before it. */
+/* Sets *out to the text before the next `mark`, and skips the mark. */
 static spin_status read_until(struct reader *r, const char *mark, bool lines, struct span *out)
 {
     const char *from = r->at;
@@ -111,7 +111,8 @@ static spin_status read_until(struct reader *r, const char *mark, bool lines, st
     return SPIN_OK;
 }
 
-/* Reads a string, an asset path or a prim path, and returns what lies between its marks. */
+/* Reads a string, an asset path or a prim path, and sets *out to the text between its
+ * delimiters. */
 static spin_status read_quoted(struct reader *r, struct span *out)
 {
     static const char *const marks[][2] = {
@@ -126,7 +127,7 @@ static spin_status read_quoted(struct reader *r, struct span *out)
     return fail_here(r, "expected a text");
 }
 
-/* Skips a bracket with all that it encloses. */
+/* Skips a bracket and its contents. */
 static spin_status skip_brackets(struct reader *r)
 {
     char open[MAX_DEPTH];
@@ -328,8 +329,8 @@ static spin_status read_samples(struct reader *r, struct spin_usd_field *field)
     return SPIN_OK;
 }
 
-/* Removes the part of the name of an attribute that says what is assigned, such as ".timeSamples",
- * and returns whether the part is `ending`. */
+/* Removes the suffix of an attribute's name that states what is assigned, such as ".timeSamples",
+ * and returns whether the suffix is `ending`. */
 static bool cut_name(struct span *name, const char *ending)
 {
     size_t n = strlen(ending);
@@ -340,8 +341,8 @@ static bool cut_name(struct span *name, const char *ending)
     return true;
 }
 
-/* Returns the attribute of this name, which is appended if it is new: its value and its samples are
- * two statements. */
+/* Returns the attribute of this name, and appends it if it is new. An attribute may occur twice,
+ * since its default value and its samples are separate statements. */
 static spin_status find_attribute(struct reader *r, struct spin_usd_prim *prim, struct span name,
                                   struct spin_usd_field **out)
 {
@@ -464,7 +465,7 @@ static struct reader value_reader(const struct spin_usd_value *v)
     return (struct reader){NULL, v->text, v->text, v->text + v->n_text};
 }
 
-/* Where the numbers of a value go; both NULL: they are only counted. */
+/* The arrays that receive the numbers of a value; if both are NULL, numbers are only counted. */
 struct target {
     float *floats;
     double *doubles;
@@ -496,7 +497,7 @@ static spin_status put_number(const struct reader *r, struct span s, struct targ
     return SPIN_OK;
 }
 
-/* Reads the numbers of a value, whatever its brackets, but each outermost tuple must have `width`
+/* Reads the numbers of a value at any depth of brackets. Each outermost tuple must have `width`
  * numbers. */
 static spin_status read_numbers(const struct spin_usd_value *v, unsigned width, struct target *to)
 {

@@ -4,9 +4,10 @@
 #include "formats/usd_layer.h"
 
 bool spin_usd_text_looks_like(const void *data, size_t size);
-/* Reads the structure of out->data. */
+/* Reads the prims and attributes of the layer in out->data, but not their values. */
 spin_status spin_usd_text_open(struct spin_usd_layer *out);
-/* Counts numbers, not tuples; a tuple with another number of values than `width` is an error. */
+/* Counts the numbers of a value, not its tuples. A tuple that does not have `width` numbers is an
+ * error. */
 spin_status spin_usd_text_count(const struct spin_usd_value *v, unsigned width, size_t *n);
 /* Reads n numbers as floats or, if `floats` is NULL, as doubles. */
 spin_status spin_usd_text_numbers(const struct spin_usd_value *v, unsigned width, size_t n,

@@ -10,7 +10,7 @@ struct matrix {
 
 static const struct matrix identity = {{{1}, {0, 1}, {0, 0, 1}, {0, 0, 0, 1}}};
 
-/* Returns the transform a followed by b. */
+/* Returns the product of two transforms: first a, then b. */
 static struct matrix join(const struct matrix *a, const struct matrix *b)
 {
     struct matrix out = {{{0}}};

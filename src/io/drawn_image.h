@@ -1,6 +1,6 @@
-/* Images that are drawn when they are read, instead of being decoded from a file. Their path is the
- * path of a bundle, followed by "#draw=" and what to draw. The functions of io/image.h read them
- * like other images. */
+/* Images that are rendered from a bundle when they are read, instead of being decoded from a file.
+ * Their path is the path of the bundle, followed by "#draw=" and a description of the view. The
+ * functions of io/image.h read them like other images. */
 #pragma once
 
 #include "spin.h"
@@ -17,7 +17,7 @@ void spin_drawn_images_set(spin_draw_image_fn draw);
 bool spin_image_is_drawn(const char *path);
 spin_status spin_drawn_image_read(const char *path, const float background[3], int *width,
                                   int *height, uint8_t **rgb);
-/* Sets `digest` to that of the path and of the size of the bundle. */
+/* Sets `digest` to a digest of the path of the image and of the size of the bundle. */
 struct spin_digest;
 spin_status spin_drawn_image_check(const char *path, int *width, int *height,
                                    struct spin_digest *digest);

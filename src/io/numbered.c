@@ -1,4 +1,4 @@
-/* Compares the names of a sequence, and chooses the number that counts. */
+/* Compares the names of a sequence, and chooses the number in them that is the frame number. */
 #include "io/numbered.h"
 
 #include <ctype.h>
@@ -16,7 +16,7 @@ enum tier {
     CONSECUTIVE /* without gaps, in steps of 1 */
 };
 
-/* A number that all names have: number `index` of each name. */
+/* A field: number `index` of each name, as a number that all names have. */
 struct field {
     size_t index;
     bool varies, distinct; /* within the groups */
@@ -459,7 +459,7 @@ static bool yields(const struct reader *r, const struct field *a, const struct f
     return same_order(r, a, b) && (a->tier < b->tier || (a->tier == b->tier && a->rank < b->rank));
 }
 
-/* Returns another varying field that does not yield to this one, or NULL. */
+/* Returns another varying field that could also be the frame number, or NULL. */
 static const struct field *find_rival(const struct reader *r, const struct field *of)
 {
     for (size_t i = 0; i < r->n_fields; i++)
@@ -489,8 +489,8 @@ static spin_status choose_field(const struct reader *r, const struct field **out
     return best && best->rank == SPIN_RANK_NEVER ? fail_never(r, best) : SPIN_OK;
 }
 
-/* If no number varies within a group, as each has one name: the last number that may be a frame
- * number, or NULL. */
+/* For groups with a single name each, in which no number varies: returns the last number that may
+ * be a frame number, or NULL. */
 static const struct field *last_field(const struct reader *r)
 {
     const struct field *best = NULL;
@@ -554,7 +554,7 @@ static spin_status read_names(struct reader *r)
     return chosen ? use_field(r, chosen) : use_names(r);
 }
 
-/* Sets the only number of a name: the one at `at`. */
+/* Reduces a name to a single number, the one at `at`. */
 static spin_status take_number(const char *name, const char *at, struct spin_name_parts *out)
 {
     size_t first = 0;

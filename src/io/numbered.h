@@ -1,10 +1,11 @@
 /* Frame numbers in the names of files and folders: splats, images and videos.
  *
  * There is no standard for such names, so all names of a sequence are compared. The frame number is
- * the number that counts from name to name. Numbers that are equal in all names ("_v2", "_30fps"),
- * hashes, and numbers whose words say otherwise ("psnr_28.1", "12034pts") are not frame numbers. A
- * decimal number and a time stamp ("2026-09-11_12-00-05.250") are one number each. If two numbers
- * count and the names do not say which of them is the frame number, the names are refused. */
+ * the number that increases from name to name. Numbers that are equal in all names ("_v2",
+ * "_30fps"), hashes, and numbers whose words say otherwise ("psnr_28.1", "12034pts") are not frame
+ * numbers. A decimal number and a time stamp ("2026-09-11_12-00-05.250") are one number each. If
+ * two numbers count and the names do not say which of them is the frame number, the names are
+ * refused. */
 #pragma once
 
 #include "spin.h"

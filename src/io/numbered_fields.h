@@ -33,8 +33,9 @@ int spin_compare_values(const struct spin_name_value *a, const struct spin_name_
 spin_status spin_name_split(const char *name, bool folder, struct spin_name_parts *out);
 void spin_name_parts_free(struct spin_name_parts *parts);
 
-/* What the words around a number say about it. NEVER: a score, a count of splats or an iteration.
- * OTHER: probably no frame number, such as a version or a camera. */
+/* The meaning of a number according to the words around it. NEVER: a score, a count of splats or an
+ * iteration, which is never a frame number. OTHER: probably not a frame number, such as a version
+ * or a camera. */
 enum spin_name_rank {
     SPIN_RANK_NEVER,
     SPIN_RANK_OTHER,

@@ -75,7 +75,7 @@ bool spin_pattern_match(const struct spin_pattern *p, const char *name, const ch
         const char *first = at + (*at == '-');
         size_t n = strspn(first, "0123456789"), n_before = (size_t)(at - name);
 
-        /* A number begins here, and not within a longer one. */
+        /* The number must begin here; otherwise the digits before would belong to it as well. */
         if (n == 0 || (at > name && isdigit((unsigned char)at[-1])))
             continue;
         if (p->zeros && (n < (size_t)p->width || (n > (size_t)p->width && *first == '0')))
