@@ -370,24 +370,25 @@ $(B)/lib/spin-cuda.so: $(CUDA_CU:%=$(B)/%.o)
 # with instrumentation for the race detector.
 EMU_BASE  := -g1 -O2 -Wall -Wextra -fPIC -fvisibility=hidden -ffp-contract=off -DSPIN_EMU -Itests/emu -include tests/emu/emu.h
 EMU_BOUND := -fsanitize=bounds -fno-sanitize-recover=bounds
-EMU_FLAGS := $(EMU_BASE) $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared,$(EMU_BOUND))
+EMU_FLAGS := $(EMU_BASE) $(if $(filter asan,$(CONFIG)),$(filter -f%,$(OPT)) -fsanitize-sections=emu_shared*,$(EMU_BOUND))
 EMU_CU    := $(filter-out src/device/cuda/gpu.cu,$(sort $(wildcard src/device/cuda/*.cu)))
 EMU_O     := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/norace.o
 RACE_O    := $(B)/tests/emu/emu.o $(B)/tests/emu/gpu.o $(B)/tests/emu/race.o
 RACE      := $(BUILD)/race
+$(B)/tests/emu/emu.o $(B)/tests/emu/race.o: EMU_OPT := -O3
 $(B)/tests/emu/%.o: tests/emu/%.cpp
 	@mkdir -p $(@D)
 	$(SAY) CXX $<
-	$(Q)$(CXX) -std=c++17 $(SPIN_CPPFLAGS) $(EMU_FLAGS) -MMD -MP -c -o $@ $<
+	$(Q)$(CXX) -std=c++17 $(SPIN_CPPFLAGS) $(EMU_FLAGS) $(EMU_OPT) -MMD -MP -c -o $@ $<
 $(B)/%.emu.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) EMU $<
-	$(Q)$(CXX) $(CU_STD) $(SPIN_CPPFLAGS) -x c++ $(EMU_FLAGS) -MMD -MP -c -o $@ $<
+	$(Q)$(CXX) $(CU_STD) $(SPIN_CPPFLAGS) -x c++ $(EMU_FLAGS) -DEMU_SHARED=emu_shared_$(notdir $*) -MMD -MP -c -o $@ $<
 # Identical in every CONFIG.
 $(RACE)/%.race.o: %.cu tests/emu/emu.h
 	@mkdir -p $(@D)
 	$(SAY) RACE $<
-	$(Q)$(CXX) $(CU_STD) $(SPIN_CPPFLAGS) -x c++ $(EMU_BASE) $(EMU_BOUND) -fsanitize=thread -MMD -MP -c -o $@ $<
+	$(Q)$(CXX) $(CU_STD) $(SPIN_CPPFLAGS) -x c++ $(EMU_BASE) -DEMU_SHARED=emu_shared_$(notdir $*) $(EMU_BOUND) -fsanitize=thread -MMD -MP -c -o $@ $<
 $(B)/tests/emu/t-emu: | $(B)/tests/emu/faults.so $(B)/tests/emu/faults-race.so
 $(B)/tests/emu/spin-cuda.so: $(EMU_CU:%.cu=$(B)/%.emu.o) $(EMU_O)
 $(B)/tests/emu/spin-cuda-race.so: $(EMU_CU:%.cu=$(RACE)/%.race.o) $(RACE_O)

@@ -407,7 +407,7 @@ static void crowds(int n_features)
 {
     struct spin_grid grid = make_grid(5, n_features, 9, 0);
     struct spin_device *d = check_device(2);
-    size_t n = 500, width = 5 * (size_t)n_features, n_table = grid.offset[5] * (size_t)n_features;
+    size_t n = 288, width = 5 * (size_t)n_features, n_table = grid.offset[5] * (size_t)n_features;
     float *table = net_random(n_table, 61, -1, 1), *x = net_random(n * 4, 62, 0, 1);
     float *g = net_random(n * width, 63, -1, 1);
     float *d_table = net_floats(n_table), *one = net_floats(n_table);

@@ -42,12 +42,8 @@ static void (*kernel_call)(void *);
 static void *kernel_of;
 static char *dynamic;
 static size_t dynamic_size;
+static struct emu_shared shared;
 static struct emu_epoch epoch;
-
-extern "C" {
-__attribute__((visibility("hidden"))) extern char __start_emu_shared[] __attribute__((weak));
-__attribute__((visibility("hidden"))) extern char __stop_emu_shared[] __attribute__((weak));
-}
 
 /* ---- Reporting a faulty kernel --------------------------------------------------------------- */
 
@@ -92,6 +88,10 @@ __ubsan_handle_out_of_bounds(struct where *where, uintptr_t index)
 
 /* ---- Fibers ---------------------------------------------------------------------------------- */
 
+/* Stacks are multiples of a page apart. Without an offset the frames of all fibers would compete
+ * for the same few sets of the processor's cache. */
+static size_t stagger(const struct fiber *f) { return (size_t)(f - fibers) * 448 % page; }
+
 extern "C" __attribute__((visibility("hidden"))) void emu_fiber_main(void)
 {
     kernel_call(kernel_of);
@@ -110,7 +110,7 @@ __asm__(".text\n.hidden emu_switch\n.globl emu_switch\n.type emu_switch, @functi
 
 static void fiber_start(struct fiber *f)
 {
-    void **top = (void **)(f->stack + stack_bytes);
+    void **top = (void **)(f->stack + stack_bytes - stagger(f));
 
     *--top = NULL; /* return address, never used; aligns the stack as after a call */
     *--top = (void *)emu_fiber_main;
@@ -135,7 +135,7 @@ __asm__(".text\n.hidden emu_switch\n.globl emu_switch\n.type emu_switch, %functi
 
 static void fiber_start(struct fiber *f)
 {
-    void **top = (void **)(f->stack + stack_bytes) - 20;
+    void **top = (void **)(f->stack + stack_bytes - stagger(f)) - 20;
 
     memset(top, 0, 160);
     top[11] = (void *)emu_fiber_main; /* x30 */
@@ -175,7 +175,7 @@ static void need_stacks(int n)
 
 bool emu_is_shared(const void *at)
 {
-    return (at >= __start_emu_shared && at < __stop_emu_shared) ||
+    return (at >= shared.from && at < shared.to) ||
            (size_t)((const char *)at - dynamic) < dynamic_size;
 }
 
@@ -191,14 +191,26 @@ struct emu_epoch *emu_now(const void *at)
 
 static bool of_block(enum emu_op op) { return op <= EMU_SYNC_COUNT; }
 
-static float factor_of(uint32_t bits)
+/* Keeps in `lost` the bits of a factor that tf32 has not; NaN may have any. */
+static float factor_of(uint32_t bits, uint32_t *lost)
 {
     float v;
 
     memcpy(&v, &bits, sizeof v);
-    if ((bits & 0x1fffu) && v == v)
-        emu_die("a factor of mma.sync is not a number of tf32");
+    *lost |= bits & (v == v ? 0x1fffu : 0);
     return v;
+}
+
+typedef float row __attribute__((vector_size(8 * sizeof(float))));
+static void multiply_add(float (*a)[8], const row *b, row *c)
+{
+    for (int i = 0; i < 16; i++) {
+        row sum = c[i];
+
+        for (int k = 0; k < 8; k++)
+            sum += a[i][k] * b[k];
+        c[i] = sum;
+    }
 }
 
 /* mma.sync: assembles two matrices from the lanes' registers and adds their product to the
@@ -206,7 +218,7 @@ static float factor_of(uint32_t bits)
 static void multiply(struct fiber *warp)
 {
     struct emu_mma_queue *queue[WARP];
-    typedef float row __attribute__((vector_size(8 * sizeof(float))));
+    uint32_t lost = 0;
     float a[16][8];
     row b[8], c[16];
 
@@ -216,24 +228,24 @@ static void multiply(struct fiber *warp)
             emu_die("lanes have other numbers of products");
     }
     for (int q = 0; q < queue[0]->n; q++) {
-        for (int i = 0; i < WARP; i++) {
+        for (unsigned i = 0; i < WARP; i++) {
             auto *lane = &queue[i]->at[q];
-            int g = i / 4, t = i % 4;
+            unsigned g = i / 4, t = i % 4;
 
-            for (int r = 0; r < 4; r++) {
-                a[g + r % 2 * 8][t + r / 2 * 4] = factor_of(lane->a[r]);
+            for (unsigned r = 0; r < 4; r++) {
+                a[g + r % 2 * 8][t + r / 2 * 4] = factor_of(lane->a[r], &lost);
                 c[g + r / 2 * 8][t * 2 + r % 2] = lane->c[r];
             }
-            for (int r = 0; r < 2; r++)
-                b[t + 4 * r][g] = factor_of(lane->b[r]);
+            for (unsigned r = 0; r < 2; r++)
+                b[t + 4 * r][g] = factor_of(lane->b[r], &lost);
         }
-        for (int i = 0; i < 16; i++)
-            for (int k = 0; k < 8; k++)
-                c[i] += a[i][k] * b[k];
-        for (int i = 0; i < WARP; i++)
-            for (int r = 0; r < 4; r++)
+        multiply_add(a, b, c);
+        for (unsigned i = 0; i < WARP; i++)
+            for (unsigned r = 0; r < 4; r++)
                 queue[i]->at[q].c[r] = c[i / 4 + r / 2 * 8][i % 4 * 2 + r % 2];
     }
+    if (lost)
+        emu_die("a factor of mma.sync is not a number of tf32");
 }
 
 /* The result for lane `lane`; the values are those of the mask's lanes. */
@@ -405,15 +417,13 @@ static void permute(uint32_t *place, size_t n)
 
 void *emu_dynamic(void) { return dynamic; }
 
-/* Fills the whole section, including what AddressSanitizer put between the arrays. */
+/* Fills all shared memory of the file, including what AddressSanitizer put between the arrays. */
 __attribute__((no_sanitize("address"))) static void poison_shared(void)
 {
-    volatile char *at = __start_emu_shared;
+    volatile uint64_t *at = (volatile uint64_t *)shared.from;
 
-    for (; at + 8 <= __stop_emu_shared; at += 8)
-        *(volatile uint64_t *)at = UINT64_MAX;
-    for (; at < __stop_emu_shared; at++)
-        *at = (char)POISON;
+    for (; at < (volatile uint64_t *)shared.to; at++)
+        *at = UINT64_MAX;
 }
 
 static void run_block(size_t dynamic_bytes)
@@ -471,8 +481,8 @@ static void run_block(size_t dynamic_bytes)
     dynamic_size = 0;
 }
 
-void emu_run(const char *name, dim3 grid, dim3 block, size_t dynamic_bytes, void (*call)(void *),
-             void *kernel)
+void emu_run(const char *name, dim3 grid, dim3 block, size_t dynamic_bytes,
+             struct emu_shared of_file, void (*call)(void *), void *kernel)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
     size_t n = (size_t)grid.x * grid.y * grid.z, threads = (size_t)block.x * block.y * block.z;
@@ -480,6 +490,7 @@ void emu_run(const char *name, dim3 grid, dim3 block, size_t dynamic_bytes, void
 
     pthread_mutex_lock(&mutex);
     kernel_name = name;
+    shared = of_file;
     if (n == 0 || threads == 0 || threads > MOST_THREADS)
         emu_die("a launch without blocks or threads, or with more than 1024 threads a block");
     if (dynamic_bytes > EMU_MOST_SHARED)

@@ -21,7 +21,25 @@
 #define __host__
 #define __forceinline__ inline
 #define __launch_bounds__(...)
-#define __shared__ static __attribute__((section("emu_shared"), aligned(16)))
+
+/* The shared memory of all kernels of one file is a section, whose name the Makefile gives. */
+#ifndef EMU_SHARED
+#define EMU_SHARED emu_shared
+#endif
+#define EMU_TEXT_OF(name) #name
+#define EMU_TEXT(name) EMU_TEXT_OF(name)
+#define EMU_JOIN_OF(a, b) a##b
+#define EMU_JOIN(a, b) EMU_JOIN_OF(a, b)
+#define __shared__ static __attribute__((section(EMU_TEXT(EMU_SHARED)), aligned(16)))
+struct emu_shared {
+    char *from, *to;
+};
+extern "C" {
+extern char EMU_JOIN(__start_, EMU_SHARED)[] __attribute__((weak, visibility("hidden")));
+extern char EMU_JOIN(__stop_, EMU_SHARED)[] __attribute__((weak, visibility("hidden")));
+}
+static const struct emu_shared emu_shared_of_file = {EMU_JOIN(__start_, EMU_SHARED),
+                                                     EMU_JOIN(__stop_, EMU_SHARED)};
 
 struct dim3 {
     unsigned x, y, z;
@@ -35,19 +53,19 @@ extern dim3 emu_thread_index, emu_block_index, emu_block_size, emu_grid_size;
 #define blockDim emu_block_size
 #define gridDim emu_grid_size
 
-void emu_run(const char *name, dim3 grid, dim3 block, size_t dynamic_bytes, void (*call)(void *),
-             void *kernel);
+void emu_run(const char *name, dim3 grid, dim3 block, size_t dynamic_bytes,
+             struct emu_shared of_file, void (*call)(void *), void *kernel);
 
 template <class F> void emu_launch(const char *name, dim3 grid, dim3 block, F kernel)
 {
     emu_run(
-        name, grid, block, 0, [](void *k) { (*(F *)k)(); }, &kernel);
+        name, grid, block, 0, emu_shared_of_file, [](void *k) { (*(F *)k)(); }, &kernel);
 }
 template <class F>
 void emu_launch_dynamic(const char *name, dim3 grid, dim3 block, size_t bytes, F kernel)
 {
     emu_run(
-        name, grid, block, bytes, [](void *k) { (*(F *)k)(); }, &kernel);
+        name, grid, block, bytes, emu_shared_of_file, [](void *k) { (*(F *)k)(); }, &kernel);
 }
 enum { EMU_MOST_SHARED = 163 * 1024 }; /* as on sm_80; requesting more ends the program */
 void *emu_dynamic(void);               /* the dynamic shared memory of the running block */

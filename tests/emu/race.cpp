@@ -66,10 +66,11 @@ static struct place *place_of(uintptr_t at)
 static void touch(uintptr_t at, bool write, bool atomic)
 {
     struct emu_epoch *e = emu_now((const void *)at);
-    struct place *p = place_of(at);
+    struct place *p;
 
     if (!e)
         return;
+    p = place_of(at);
     at &= ~(uintptr_t)3;
     if (p->at != at || (p->write.launch != e->launch && p->read.launch != e->launch)) {
         p->at = at;
