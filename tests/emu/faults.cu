@@ -80,11 +80,13 @@ static __global__ void early(float *out)
     out[threadIdx.x] = 1;
 }
 
-static __global__ void never_set(float *out)
+/* Every block finds its shared memory without a value, also after another has set it. */
+static __global__ void poisoned(float *out)
 {
     __shared__ float one[N];
 
-    out[blockIdx.x * N + threadIdx.x] = one[threadIdx.x];
+    out[blockIdx.x * N + threadIdx.x] = isnan(one[threadIdx.x]);
+    one[threadIdx.x] = 2;
 }
 
 static __global__ void dynamic_kernel(float *out, int past)
@@ -190,12 +192,12 @@ EXPORT int run(const char *what)
                            strcmp(what, "dynamic-large") == 0 ? EMU_MOST_SHARED + 1
                                                               : N * sizeof(float),
                            [=] { dynamic_kernel(out, strcmp(what, "dynamic-past") == 0); });
-    else if (strcmp(what, "never-set") == 0)
-        emu_launch(what, 4, N, [=] { never_set(out); });
+    else if (strcmp(what, "poisoned") == 0)
+        emu_launch(what, 4, N, [=] { poisoned(out); });
     else
         return 2;
     if (!is_sum && !is_warp && !is_rows) {
-        n_out = strcmp(what, "never-set") == 0 ? 4 * N : N;
+        n_out = strcmp(what, "poisoned") == 0 ? 4 * N : N;
         for (int i = 0; i < n_out; i++)
             want[i] = 1;
     }

@@ -96,6 +96,7 @@ TAP_MAIN
         is_right(objects[k], "rows");
         is_right(objects[k], "dynamic");
         is_right(objects[k], "mma");
+        is_right(objects[k], "poisoned");
         is_told(objects[k], "mma-float", "not a number of tf32");
         is_told(objects[k], "mma-left", "has left");
         is_told(objects[k], "warp-mask", "outside of the mask");
@@ -111,7 +112,6 @@ TAP_MAIN
     shows("sum-barrier", 1);
     shows("rows-unmerged", 3);
     shows("mma-exchanged", 3);
-    shows("never-set", 3);
     is_told("faults-race.so", "sum-barrier", "a race");
     is_told("faults-race.so", "rows-plain", "a race");
 }
