@@ -11,10 +11,14 @@
 
 struct usd_model {
     struct spin_model base;
-    struct spin_usd_stage stage;
+    struct spin_usd_stage stage;     /* the stage that is open */
+    struct spin_file_sequence files; /* one, or one for each frame */
+    size_t at, n_frames;             /* index of the open file; frames of all files */
+    int sh_degree;                   /* the largest of all files */
     bool turned;
-    bool warned; /* note about splats that were dropped */
+    bool warned; /* a warning about dropped splats was printed */
     int *numbers;
+    size_t *counts;
 };
 
 static const char *const suffixes[] = {".usda", ".usdc", ".usdz", ".usd"};
@@ -40,29 +44,44 @@ static int probe(const struct spin_peek *peek)
     return peek->is_folder ? best : 0;
 }
 
-/* Sets *out to the file to read: `path` itself or, if `path` is a folder, the stage in it. */
-static spin_status find_stage(struct spin_model *m, const char *path, const char **out)
+/* Lists the files to read: `path` itself or, if `path` is a folder, the stage or the files of the
+ * frames in it. */
+static spin_status find_files(struct usd_model *m, const char *path)
 {
     struct spin_file_sequence files = {0};
+    const char *stage;
 
-    SPIN_TRY(spin_model_find(m, out, path, "clip.usda"));
-    if (*out || !spin_path_is_folder(path)) {
-        *out = *out ? *out : path;
-        return SPIN_OK;
-    }
+    SPIN_TRY(spin_model_find(&m->base, &stage, path, "clip.usda"));
+    if (stage || !spin_path_is_folder(path))
+        return spin_file_sequence_find(&m->base, stage ? stage : path, "", &m->files);
     for (int i = 0; i < N_SUFFIXES; i++) {
-        SPIN_TRY(spin_file_sequence_list(m, path, suffixes[i], &files));
-        if (files.n_frames > 1 || (files.n_frames == 1 && *out))
-            return spin_unsupported("'%s' contains several files of USD and no clip.usda: give one "
+        SPIN_TRY(spin_file_sequence_list(&m->base, path, suffixes[i], &files));
+        if (files.n_frames > 0 && m->files.n_frames > 0)
+            return spin_unsupported("'%s' contains USD of several kinds and no clip.usda: give one "
                                     "of the files",
                                     path);
-        *out = files.n_frames == 1 ? files.frame[0].path : *out;
+        m->files = files.n_frames > 0 ? files : m->files;
     }
-    return *out ? SPIN_OK : spin_not_found("'%s' contains no files of USD", path);
+    if (m->files.n_frames == 0)
+        return spin_not_found("'%s' contains no files of USD", path);
+    return spin_file_sequence_sort(&m->base, &m->files, false, m->base.sequence);
+}
+
+/* Opens the stage of a file, unless it is open. */
+static spin_status open_stage(struct usd_model *m, size_t file)
+{
+    if (m->at == file)
+        return SPIN_OK;
+    spin_usd_stage_close(&m->stage);
+    m->at = SIZE_MAX;
+    SPIN_TRY(spin_usd_stage_open(m->files.frame[file].path, &m->stage));
+    m->at = file;
+    return SPIN_OK;
 }
 
 static void add_notes(const struct spin_usd_stage *s, struct spin_sequence_info *sequence)
 {
+    sequence->antialias = sequence->antialias || s->antialias;
     if (s->antialias)
         spin_note(sequence,
                   "trained with an antialiasing rasteriser: the splats are drawn antialiased");
@@ -91,7 +110,6 @@ static spin_status set_numbers(struct usd_model *m)
 {
     const struct spin_usd_stage *s = &m->stage;
 
-    SPIN_TRY(spin_model_alloc(&m->base, s->n_frames, sizeof *m->numbers, (void **)&m->numbers));
     for (size_t i = 0; i < s->n_frames; i++) {
         if (!(s->times[i] >= 0 && s->times[i] <= INT_MAX && s->times[i] == floor(s->times[i])))
             return SPIN_OK;
@@ -101,48 +119,91 @@ static spin_status set_numbers(struct usd_model *m)
     return SPIN_OK;
 }
 
-static spin_status describe(struct usd_model *m)
+/* Describes the clip or the scene of a single file. */
+static spin_status describe_stage(struct usd_model *m)
 {
     const struct spin_usd_stage *s = &m->stage;
     struct spin_sequence_info *sequence = m->base.sequence;
     const unsigned tracked = SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH;
-    double span = s->times[s->n_frames - 1] - s->times[0];
+    double span = s->times[s->n_frames - 1] - s->times[0], *times;
 
-    sequence->n_frames = (int)s->n_frames;
-    sequence->times = s->times;
-    sequence->time_first = s->times[0];
-    sequence->time_last = s->times[s->n_frames - 1];
-    sequence->counts = s->counts;
-    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    SPIN_TRY(spin_model_alloc(&m->base, s->n_frames, sizeof *times, (void **)&times));
+    memcpy(times, s->times, s->n_frames * sizeof *times);
+    sequence->times = times;
+    sequence->time_first = times[0];
+    sequence->time_last = times[s->n_frames - 1];
     sequence->static_columns = s->n_frames > 1 ? s->still : 0;
     /* If neither shape nor colour of the rows changes, row i is the same splat in all frames. */
     sequence->identity = s->n_frames > 1 && (s->still & tracked) == tracked;
-    sequence->sh_degree = s->sh_degree;
-    sequence->antialias = s->antialias;
     if (s->n_frames > 1)
         sequence->fps = s->codes_per_second * (double)(s->n_frames - 1) / span;
     snprintf(sequence->variant, sizeof sequence->variant, "USD, %s",
              s->n_frames > 1 ? "a clip" : "one frame");
-    add_notes(s, sequence);
     return set_numbers(m);
+}
+
+/* Describes a clip with one file per frame. */
+static void describe_files(struct usd_model *m)
+{
+    struct spin_sequence_info *sequence = m->base.sequence;
+
+    for (size_t i = 0; i < m->n_frames; i++)
+        m->numbers[i] = m->files.frame[i].number;
+    sequence->numbers = m->numbers[0] >= 0 ? m->numbers : NULL;
+    sequence->time_last = (double)m->n_frames - 1;
+    snprintf(sequence->variant, sizeof sequence->variant, "a sequence of USD files");
+}
+
+/* Reads what is known of a file, which is frame `file` of a sequence or has all frames. */
+static spin_status look_at_file(struct usd_model *m, size_t file, size_t *n_all)
+{
+    size_t n_files = m->files.n_frames, n;
+
+    SPIN_TRY(open_stage(m, file));
+    n = m->stage.n_frames;
+    if (n_files > 1 && n > 1)
+        return spin_malformed("'%s' contains a clip of %zu frames: import this file on its own",
+                              m->files.frame[file].path, n);
+    if (file == 0) {
+        m->n_frames = n_files > 1 ? n_files : n;
+        SPIN_TRY(spin_model_alloc(&m->base, m->n_frames, sizeof *m->counts, (void **)&m->counts));
+        SPIN_TRY(spin_model_alloc(&m->base, m->n_frames, sizeof *m->numbers, (void **)&m->numbers));
+    }
+    memcpy(m->counts + file, m->stage.counts, n * sizeof *m->counts);
+    for (size_t i = 0; i < n; i++)
+        *n_all += m->stage.counts[i];
+    if (file > 0 && m->stage.sh_degree != m->sh_degree)
+        spin_note(m->base.sequence,
+                  "the SH degree differs between frames: missing SH are set to 0");
+    m->sh_degree = m->stage.sh_degree > m->sh_degree ? m->stage.sh_degree : m->sh_degree;
+    add_notes(&m->stage, m->base.sequence);
+    return SPIN_OK;
 }
 
 static spin_status open_usd(void *self, const char *path)
 {
     struct usd_model *m = self;
+    struct spin_sequence_info *sequence = m->base.sequence;
     size_t n_all = 0;
     int axes;
 
     SPIN_TRY(spin_option_word(m->base.values, "axes", "usd|source", &axes));
     m->turned = axes == 0;
-    SPIN_TRY(find_stage(&m->base, path, &path));
-    SPIN_TRY(spin_model_text(&m->base, &m->base.path, "%s", path));
-    SPIN_TRY(spin_usd_stage_open(path, &m->stage));
-    for (size_t i = 0; i < m->stage.n_frames; i++)
-        n_all += m->stage.counts[i];
+    m->at = SIZE_MAX;
+    SPIN_TRY(find_files(m, path));
+    m->base.path = m->files.frame[0].path;
+    for (size_t i = 0; i < m->files.n_frames; i++)
+        SPIN_TRY(look_at_file(m, i, &n_all));
     if (n_all == 0)
-        return spin_malformed("'%s': 0 splats", path);
-    return describe(m);
+        return spin_malformed("'%s': 0 splats", m->base.path);
+    sequence->n_frames = (int)m->n_frames;
+    sequence->counts = m->counts;
+    sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    sequence->sh_degree = m->sh_degree;
+    if (m->files.n_frames == 1)
+        return describe_stage(m);
+    describe_files(m);
+    return SPIN_OK;
 }
 
 static void close_usd(void *self)
@@ -162,12 +223,15 @@ static spin_status usd_frame(void *self, int frame, double time, unsigned column
     char text[48];
 
     (void)time;
-    if (frame < 0 || (size_t)frame >= m->stage.n_frames)
+    if (frame < 0 || (size_t)frame >= m->n_frames)
         return spin_not_found("'%s' has no frame %d", m->base.path, frame);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
-    SPIN_TRY(spin_usd_stage_read(&m->stage, (size_t)frame, m->turned, columns, out, &n));
+    SPIN_TRY(open_stage(m, m->files.n_frames > 1 ? (size_t)frame : 0));
+    m->stage.sh_degree = m->sh_degree;
+    SPIN_TRY(spin_usd_stage_read(&m->stage, m->files.n_frames > 1 ? 0 : (size_t)frame, m->turned,
+                                 columns, out, &n));
     if (n > 0 && !m->warned)
-        spin_warn("'%s': %s with values that are not finite dropped", m->base.path,
+        spin_warn("'%s': %s with values that are not finite dropped", m->files.frame[m->at].path,
                   spin_text_count((long long)n, "splat", text));
     m->warned = m->warned || n > 0;
     return SPIN_OK;
@@ -177,12 +241,13 @@ static const struct spin_plugin_option options[] = {
     {"axes", "usd|source",
      "axes of the file: usd (x right, y up, z back, or as its upAxis says), or source (as trained)",
      "usd"},
+    SPIN_FILE_SEQUENCE_OPTION,
     {0},
 };
 
 SPIN_MODEL_IMPORTER(usd, struct usd_model, open_usd, close_usd,
                     .summary =
                         "USD (.usda, .usdc, .usdz) with ParticleField3DGaussianSplat: a scene, or "
-                        "a clip by time samples or value clips",
+                        "a clip by time samples or value clips, or a folder with one per frame",
                     .upstream = "PixarAnimationStudios/OpenUSD 26f8373", .options = options,
                     .probe = probe, .frame = usd_frame)

@@ -35,9 +35,16 @@ run "$bin/spin-import" "$work/tracks-1/clip.usda" -o "$work/one.spin" --json
 is "$code $(member frames)" "0 $(ls "$work"/tracks-1/frame_*.usda | wc -l)" "clip.usda instead of its folder"
 run "$bin/spin-import" "$work/tracks-1/frame_00001.usda" -o "$work/one.spin" --force --json
 is "$code $(member frames)" "0 1" "one layer"
-mkdir "$work/two" && cp "$work"/frames-1/frame_0000[01].usda "$work/two"
+mkdir "$work/two" && cp "$work"/frames-1/frame_0000[02].usda "$work"/frames-1/still.usda "$work/two"
+mv "$work/two/still.usda" "$work"
+sed -i 's,@./still.usda@,@../still.usda@,' "$work"/two/*.usda
+run "$bin/spin-import" "$work/two" -o "$work/two.spin" --json
+is "$code $(member frames)" "0 2" "a file for each frame"
+run "$bin/spin-import" --info "$work/two"
+out_has "^frames  *2, numbers 0 to 2" "with the numbers of their names"
+cp "$work/two/frame_00000.usda" "$work/two/frame_00003.usd"
 run "$bin/spin-import" "$work/two" -o "$work/no.spin"
-fails 1 spin-import "a folder of several files and no stage"
+fails 1 spin-import "a folder of several kinds of USD and no stage"
 err_has "give one of the files" "says what to give"
 nothing_at "$work/no.spin" "nothing was written"
 rm "$work/tracks-1/frame_00001.usda"
