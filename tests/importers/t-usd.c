@@ -77,6 +77,9 @@ static void test_values(void)
     spin_splats_free(&s);
     ok(opens(path, as_is, &run) && is_at(&run, 0, 1, 4, 5, 6), "--axes source");
     run_close(&run);
+    path = with_line(path, "[0.5, 1]", "[0.5, # a ] and a \"\n1]");
+    ok(opens(path, as_is, &run) && is_at(&run, 0, 1, 4, 5, 6), "a comment within brackets");
+    run_close(&run);
     ok(opens(layer("#usda 1.0\n(\n    upAxis = \"Z\"\n)\n" SPLATS "{\n" TWO "}\n"), NULL, &run) &&
            is_at(&run, 0, 0, 1, -3, 2),
        "z up becomes y down");
@@ -133,7 +136,8 @@ static void test_layers(void)
                "\"xformOp:scale\"]\n"
                "    over \"A\" (\n        prepend references = @./a.usda@\n    )\n    {\n    }\n"
                "    def \"B\" (\n        payload = @a.usda@</S>\n    )\n    {\n    }\n"
-               "    def \"M\" (\n        references = @mesh.obj@\n    )\n    {\n    }\n}\n");
+               "    def \"M\" (\n        references = @mesh.obj@\n    )\n    {\n    }\n"
+               "    def \"D\" (\n        delete references = @./a.usda@\n    )\n    {\n    }\n}\n");
     ok(opens(path, as_is, &run) && run.sequence.counts[0] == 4, "references and payloads");
     ok(is_at(&run, 0, 0, 10 - 4, 2, 6), "scaled first, then rotated, then translated");
     ok(is_at(&run, 0, 2, 10 - 14, 14, 14), "the sublayer overrides the payload");
@@ -151,6 +155,9 @@ static void test_transforms(void)
     } ops[] = {
         {"matrix4d xformOp:transform",
          "( (0, 1, 0, 0), (-1, 0, 0, 0), (0, 0, 1, 0), (5, 6, 7, 1) )", 3, 7, 10, NULL},
+        {"quatf xformOp:orient", "(0, 0.8, 0.6, 0)", 2.2, 0.4, -3, NULL},
+        {"quatf xformOp:orient", "(0, 0, 0.8, 0.6)", -1, 3.44, 1.08, NULL},
+        {"quatf xformOp:orient", "(0, 0, 0.6, 0.8)", -1, 2.32, 2.76, NULL},
         {"quatf xformOp:orient", "(0.70710678, 0.70710678, 0, 0)", 1, -3, 2, NULL},
         {"float3 xformOp:rotateXYZ", "(90, 0, 90)", 3, 1, 2, NULL},
         {"float3 xformOp:rotateZYX:pivot", "(90, 0, 90)", -2, -3, 1, NULL},
@@ -304,6 +311,7 @@ static void test_lies(void)
         {"def Par", "over Par", "no prim of type"},
         {"\"S\" {", "\"S\" ", "expected '{'"},
         {"\"S\" {", "S {", "in quotes"},
+        {"\"S\" {", "S {", "line 5:"},
         {"[0.5, 1]", "", "the type and the name"},
         {"[0.5, 1]", "\"a", "does not end on its line"},
         {"[0.5, 1]", "\"\"\"a", "ends within a text"},
@@ -404,6 +412,17 @@ static int two_splats(struct crate *c, int parent, const char *name)
     crate_attribute(c, prim, "positions", vectors(c, two_places));
     crate_attribute(c, prim, "scales", vectors(c, ones));
     return prim;
+}
+
+static void test_empty_crate(void)
+{
+    const char *path = path_in(new_folder(), "empty.usdc");
+    static struct crate c;
+
+    crate_begin(&c);
+    crate_prim(&c, -1, "", NULL);
+    crate_write(&c, path);
+    model_fails(NULL, path, NULL, "empty.usdc", "no prim of type", "a crate without prims");
 }
 
 /* References, payloads and transforms of a crate, whose inline values have one byte a number. */
@@ -541,6 +560,7 @@ TAP_MAIN
     test_lies();
     test_cycles();
     test_crates();
+    test_empty_crate();
     test_crate_layers();
     test_crate_clips();
     test_packages();
