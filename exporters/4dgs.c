@@ -327,7 +327,7 @@ static spin_status code_clip(struct export *x)
     SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
-        return spin_unsupported("no splat of the clip is left to write: check the options that "
+        return spin_unsupported("no splats are left to write: relax the options that "
                                 "drop splats");
     SPIN_TRY(spin_splat_rows_report_4d(&x->rows, job, x->windows.from, job->times, job->n_frames));
     x->coding.n = x->order.n;

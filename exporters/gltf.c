@@ -316,7 +316,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
         SPIN_TRY(spin_static_rows_find(&x->still, &x->frames.rows, job));
-        spin_log(0, "identical in all frames: %s",
+        spin_log(0, "identical in all frames, so written only once: %s",
                  spin_text_count((long long)x->still.n, "splat", count));
     }
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));

@@ -176,8 +176,8 @@ static spin_status check_options(const struct export *x)
         return spin_misuse("--camera and --views exclude each other: give one of the two");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
         return spin_misuse("--views: %s",
-                           x->job->views ? "the camera of --path is not one of the data set's; "
-                                           "leave out one of the two options"
+                           x->job->views ? "the option selects cameras of the data set, but --path "
+                                           "renders from another camera; give one of the two"
                                          : "there is no data set; give --data DIR");
     return SPIN_OK;
 }
@@ -215,7 +215,7 @@ static spin_status parse_format(struct export *x)
     if (!png && !exr)
         return spin_misuse("the pattern '%s' must end in .png or .exr", x->pattern.text);
     if (given && exr != x->film.exr)
-        return spin_misuse("--format %s: the files of the pattern '%s' have another format", given,
+        return spin_misuse("--format %s contradicts the extension of the pattern '%s'", given,
                            x->pattern.text);
     x->film.exr = exr;
     return SPIN_OK;

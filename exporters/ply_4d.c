@@ -292,9 +292,8 @@ static spin_status write_file(struct export *x)
     SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     if (x->order.n == 0)
-        return spin_unsupported(
-            "no splat of the clip is left to write: check the options that drop "
-            "splats");
+        return spin_unsupported("no splats are left to write: relax the options that drop "
+                                "splats");
     SPIN_TRY(spin_splat_rows_report_4d(&x->rows, job, x->windows.from, job->times, job->n_frames));
     print_header(x);
     SPIN_TRY(write_rows(x));

@@ -880,9 +880,8 @@ static spin_status encode_clip(struct export *x)
     SPIN_TRY(x->frames ? join_frames(x) : spin_time_windows_convert(&x->windows));
     SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
     if (x->rows.n_kept == 0)
-        return spin_unsupported(
-            "no splat of the clip is left to write: check the options that drop "
-            "splats");
+        return spin_unsupported("no splats are left to write: relax the options that drop "
+                                "splats");
     SPIN_TRY(spin_splat_rows_report_4d(&x->rows, x->job, x->windows.from, x->job->times,
                                        x->job->n_frames));
     SPIN_TRY(choose_coding(x));

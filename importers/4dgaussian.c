@@ -140,7 +140,7 @@ static spin_status note_guess(struct model *model)
         if (looks_trained(&head.layer[0]) || looks_trained(&head.layer[1]))
             used += snprintf(trained + used, sizeof trained - (size_t)used, " %s", heads[h].word);
     }
-    spin_note(m->sequence, "heads that look trained:%s", trained);
+    spin_note(m->sequence, "heads that appear to be trained:%s", trained);
     return SPIN_OK;
 }
 

@@ -342,10 +342,11 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
     if (degree != floor(degree) || moves != floor(moves) || m->n_frames != floor(m->n_frames))
         return spin_malformed("sh_degree, use_velocity and n_frames must be whole numbers");
     if (floor_of >= 1 / 255.0)
-        spin_note(m->base.sequence,
-                  "readers of the format draw every Gaussian with an opacity of at least %g at all "
-                  "times, which is not imported",
-                  floor_of);
+        spin_note(
+            m->base.sequence,
+            "readers of the format render every Gaussian with an opacity of at least %g at all "
+            "times; the importer does not reproduce this",
+            floor_of);
     m->moves = moves != 0;
     *sh_degree = (int)degree;
     return SPIN_OK;

@@ -120,7 +120,7 @@ static spin_status read_config(struct model *m, const char *path)
 
     SPIN_TRY(spin_map_open(path, &map));
     if (map.size > CFG_MAX_BYTES)
-        return spin_malformed("cannot read '%s': it is too large for settings", path);
+        return spin_malformed("cannot read '%s': it is too large for a configuration file", path);
     SPIN_TRY(spin_alloc(map.size + 1, 1, (void **)&text));
     memcpy(text, map.data, map.size);
     frames = find_setting(text, "data", "frames");

@@ -328,7 +328,7 @@ spin_status spin_4dgs_frames_add(struct spin_4dgs_frames *x, const struct spin_s
 spin_status spin_4dgs_frames_end(struct spin_4dgs_frames *x)
 {
     if (!x->begun)
-        return spin_unsupported("no splat of the clip is left to write: check the options that "
+        return spin_unsupported("no splats are left to write: relax the options that "
                                 "drop splats");
     x->coding->n = x->n_ids;
     return spin_4dgs_write_end(x->writer);

@@ -73,7 +73,7 @@ static spin_status decompress(unsigned codec, const struct spin_4dgs_cursor *pac
         return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
     SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
     return n == n_out ? SPIN_OK
-                      : spin_malformed("the zlib data do not unpack to %llu bytes",
+                      : spin_malformed("the zlib data do not decompress to the stated %llu bytes",
                                        (unsigned long long)n_out);
 }
 

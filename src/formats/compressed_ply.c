@@ -233,7 +233,7 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
                                         .sh = spin_ply_find_element(ply, "sh")};
     if (ply->ascii || e->has_list)
         return spin_unsupported(
-            "'%s': compressed PLY: the format is ascii or element 'vertex' has lists", ply->path);
+            "'%s': a compressed PLY must be binary, without lists in element 'vertex'", ply->path);
     for (int i = 0; i < 4; i++) {
         int p = out->packed[i] = spin_ply_find(e, packed_names[i]);
 

@@ -423,7 +423,7 @@ static spin_status fail_empty(const struct spin_usd_stage *s, const char *path)
 {
     if (*s->other)
         return spin_unsupported("'%s': no prim of type " SPIN_USD_TYPE
-                                ", but of type %s, which is not read",
+                                ", but of type %s, which is not supported",
                                 path, s->other);
     return spin_malformed("'%s': no prim of type " SPIN_USD_TYPE "%s%s", path,
                           *s->missing ? "; not found: " : "", s->missing);

@@ -101,7 +101,7 @@ static spin_status find_directory(const char *path, const struct spin_map *map,
         return spin_malformed("cannot read '%s': its directory lies outside the file", path);
     if (dir->n > dir->size / CENTRAL_BYTES)
         return spin_malformed(
-            "cannot read '%s': its directory of %llu bytes cannot hold %llu members", path,
+            "cannot read '%s': its directory of %llu bytes is too small for %llu members", path,
             (unsigned long long)dir->size, (unsigned long long)dir->n);
     return SPIN_OK;
 }

@@ -57,7 +57,7 @@ static spin_status open_clip(struct eval *e)
     SPIN_TRY(spin_clip_pairs(&e->clip, o->split, &e->pairs, &e->n_pairs));
     if (e->n_pairs == 0 && o->split == SPIN_SPLIT_OUTER)
         return spin_not_found(
-            "no held-out camera looks from outside the directions of the training "
+            "no held-out camera is outside the range of directions of the training "
             "cameras: hold outer cameras out with spin-retrain --test-outer");
     if (e->n_pairs == 0)
         return spin_not_found("the data set has no views in this split");

@@ -286,7 +286,7 @@ static spin_status begin_export(struct export *x)
     job.counts = x->counts;
     job.counts_are_bounds = x->filter.varies && !x->splats_4d;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats were trained with antialiasing, which viewers do not learn from "
+        spin_warn("these splats were trained with antialiasing, which viewers cannot learn from "
                   "'%s' files: enable it in the viewer",
                   o->to);
     if (spin_rank() > 0)

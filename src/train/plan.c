@@ -674,11 +674,11 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
     if (!*report->fitting)
         return spin_fail(
             SPIN_E_MEMORY,
-            "the training needs about %s of memory and %s are free: no smaller --hash-log2, "
+            "the training needs about %s of memory, but only %s are free: no smaller --hash-log2, "
             "--batch, --scale or --range was found that fits",
             needed, free_bytes);
     return spin_fail(SPIN_E_MEMORY,
-                     "the training needs about %s of memory and %s are free: %s fits", needed,
+                     "the training needs about %s of memory, but only %s are free: %s fits", needed,
                      free_bytes, report->fitting);
 }
 

@@ -275,7 +275,7 @@ is "$code $(member split)" "0 outer" "the outer views are measured"
 ok $? "those of both cameras in six frames"
 run "$bin/spin-eval" "$work/mini.spin" --test-cams 3 --split outer
 fails 1 spin-eval "camera 3 is between the others"
-err_has "no held-out camera looks from outside the directions of the training cameras" "and is not measured as an outer one"
+err_has "no held-out camera is outside the range of directions of the training cameras" "and is not measured as an outer one"
 run "$bin/spin-retrain" "$work/mini.spin" -o "$work/few.spin" --device cpu --iterations 2 --test-outer 5
 fails 2 spin-retrain "two cameras must be left"
 

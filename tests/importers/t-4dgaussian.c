@@ -70,7 +70,7 @@ static void test_options(const char *root)
               "--deform before cfg_args");
     if (ok(run_open(FROM, model, &run) == SPIN_OK, "opens without cfg_args")) {
         ok(strstr(run.sequence.notes, "no cfg_args") != NULL &&
-               strstr(run.sequence.notes, "look trained: position opacity\n") != NULL,
+               strstr(run.sequence.notes, "appear to be trained: position opacity\n") != NULL,
            "notes what it assumed and which weights look trained");
         run_close(&run);
     }

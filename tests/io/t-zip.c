@@ -285,7 +285,7 @@ static void zip64(void)
     b.data[end64 + 56 + 8] ^= 1;
     b.data[end64 + 32 + 7] = b.data[end64 + 24 + 7] = 0x7f;
     save(&b, b.n);
-    fails(SPIN_E_MALFORMED, "cannot hold", 0, "zip64: 2^62 members in a few bytes");
+    fails(SPIN_E_MALFORMED, "is too small for", 0, "zip64: 2^62 members in a few bytes");
 
     e = stored();
     e.size = e.packed = 0xffffffff;
@@ -398,7 +398,8 @@ static void lies(void)
     b.count = 2;
     add_end(&b, "");
     save(&b, b.n);
-    fails(SPIN_E_MALFORMED, "cannot hold 2 members", 0, "more members than the directory can hold");
+    fails(SPIN_E_MALFORMED, "is too small for 2 members", 0,
+          "more members than the directory can hold");
     b.n -= 22;
     b.count = 0;
     add_end(&b, "");
