@@ -61,6 +61,7 @@ run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps
 is "$code" 0 "retrains $steps steps"
 stopped KILL 137
 plain=$small
+cp "$work/whole.spin" "$work/plain.spin"
 small="$small --residual points"
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped KILL 137
@@ -74,7 +75,7 @@ for more in "$net --tracks auto" '--method tracks' '--method tracks --lr-tracked
     run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
     is "$code" 0 "retrains with $more"
     stopped KILL 137
-    run "$bin/spin-retrain" "$in" -o "$work/again.spin" $small --iterations $steps --force --json --precision full
+    run "$bin/spin-retrain" "$in" -o "$work/again.spin" $small --iterations 60 --force --json --precision full
     learned=$(sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out")
     told=$(member splats_mean)
     run "$bin/spin-eval" "$work/again.spin" --json
@@ -89,7 +90,7 @@ done
 run "$bin/spin-import" "$work/lone" --data "$data" --pair order -o "$work/lone.spin"
 run "$bin/spin-retrain" "$work/lone.spin" -o "$work/again.spin" $small --dry-run --json
 is "$(member densify_every)" 15 "frames that share no splat are densified, the plan says"
-run "$bin/spin-retrain" "$work/lone.spin" -o "$work/again.spin" $small --iterations $steps --force --json
+run "$bin/spin-retrain" "$work/lone.spin" -o "$work/again.spin" $small --iterations 60 --force --json
 err_has "no tracks, each frame is densified independently" "the run says"
 awk -v n="$(member splats_mean)" 'BEGIN { exit !(n > 1) }'
 ok $? "and they are: $(member splats_mean) for one"
@@ -98,7 +99,7 @@ run "$bin/spin-export" "$work/again.spin" --to ply -o "$work/again" --force --js
 is "$told" "$(member splats_mean)" "as the bundle has them"
 in=$still
 small=$plain
-run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
+cp "$work/plain.spin" "$work/whole.spin"
 stopped TERM 143
 # A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
 stopped INT 130
