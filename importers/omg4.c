@@ -141,7 +141,7 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
             bits->integer < 1 || bits->integer > MAX_CODE_BITS || code->integer < 0 ||
             code->integer >> bits->integer != 0)
             return spin_malformed(
-                "a Huffman table has a code that is not (bits, value) of at most %d bits",
+                "a Huffman table has a code that is not a pair (bits, value) with at most %d bits",
                 MAX_CODE_BITS);
         SPIN_TRY(add_code(tree, (int)bits->integer, (uint64_t)code->integer, (int64_t)label));
     }

@@ -509,8 +509,9 @@ static void fit_sh(const struct means *m, float sh[12])
 
     for (int i = 0; i < 3; i++) {
         for (int j = 0; j < 3; j++) {
-            a[i][j] = m->dd[i][j]; /* without subtracting mean d mean d^T, since this product is
-                                      what the first added term contributes */
+            a[i][j] = m->dd[i][j]; /* The mean of d d^T, not the covariance of d: the first added
+                                      term contributes mean d mean d^T, which cancels the
+                                      subtraction in the covariance. */
             slope[i][j] = m->dc[i][j] - m->d[i] * m->c[j];
         }
         a[i][i] += least * least;

@@ -30,7 +30,7 @@ struct spin_4dgs_frames {
 
     /* The current frame. */
     struct spin_4dgs_splat *coded; /* [rows] */
-    unsigned char *taken;          /* [rows] 1: the row continues a splat of the previous frame */
+    unsigned char *taken;          /* [rows] 1 if the row continues a splat of the previous frame */
     uint32_t *mate; /* [shown.n] for each splat of the previous state, the row that continues it */
     struct spin_4dgs_splat *before, *after; /* [shown.n] 1: the splat changes */
     uint32_t *death;                        /* [shown.n] */

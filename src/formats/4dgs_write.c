@@ -219,7 +219,7 @@ static spin_status write_attributes(struct spin_4dgs_writer *w, const double int
     put_doubles(w->record, interval, 2);
     put_number(w->record, 0, 4); /* level */
     put_number(w->record, n, 4);
-    put_text(w->record, ""); /* the streams are not compressed once more */
+    put_text(w->record, ""); /* no codec: only the streams are compressed */
     put_number(w->record, size, 8);
     put_number(w->record, size, 8);
     fwrite(streams, 1, size, w->record);
@@ -361,7 +361,7 @@ static spin_status write_groups(struct spin_4dgs_writer *w, const struct spin_4d
     if (!to || (fclose(to) != 0 && status == SPIN_OK))
         return spin_fail(SPIN_E_MEMORY, "no memory for a chunk");
     SPIN_TRY(status);
-    put_text(w->record, ""); /* the streams are not compressed once more */
+    put_text(w->record, ""); /* no codec: only the streams are compressed */
     put_number(w->record, size, 8);
     put_number(w->record, size, 8);
     fwrite(groups, 1, size, w->record);

@@ -90,8 +90,8 @@ static spin_status part_at(const struct spin_usd_crate *c, uint64_t offset, stru
 {
     *out = (struct part){c->data, c->data};
     if (offset > c->size)
-        return spin_malformed("a value is at offset %llu of %zu", (unsigned long long)offset,
-                              c->size);
+        return spin_malformed("a value has offset %llu, but the file has only %zu bytes",
+                              (unsigned long long)offset, c->size);
     *out = (struct part){c->data + offset, c->data + c->size};
     return SPIN_OK;
 }

@@ -160,7 +160,7 @@ static spin_status decompose(const struct matrix *a, struct spin_placement *out)
              r[0][1] * (r[1][0] * r[2][2] - r[1][2] * r[2][0]) +
              r[0][2] * (r[1][0] * r[2][1] - r[1][1] * r[2][0]);
     if (!(off < 1e-3) || volume < 0)
-        return spin_unsupported("its transform %s, which splats cannot follow",
+        return spin_unsupported("its transform %s, which cannot be applied to splats",
                                 volume < 0 ? "mirrors" : "scales the axes unequally or shears");
     quaternion_of((const double(*)[3])r, out->q);
     memcpy(out->shift, a->m[3], sizeof out->shift);

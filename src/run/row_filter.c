@@ -43,7 +43,7 @@ static bool is_filtered(int reason)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* --min-views N: every frame has N training views. */
+/* Checks that every frame has N training views, as --min-views N requires. */
 static spin_status check_views(const struct spin_clip *clip, int least)
 {
     for (int f = 0; f < clip->n_frames; f++) {

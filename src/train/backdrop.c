@@ -41,7 +41,7 @@ static const double reach = 2;
 /* A splat whose log depth is smaller than that of a surface by less than this is not in front of
  * it. */
 static const double tolerance = 0.03;
-static const double covered = 0.7; /* smallest distance between two splats, in spacings */
+static const double covered = 0.7; /* least distance from an earlier splat, in spacings */
 /* Minimum of a colour channel: at 0 it would have no gradient. */
 static const double darkest = 0.02;
 static const float logit_opacity = 5; /* opacity 0.993 */
