@@ -364,7 +364,8 @@ static void test_axes(void)
 {
     static const unsigned char record[] = {3, 0, 0xbe, 0xad, 4, 0, 0, 0, SPIN_SPZ_RIGHT_UP_BACK,
                                            0, 0, 0};
-    const char *folder = path_in(work, "said"), *rub = path_in(work, "spz-rub/frame_00005.spz");
+    static const char *const third[] = {"axes", "rub", "spz-version", "3", NULL};
+    const char *folder = path_in(work, "said"), *rub = path_in(work, "third/frame_00005.spz");
     static unsigned char bytes[65536];
     struct spin_splats is = {0}, said = {0};
     struct spin_map map;
@@ -374,6 +375,7 @@ static void test_axes(void)
     FILE *out;
 
     spin_folder_make(folder);
+    write_frames(path_in(work, "third"), "spz", 5, 6, third);
     if (spin_map_open(rub, &map) != SPIN_OK ||
         spin_gzip_read(map.data, map.size, bytes, sizeof bytes, &n) != SPIN_OK)
         exit(1);
