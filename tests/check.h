@@ -59,7 +59,7 @@ extern const int check_thread_counts[4];
 int check_n_threads(void);
 bool check_device_is_cpu(void);
 bool check_device_is_emulated(void); /* its errors can be ordered (tests/emu/gpu.cpp) */
-/* A card, or an emulated one under a name of its own: its memory is not the host's. */
+/* True for a GPU or for its emulation, whose memory is not that of the host. */
 bool check_device_is_card(const struct spin_device *d);
 /* Sums that a device may add in any order: the same bits on the CPU, equal to rounding elsewhere.
  */

@@ -1,5 +1,6 @@
-/* How long the stages of a training step take, beside what this machine can do and beside the
- * reference times of tests/bench/README.md. `make bench` runs it; `bench --help` lists the choices.
+/* Measures the stages of a training iteration, and compares them with the limits of this machine
+ * and with the reference times of tests/bench/README.md. `make bench` runs it; `bench --help` lists
+ * the choices.
  *
  * A round runs all stages of a step one after the other, as training does, so each finds caches
  * and gradients as they are in training. Processor time is what counts on a shared machine; with

@@ -1,4 +1,5 @@
-/* The stages of a training step, each as training calls it, and the work that each does. */
+/* The stages of a training iteration: each is called as in training, and reports the amount of its
+ * work. */
 #include <stdlib.h>
 
 #include "tests/bench/bench.h"

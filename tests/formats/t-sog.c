@@ -35,7 +35,7 @@ static void write_file(const char *name, const void *bytes, size_t n)
         exit(1);
 }
 
-/* Pictures of which every byte that counts is drawn. */
+/* Images with random values in every byte that the format uses. */
 static void make_pictures(void)
 {
     uint32_t seed = 77;
@@ -266,8 +266,8 @@ static void test_lies(void)
     spin_splats_free(&s);
 }
 
-/* Every pixel of a picture as large as pictures may be is one Gaussian, all alike: a few kilobytes.
- */
+/* A decompression bomb of a few kilobytes: an image of the largest allowed size, in which every
+ * pixel is the same Gaussian. */
 static void test_bomb(void)
 {
     enum { MANY = 1400 };

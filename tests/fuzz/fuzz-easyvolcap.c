@@ -9,7 +9,7 @@
 #include <sys/stat.h>
 
 static char folder[64];
-/* The first is a picture, which is none: reading ends when that is noticed. */
+/* The first file is not a valid image, so reading ends when the image is opened. */
 static const char *const files[] = {"images/a/0.png", "intri.yml", "extri.yml"};
 
 static void in_folder(const char *name, char path[128])

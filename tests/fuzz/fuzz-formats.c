@@ -88,8 +88,8 @@ static spin_status read_4dgs(const uint8_t *data, size_t size, struct spin_splat
     return status;
 }
 
-/* The pictures of a SOG with 16 splats and SH of degree 1, where a meta.json that is fuzzed finds
- * them. */
+/* Writes the images of a SOG with 16 splats and SH of degree 1, to which a fuzzed meta.json
+ * refers. */
 static const char *pictures(void)
 {
     static char folder[] = "/tmp/spin-fuzz-XXXXXX";

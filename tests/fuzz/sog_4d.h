@@ -1,6 +1,6 @@
-/* For the fuzz targets of SOG with time: a meta.json that is fuzzed, in a zip with pictures of 16
- * splats and SH of degree 1, so that what it says is followed. Pictures are in the root and in
- * folder "a". */
+/* For the fuzz targets of TSOG and .sogst: puts a fuzzed meta.json into a zip with the images of 16
+ * splats with SH of degree 1, so that readers find images. The images are in the root and in folder
+ * "a". */
 #ifndef SPIN_TESTS_FUZZ_SOG_4D_H
 #define SPIN_TESTS_FUZZ_SOG_4D_H
 

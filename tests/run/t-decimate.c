@@ -57,8 +57,8 @@ static void fill(struct spin_splats *s, size_t i, float x, float y, float z, flo
     s->logit_opacities[i] = logit;
 }
 
-/* White splats on black: a picture is the sum of their shares. One more behind nearly opaque ones
- * is not seen, and one behind the camera. */
+/* White splats on black, so that the image is the sum of their contributions. Two more splats are
+ * invisible: one behind nearly opaque splats, and one behind the camera. */
 static void check_weights(void)
 {
     enum { N = 6, SIDE = 64 };

@@ -172,7 +172,7 @@ static void check_empty(bool all)
            "a frame beside the empty one is drawn, %.1f dB", r.check.psnr);
 }
 
-/* Of a picture, the share of values that are not black. */
+/* Returns the share of an image's values that are not black. */
 static double lit(const char *path)
 {
     enum { VALUES = 3 * 960 * 640 };

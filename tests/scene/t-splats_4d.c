@@ -9,8 +9,8 @@
 
 enum { N = 4, ALL = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES };
 
-/* Row 0 a bell on a parabola, 1 a plateau, 2 a gate, 3 a cut of what never fades; with spin and
- * colour in time. */
+/* Four rows that rotate and change colour: row 0 has a Gaussian window and moves on a parabola, row
+ * 1 has a plateau, row 2 a gate, and row 3 never fades but is cut. */
 static void fill(struct spin_splats_4d *s)
 {
     const float plateau[N][3] = {{5, 5, 1}, {2, 4, 0.5f}, {5, 5, 1}, {0, 0, SPIN_FOREVER}};
