@@ -21,6 +21,7 @@ struct field {
     size_t index;
     bool varies, distinct; /* within the groups */
     bool decimal;
+    bool even; /* steps of nearly the same size, such as times that were rounded */
     enum tier tier;
     enum spin_name_rank rank;
     size_t *order; /* [n] the names, by group and value */
@@ -287,6 +288,7 @@ static spin_status find_tier(const struct reader *r, struct field *f)
         most = here > most ? here : most;
     }
     span = n > 1 ? (value[n - 1] - value[0]) / (step ? step : 1) : 0;
+    f->even = n > 2 && most - least <= most / 10 + 1 && least > 2;
     if (n > 1 && !f->decimal && step == 1 && span == n - 1)
         f->tier = CONSECUTIVE;
     else if (n > 2 && (span + 1 <= 2 * n || (f->decimal && most - least <= most / 10 + 1)))
@@ -441,6 +443,18 @@ static bool same_values(const struct reader *r, const struct field *a, const str
     return true;
 }
 
+/* Whether a number without regular steps may be the frame number of a sequence with gaps, beside
+ * number b that has regular steps: "a1_b1, a2_b2, a3_b9". Counts of splats, rounded times and
+ * numbers in a different order are none. */
+static bool may_count(const struct reader *r, const struct field *a, const struct field *b)
+{
+    const struct spin_name_value *first = value_of(r, a->order[0], a->index);
+    bool count = first->part[0] > 0 || first->part[1] >= 1000;
+
+    return a->rank == b->rank && !a->decimal && !a->even && !count &&
+           (r->names->n == 2 || same_order(r, a, b));
+}
+
 /* Whether field a, which varies, is certainly not the frame number, given field b. */
 static bool yields(const struct reader *r, const struct field *a, const struct field *b)
 {
@@ -455,8 +469,9 @@ static bool yields(const struct reader *r, const struct field *a, const struct f
     if (a->rank == SPIN_RANK_FRAME && b->rank < a->rank)
         return false;
     if (a->tier == SCATTERED)
-        return b->tier > SCATTERED;
-    return same_order(r, a, b) && (a->tier < b->tier || (a->tier == b->tier && a->rank < b->rank));
+        return b->tier > SCATTERED && !may_count(r, a, b);
+    return same_order(r, a, b) && (a->decimal || a->rank != b->rank) &&
+           (a->tier < b->tier || (a->tier == b->tier && a->rank < b->rank));
 }
 
 /* Returns another varying field that could also be the frame number, or NULL. */
