@@ -415,7 +415,7 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
     struct spin_progress progress;
     double *smooth = &l->checkpoint->loss;
     bool tried;
-    spin_status status;
+    spin_status status = SPIN_OK; /* remains if the checkpoint is of the last iteration */
 
     SPIN_TRY(ensure_space(l));
     spin_progress_begin(&progress, "retraining", "it", l->trainer->iteration, o->iterations);

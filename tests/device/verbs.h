@@ -89,7 +89,7 @@ static size_t rows_reach(const uint32_t *rows, size_t n)
 static struct spin_active lend_active(struct loans *l, const uint32_t *rows, size_t n)
 {
     struct spin_active active = {.most = n};
-    uint32_t count = (uint32_t)n, *all = malloc((n + 1) * sizeof *all);
+    uint32_t count = (uint32_t)n, *all = calloc(n + 1, sizeof *all);
 
     for (size_t i = 0; i < n; i++)
         all[i] = rows ? rows[i] : (uint32_t)i;
