@@ -143,8 +143,8 @@ static void test_splats(void)
     ok(atoi(said) == 45, "--sh keep: 45");
     export("in.spin", "named", "--to ply --pattern ball-%03d.ply --range 2:3");
     ok(shell("ls %s/named/ball-002.ply", folder) == 0, "--pattern");
-    export("in.spin", "fast", "--to spz --level 1 --range 0:1");
-    export("in.spin", "small", "--to spz --level 9 --range 0:1");
+    export("in.spin", "fast", "--to spz --spz-version 3 --level 1 --range 0:1");
+    export("in.spin", "small", "--to spz --spz-version 3 --level 9 --range 0:1");
     ok(shell("cd %s && gzip -dc fast/*.spz >1 && gzip -dc small/*.spz >9 && cmp 1 9 && "
              "test $(cat small/*.spz | wc -c) -lt $(cat fast/*.spz | wc -c)",
              folder) == 0,
