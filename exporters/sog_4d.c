@@ -22,6 +22,8 @@
 #define MOST_SIGMA 8 /* largest sigma, in clip lengths */
 /* .sogst: a splat is drawn within this many sigmas of its centre in time. */
 #define K_SIGMA 3.8
+/* .sogst: the names of segments have three digits. */
+#define MAX_SEGMENTS 999
 /* .sogst: a splat that is drawn for longer than this many segments is persistent. */
 #define PERSISTENT 3.0
 #define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
@@ -741,25 +743,31 @@ static void free_export(void *self)
     free(x);
 }
 
+/* Sets the duration of a segment of .sogst: by default half a second, or a 999th of the clip if
+ * that is longer, rounded to a whole number of frames. */
+static spin_status choose_segment(struct export *x)
+{
+    double half = fmax(floor(x->fps / 2 + 0.5), 1);
+
+    x->segment = fmax(half, ceil(x->windows.length * x->fps / MAX_SEGMENTS - 1e-6)) / x->fps;
+    SPIN_TRY(spin_option_number(x->job->values, "segment", 0, 1e6, &x->segment));
+    if (x->segment > 0 && x->windows.length / x->segment > MAX_SEGMENTS + 1e-6)
+        return spin_misuse("--segment %g: a clip of %g seconds would have more than %d segments; "
+                           "choose longer segments",
+                           x->segment, x->windows.length, MAX_SEGMENTS);
+    return SPIN_OK;
+}
+
 static spin_status read_options(struct export *x)
 {
-    const struct spin_plugin_values *v = x->job->values;
-    double segment;
-
     x->level = 3;
-    SPIN_TRY(spin_option_count(v, "level", 0, 9, &x->level));
+    SPIN_TRY(spin_option_count(x->job->values, "level", 0, 9, &x->level));
     SPIN_TRY(spin_time_windows_fps(&x->windows, &x->fps));
     x->windows.length = x->kind->sogst ? (x->job->n_frames - 1) / x->fps : 1;
     if (x->frames)
         x->windows.length = x->job->n_frames - 1;
-    /* By default, a segment lasts about half a second, rounded to a whole number of frames. */
-    segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
-    SPIN_TRY(spin_option_number(v, "segment", 0, 1e6, &segment));
-    x->segment = segment;
-    if (x->segment > 0 && x->windows.length / x->segment > 999)
-        return spin_misuse("--segment %g: a clip of %g seconds would have more than 999 segments; "
-                           "choose longer segments",
-                           x->segment, x->windows.length);
+    if (x->kind->sogst)
+        SPIN_TRY(choose_segment(x));
     return spin_splat_rows_begin(&x->rows, x->job, NULL);
 }
 

@@ -1,6 +1,8 @@
-/* clip FOLDER FRAMES SPLATS DEGREE: a clip of PLY frames for measuring, the same on every machine.
+/* clip FOLDER FRAMES SPLATS DEGREE [MOVING]: a clip of PLY frames for measuring, the same on every
+ * machine.
  *
- * The splats lie on eight balls that drift; scales, opacities and SH spread as those of trained
+ * The splats lie on eight balls, of which MOVING (8 by default) drift, back and forth within 100
+ * frames; scales, opacities and SH spread as those of trained
  * scenes do (SH falls off with its degree and most of it is near zero), as what packs well depends
  * on it. */
 #include <math.h>
@@ -23,7 +25,11 @@ static float peaked(uint64_t *at)
     return copysignf(logf(1 - 1.9999f * fabsf(u)), u);
 }
 
-static void fill_splat(struct spin_splats *s, size_t i, int frame, uint64_t *at)
+/* Drift of a ball along each axis: it turns round after 50 frames, so that a long clip stays as
+ * large as a short one. */
+static float drift(int frame) { return 0.01f * (float)abs((frame + 50) % 100 - 50); }
+
+static void fill_splat(struct spin_splats *s, size_t i, float offset, uint64_t *at)
 {
     size_t n_sh = (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), ball = i % 8;
     float direction[3], length = 0, *q = s->quats + 4 * i, transform = 0, tone = normal(at);
@@ -34,7 +40,7 @@ static void fill_splat(struct spin_splats *s, size_t i, int frame, uint64_t *at)
     }
     length = 1 / sqrtf(length + 1e-12f);
     for (int c = 0; c < 3; c++) {
-        float centre = 3 * sinf((float)(ball * 3 + (size_t)c) * 1.7f) + 0.01f * (float)frame;
+        float centre = 3 * sinf((float)(ball * 3 + (size_t)c) * 1.7f) + offset;
 
         s->means[3 * i + (size_t)c] = centre + direction[c] * length * (1 + 0.02f * normal(at));
         s->log_scales[3 * i + (size_t)c] = -5.2f + 0.8f * normal(at);
@@ -64,13 +70,15 @@ static int fail(void)
 
 int main(int argc, char **argv)
 {
-    int n_frames = argc == 5 ? atoi(argv[2]) : 0, degree = argc == 5 ? atoi(argv[4]) : 0;
-    size_t n = argc == 5 ? (size_t)atol(argv[3]) : 0;
+    bool complete = argc == 5 || argc == 6;
+    int n_frames = complete ? atoi(argv[2]) : 0, degree = complete ? atoi(argv[4]) : 0,
+        n_moving = argc == 6 ? atoi(argv[5]) : 8;
+    size_t n = complete ? (size_t)atol(argv[3]) : 0;
     struct spin_splats s = {0};
     void *self = NULL;
 
-    if (n_frames < 1 || n < 1 || degree < 0 || degree > 3) {
-        fprintf(stderr, "usage: clip FOLDER FRAMES SPLATS DEGREE\n");
+    if (n_frames < 1 || n < 1 || degree < 0 || degree > 3 || n_moving < 0) {
+        fprintf(stderr, "usage: clip FOLDER FRAMES SPLATS DEGREE [MOVING]\n");
         return 2;
     }
     struct spin_export_job job = {
@@ -83,7 +91,7 @@ int main(int argc, char **argv)
         uint64_t at = 0;
 
         for (size_t i = 0; i < n; i++)
-            fill_splat(&s, i, f, &at);
+            fill_splat(&s, i, i % 8 < (size_t)n_moving ? drift(f) : 0, &at);
         if (spin_exporter_ply.frame(self, f, &info, &s) != SPIN_OK)
             return fail();
     }

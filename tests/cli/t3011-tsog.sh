@@ -96,6 +96,21 @@ run "$bin/spin-export" "$work/n.spin" -o "$work/n.sogst" --segment 0 --check --j
 is "$code" 0 "and goes out in one piece"
 laid_out "$work/n.sogst" "laid out so"
 is "$(grep -c seg_000 "$work/n.sogst")" 0 "without segments"
+# Long clips: a TSOG has no segments, and a .sogst at most 999, which are longer by default.
+mkdir "$work/long"
+"$bin/spin-export" "$work/n.spin" --range 0:1 -o "$work/one.ply" --force >"$work/out" 2>"$work/err"
+for i in $(seq 1001); do ln "$work/one.ply" "$work/long/frame_$i.ply"; done
+run "$bin/spin-import" "$work/long" -o "$work/long.spin"
+run "$bin/spin-export" "$work/long.spin" --fps 1 -o "$work/long.tsog"
+is "$code" 0 "1001 frames of a second go out as TSOG"
+run "$bin/spin-import" "$run_in" --time-duration 0,1200 -o "$work/hour.spin"
+run "$bin/spin-export" "$work/hour.spin" --fps 30 -o "$work/hour.sogst"
+is "$code" 0 "1200 seconds go out as .sogst"
+laid_out "$work/hour.sogst" "laid out so"
+run "$bin/spin-export" "$work/hour.spin" --fps 30 -o "$work/hour.sogst" --fps 30 --force --segment 1
+is "$code" 2 "but not in 1200 segments"
+err_has "more than 999 segments" "as the error says"
+
 # Paths of degree 2; every eighth splat is a slow one of long before, which fades for fifty clips.
 {
     printf 'ply\nformat ascii 1.0\ncomment sogst.time_min 1\ncomment sogst.time_max 3\ncomment sogst.fps 30\n'
