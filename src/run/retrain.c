@@ -35,7 +35,8 @@ struct run {
     struct spin_photos photos;
     struct spin_refinement refinement;
     struct spin_tracks tracks;
-    struct spin_rows_4d rows; /* set with --method 4d only */
+    struct spin_frame_size *sizes; /* [frames] sizes of the frames once tracks were found */
+    struct spin_rows_4d rows;      /* set with --method 4d only */
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;
@@ -269,6 +270,35 @@ static spin_status prepare_watch(struct run *r)
     return SPIN_OK;
 }
 
+/* Estimates the memory again, now that it is known which splats share the values of a track. */
+static spin_status estimate_again(struct run *r)
+{
+    struct spin_plan *p = &r->plan;
+
+    SPIN_TRY(spin_alloc((size_t)p->clip.n_frames, sizeof *r->sizes, (void **)&r->sizes));
+    for (int f = 0; f < p->clip.n_frames; f++)
+        r->sizes[f] = spin_tracks_size(&r->tracks, f, p->counts[f]);
+    spin_plan_set_sizes(p, r->sizes, r->tracks.n, r->photos.cache.held);
+    return SPIN_OK;
+}
+
+/* Finds tracks with --tracks, if they were not found before. Frames that are refined have none,
+ * since they share no splats. */
+static spin_status find_tracks(struct run *r)
+{
+    const struct spin_retrain_options *o = r->plan.o;
+
+    if (!o->tracks || o->refine > 0 || r->tracks.of)
+        return SPIN_OK;
+    SPIN_TRY(spin_tracks_find(&r->tracks, &r->plan, o->dynamic_residual ? &r->photos : NULL));
+    SPIN_TRY(spin_backdrop_add(&r->plan, &r->tracks));
+    return estimate_again(r);
+}
+
+/* Largest number of pixels that a dry run decodes to find tracks, which takes about ten seconds.
+ * With more, the estimate of the memory stays an upper bound. */
+static const double most_pixels = 1e9;
+
 static spin_status make_plan(struct run *r, const struct spin_retrain_options *o,
                              struct spin_retrain_report *report)
 {
@@ -287,8 +317,12 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
     spin_simd_paths_begin(&r->simd_paths, r->device.path);
     SPIN_TRY(prepare_watch(r));
     /* In all other cases the means are checked later, when the frames are loaded. */
-    return !trains_4d(r) && (o->dry_run || o->refine > 0) ? spin_frames_check_points(&r->plan)
-                                                          : SPIN_OK;
+    if (!trains_4d(r) && (o->dry_run || o->refine > 0))
+        SPIN_TRY(spin_frames_check_points(&r->plan));
+    if (!o->dry_run || spin_tracks_pixels(&r->plan) > most_pixels)
+        return SPIN_OK;
+    SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
+    return find_tracks(r);
 }
 
 /* Returns the brightness at the corners of the images, relative to the centre. */
@@ -429,30 +463,25 @@ static spin_status measure_source(struct run *r)
     return SPIN_OK;
 }
 
-/* Finds tracks with --tracks. Frames that were refined have none, since they share no splats. */
-static spin_status find_tracks(struct run *r)
+static void log_tracks(const struct run *r)
 {
-    const struct spin_plan *p = &r->plan;
-    struct spin_tracks *t = &r->tracks;
+    const struct spin_tracks *t = &r->tracks;
 
-    if (!p->o->tracks)
-        return SPIN_OK;
+    if (!r->plan.o->tracks)
+        return;
     if (r->refinement.frame) {
         spin_log(0, "no tracks: refined frames share no splats");
-        return SPIN_OK;
+        return;
     }
-    SPIN_TRY(spin_tracks_find(t, &r->plan, p->o->dynamic_residual ? &r->photos : NULL));
-    SPIN_TRY(spin_backdrop_add(&r->plan, t));
     if (t->n_backdrop > 0)
         spin_log(0, "added a backdrop of %zu splats behind the surfaces of the scene",
                  t->n_backdrop);
     if (t->n == 0)
         spin_log(0, "no splat matches a splat of another frame: no tracks%s",
-                 spin_plan_densifies(p) ? ", each frame is densified independently" : "");
+                 spin_plan_densifies(&r->plan) ? ", each frame is densified independently" : "");
     else
         spin_log(0, "%zu tracks, %zu dynamic%s, %zu with attributes per frame", t->n, t->n_moving,
                  t->identity ? "" : " (matched between neighbouring frames)", t->n_varying);
-    return SPIN_OK;
 }
 
 /* Allocates the trainer for frames, tracks and network. */
@@ -466,6 +495,7 @@ static spin_status open_trainer(struct run *r, bool resume)
     SPIN_TRY(spin_alloc((size_t)size.n_frames, sizeof *frame, &block));
     size.frame = frame = block;
     SPIN_TRY(find_tracks(r));
+    log_tracks(r);
     size.tracked = r->tracks.n > 0 || trains_4d(r) || spin_plan_densifies(p);
     size.n_tracks = trains_4d(r) ? r->rows.n : r->tracks.n;
     size.n_moving = r->tracks.n_moving;
@@ -675,6 +705,8 @@ static spin_status prepare_outputs(struct run *r, bool *done)
     bool found[2] = {false, r->plan.o->resume && spin_path_exists(r->plan.part)};
     spin_status status = spin_rank() == 0 ? check_output(r, &found[0]) : SPIN_OK;
 
+    if (status == SPIN_OK && !found[0] && spin_plan_is_short(&r->plan))
+        status = find_tracks(r); /* which may show that less memory is needed */
     if (status == SPIN_OK && !found[0])
         status = spin_plan_check_memory(&r->plan);
     if (status == SPIN_OK && !found[0] && spin_rank() == 0)
@@ -734,6 +766,7 @@ static void close_all(struct run *r)
     spin_trainer_close(&r->trainer);
     spin_frames_close(&r->frames);
     spin_tracks_close(&r->tracks);
+    free(r->sizes);
     spin_rows_4d_close(&r->rows);
     spin_refinement_close(&r->refinement);
     spin_photos_close(&r->photos);

@@ -448,19 +448,43 @@ out:
                              : SIZE_MAX;
 }
 
+/* Returns by which factor densification multiplies the number of splats: towards one splat for each
+ * pixel, but by a tenth to a half. Sources of a few thousand splats grow more. */
+static double guess_growth(const struct spin_plan *plan)
+{
+    return spin_plan_densifies(plan)
+               ? fmin(fmax((double)plan->max_pixels / fmax(plan->clip.n_mean, 1), 1.1), 1.5)
+               : 1;
+}
+
+/* Returns the sizes of a frame at the end of the training, if tracks were found. */
+static struct spin_frame_size grown_size(const struct spin_plan *plan, int f)
+{
+    struct spin_frame_size size = plan->sizes[f];
+    double growth = guess_growth(plan);
+
+    size.n = (size_t)((double)size.n * growth);
+    size.n_free = (size_t)((double)size.n_free * growth);
+    size.n_pos = (size_t)((double)size.n_pos * growth);
+    size.n_residual = (size_t)((double)size.n_residual * growth);
+    return size;
+}
+
 /* Opens and closes everything that a training allocates, on a device that only counts the memory.
- * The count is an upper bound: before the points are read it is unknown how much memory tracks
- * save, so it assumes that all splats own their values and that there are as many tracks as splats.
- */
+ * Before the tracks are known, the count is an upper bound: it assumes that all splats own their
+ * values and that there are as many tracks as splats. */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
                                  size_t *n_averaged)
 {
     const struct spin_retrain_options *o = plan->o;
     size_t n_frames = (size_t)plan->clip.n_frames, most = plan->clip.n_max;
     struct spin_frame_size *frame = NULL;
-    struct spin_trainer_size size = {.n_frames = plan->clip.n_frames,
-                                     .tracked = o->tracks || plan->n_rows > 0,
-                                     .n_tracks = o->tracks ? most : plan->n_rows};
+    struct spin_trainer_size size = {
+        .n_frames = plan->clip.n_frames,
+        .tracked = o->tracks || plan->n_rows > 0,
+        .n_tracks = plan->sizes ? (size_t)((double)plan->n_tracks * guess_growth(plan))
+                    : o->tracks ? most
+                                : plan->n_rows};
     struct spin_trainer t = {0};
     struct spin_image_store images = {0};
     struct spin_field_eval evaluation = {0};
@@ -468,7 +492,8 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
 
     SPIN_TRY(spin_alloc(n_frames, sizeof *frame, (void **)&frame));
     for (size_t f = 0; f < n_frames; f++)
-        frame[f] = spin_plan_frame_size(plan, plan->counts[f]);
+        frame[f] =
+            plan->sizes ? grown_size(plan, (int)f) : spin_plan_frame_size(plan, plan->counts[f]);
     size.frame = frame;
     SPIN_TRY_OUT(spin_plan_open_trainer(plan, device, &size, &t));
     SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, false, most, false));
@@ -696,13 +721,12 @@ static double guess_refining(const struct spin_plan *plan)
 /* Returns the seconds of an iteration on one thread of a server core. The constants are seconds for
  * these units of work. network: an evaluation of a splat. raster: a splat in a view. pixel:
  * rasteriser and loss of a pixel. adam: a value of the hash table. values: a value of a splat or
- * track. Assumes that densification ends with about one splat per pixel. */
+ * track. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
-    double network = 3.2e-6, raster = 0.27e-6, pixel = 0.25e-6, adam = 1.1e-9, values = 0.1e-6;
-    double n = plan->clip.n_mean, grown = (n + (double)plan->max_pixels) / 2;
-    double splats = spin_plan_densifies(plan) ? fmax(n, grown) : n;
+    double network = 3.2e-6, raster = 0.15e-6, pixel = 0.12e-6, adam = 1.1e-9, values = 0.1e-6;
+    double splats = plan->clip.n_mean * (1 + guess_growth(plan)) / 2;
     double seconds = o->batch * (splats * raster + (double)plan->max_pixels * pixel);
 
     if (spin_plan_has_residual(plan))
@@ -710,6 +734,20 @@ static double guess_iteration(const struct spin_plan *plan)
     if (o->method == SPIN_METHOD_NETWORK)
         seconds += decodings(o) * splats * network + (double)plan->field.n_table * adam;
     return seconds;
+}
+
+/* Returns the seconds that the training of the clip spends outside of iterations. splat: loading
+ * and writing a splat of a frame. tested: drawing a splat or pixel of a test view and measuring it,
+ * which is done before and after the training and after every `eval_every` iterations. */
+static double guess_frames(const struct spin_plan *plan)
+{
+    const struct spin_retrain_options *o = plan->o;
+    double splat = 5e-6, tested = 0.06e-6, tests = 2;
+
+    if (o->eval_every > 0)
+        tests += o->iterations / o->eval_every;
+    return plan->clip.n_frames * plan->clip.n_mean * splat +
+           tests * (double)plan->n_test * tested * (plan->clip.n_mean + (double)plan->max_pixels);
 }
 
 /* Returns the seconds of the whole run; NaN on a GPU, for which no constants have been measured. */
@@ -726,7 +764,7 @@ static double guess_seconds(const struct spin_plan *plan)
         threads = spin_pool_n_threads(pool);
     spin_pool_free(pool);
     if (o->method != SPIN_METHOD_FRAMES)
-        seconds += o->iterations * guess_iteration(plan);
+        seconds += o->iterations * guess_iteration(plan) + guess_frames(plan);
     return seconds / (threads > 1 ? threads : 1);
 }
 
@@ -830,6 +868,18 @@ spin_status spin_plan_beside(const struct spin_plan *plan, spin_status status)
     if (!*incomplete)
         snprintf(incomplete, sizeof plan->report->incomplete, "%s", spin_last_error());
     return SPIN_OK;
+}
+
+bool spin_plan_is_short(const struct spin_plan *plan) { return is_short(plan->report); }
+
+void spin_plan_set_sizes(struct spin_plan *plan, const struct spin_frame_size *sizes,
+                         size_t n_tracks, size_t held)
+{
+    plan->sizes = sizes;
+    plan->n_tracks = n_tracks;
+    plan_memory(plan, held);
+    find_fitting(plan);
+    plan->report->seconds_estimated = guess_seconds(plan);
 }
 
 void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)

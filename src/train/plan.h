@@ -69,7 +69,11 @@ struct spin_plan {
     size_t *counts;
     size_t n_of_frame; /* memory of `counts` in the plan of a single frame; otherwise unused */
     size_t n_rows;     /* number of 4D splats, with --method 4d; otherwise 0 */
-    int *camera;       /* [n_cameras] ids of the training cameras, ascending */
+    /* [frames] sizes of the frames in training, and the number of tracks, once tracks were found;
+     * sizes is NULL before that, and without tracks. Owned by the caller. */
+    const struct spin_frame_size *sizes;
+    size_t n_tracks;
+    int *camera; /* [n_cameras] ids of the training cameras, ascending */
     int n_cameras;
     struct spin_lenses lenses; /* lenses of the training cameras */
     bool lenses_stay; /* true if falloffs are fixed, so that only gains and offsets are learned */
@@ -180,6 +184,13 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
 size_t spin_plan_refine_bytes(const struct spin_plan *plan);
 /* Returns SPIN_E_MEMORY if the run needs more memory than is available, otherwise SPIN_OK. */
 spin_status spin_plan_check_memory(const struct spin_plan *plan);
+/* True if the estimated memory exceeds the available memory. */
+bool spin_plan_is_short(const struct spin_plan *plan);
+/* Estimates memory and time again, from the sizes of frames with tracks, which must outlive the
+ * plan. Before that, the estimate of the memory is an upper bound. held: bytes of decoded images
+ * that are already cached. */
+void spin_plan_set_sizes(struct spin_plan *plan, const struct spin_frame_size *sizes,
+                         size_t n_tracks, size_t held);
 /* Updates the plan after refinement: copies the numbers of splats from counts [frames] and
  * estimates the memory again. held: bytes of decoded images that are already cached, which count as
  * available memory. */

@@ -492,6 +492,14 @@ static spin_status count_camera(struct look *l, int camera_id)
     return SPIN_OK;
 }
 
+double spin_tracks_pixels(const struct spin_plan *plan)
+{
+    int frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
+
+    return plan->o->dynamic_residual ? (double)frames * plan->n_cameras * (double)plan->max_pixels
+                                     : 0;
+}
+
 spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_photos *photos,
                                    size_t n, const float *place, uint8_t *varies)
 {

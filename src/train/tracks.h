@@ -32,6 +32,8 @@ struct spin_tracks {
  * per frame. Zero *tracks first; close it also after a failure. */
 spin_status spin_tracks_find(struct spin_tracks *tracks, struct spin_plan *plan,
                              struct spin_photos *photos);
+/* Returns the number of pixels that spin_tracks_find() decodes, at most. */
+double spin_tracks_pixels(const struct spin_plan *plan);
 void spin_tracks_close(struct spin_tracks *tracks);
 
 /* Returns the sizes (train_frame.h) of a frame with n splats. */

@@ -107,7 +107,7 @@ run "$bin/spin-import" "$run_in" --time-duration 0,1200 -o "$work/hour.spin"
 run "$bin/spin-export" "$work/hour.spin" --fps 30 -o "$work/hour.sogst"
 is "$code" 0 "1200 seconds go out as .sogst"
 laid_out "$work/hour.sogst" "laid out so"
-run "$bin/spin-export" "$work/hour.spin" --fps 30 -o "$work/hour.sogst" --fps 30 --force --segment 1
+run "$bin/spin-export" "$work/hour.spin" -o "$work/hour.sogst" --fps 30 --force --segment 1
 is "$code" 2 "but not in 1200 segments"
 err_has "more than 999 segments" "as the error says"
 
