@@ -150,9 +150,9 @@ static spin_status read_sizes(struct model *m)
     if (m->k < 1 || m->k > MOST_OFFSETS || m->n_frames < 1 || m->n_frames > MOST_FRAMES ||
         m->width[FEATURES] < 1 || m->width[FEATURES] > MOST_FEATURES || m->per_frame < 1 ||
         m->per_frame > MOST_FEATURES)
-        return spin_malformed("%zu offsets, %zu frames, %zu features and %zu features of a frame "
-                              "are not the sizes of a run",
-                              m->k, m->n_frames, m->width[FEATURES], m->per_frame);
+        return spin_malformed("no run has %zu offsets, %zu features and %zu features per frame for "
+                              "each anchor, in %zu frames",
+                              m->k, m->width[FEATURES], m->per_frame, m->n_frames);
     m->width[ANCHORS] = 3;
     m->width[SCALES] = 6;
     m->width[FACTORS] = 4;
