@@ -151,8 +151,23 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
     return w;
 }
 
+/* Normalises the rotation of a row, and scales its spin by the same factor. Returns false where the
+ * rotation is so short that the spin would overflow. */
+static bool normalise_rotation(float *quat, float *spin, double length)
+{
+    for (size_t c = 0; c < 4; c++) {
+        quat[c] = (float)((double)quat[c] / length);
+        if (!spin)
+            continue;
+        spin[c] = (float)((double)spin[c] / length);
+        if (!isfinite(spin[c]))
+            return false;
+    }
+    return true;
+}
+
 /* Returns whether all values of a row are finite and in range, and its rotation and Gaussian window
- * are valid. Normalises the rotation of a valid row, and scales its spin by the same factor. */
+ * are valid. Normalises the rotation of a valid row. */
 static bool validate_row(struct spin_splats_4d *s, size_t i)
 {
     double length = 0;
@@ -175,13 +190,7 @@ static bool validate_row(struct spin_splats_4d *s, size_t i)
          (!(s->plateaus[3 * i + 2] > 0) || !(s->plateaus[3 * i + 1] >= s->plateaus[3 * i]))) ||
         (s->gates && !(s->gates[i] >= 0 && s->gates[i] <= 1)))
         return false;
-    length = sqrt(length);
-    for (size_t c = 0; c < 4; c++) {
-        s->quats[4 * i + c] = (float)((double)s->quats[4 * i + c] / length);
-        if (s->spins)
-            s->spins[4 * i + c] = (float)((double)s->spins[4 * i + c] / length);
-    }
-    return true;
+    return normalise_rotation(s->quats + 4 * i, s->spins ? s->spins + 4 * i : NULL, sqrt(length));
 }
 
 void spin_splats_4d_round(struct spin_splats_4d *s, enum spin_round_4d round)

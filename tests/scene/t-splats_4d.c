@@ -108,6 +108,12 @@ static void test_dropped(void)
     s.log_scales[4] = 400;
     ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 1,
        "and a scale of exp(400), which is no float");
+    spin_splats_4d_free(&s);
+    fill(&s);
+    s.quats[4] = 1e-30f;
+    s.spins[7] = 1e20f;
+    ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 1,
+       "and a rotation so short that its spin overflows when both are normalised");
     s.period = 0;
     ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_E_MALFORMED, "cosines need a period");
     spin_splats_4d_free(&s);
