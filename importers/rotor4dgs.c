@@ -8,7 +8,6 @@
 
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
-#include "io/json.h"
 
 /* 3DGS renderers skip Gaussians with a lower opacity. */
 #define LEAST_OPACITY (1.0 / 255)
@@ -200,41 +199,6 @@ static spin_status add_rows(struct model *m, float *const c[N_COLUMNS])
                                  m->base.sequence);
 }
 
-/* ---- Files ----------------------------------------------------------------------------------- */
-
-static bool is_identity(const spin_json *json)
-{
-    const spin_json *rows = spin_json_get(json, "transform");
-    double value = 1;
-
-    spin_json_number(spin_json_get(json, "scale"), &value);
-    if (value != 1)
-        return false;
-    for (size_t i = 0; i < spin_json_length(rows); i++) {
-        for (size_t j = 0; j < spin_json_length(spin_json_at(rows, i)); j++) {
-            if (spin_json_number(spin_json_at(spin_json_at(rows, i), j), &value) &&
-                value != (double)(i == j))
-                return false;
-        }
-    }
-    return true;
-}
-
-/* Adds a note for the user if the file dataparser_transforms.json contains a transform. The file is
- * in the parent of the checkpoint's folder. */
-static spin_status note_transform(struct spin_model *m)
-{
-    const char *folder, *path;
-    SPIN_LEAVES(spin_json_freed) spin_json *json = NULL;
-
-    SPIN_TRY(spin_model_folder(m, &folder, m->path));
-    SPIN_TRY(spin_model_find(m, &path, folder, "../dataparser_transforms.json"));
-    if (path && spin_json_load(path, &json) == SPIN_OK && !is_identity(json))
-        spin_note(m->sequence, "dataparser_transforms.json moves and scales the scene: positions "
-                               "are in this space, not in that of the data set");
-    return SPIN_OK;
-}
-
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 static spin_status read_cull(struct model *m)
@@ -287,7 +251,6 @@ static spin_status open_checkpoint(struct model *m)
                                    base->splats_4d.times, m->gaussians.n, 1, 1, &m->times));
     spin_gaussian4d_drop_zeros(base);
     SPIN_TRY(spin_gaussian4d_finish(base, &m->gaussians, 1, &m->times));
-    SPIN_TRY(note_transform(base));
     describe(m);
     return SPIN_OK;
 }

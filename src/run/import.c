@@ -3,12 +3,14 @@
 
 #include "base/base.h"
 #include "math/drawable.h"
+#include "math/scene_rotation.h"
 #include "spin_run.h"
 #include "run/camera_check.h"
 #include "scene/clip.h"
 #include "run/column_stats.h"
 #include "run/data_hint.h"
 #include "run/import_frames.h"
+#include "run/nerfstudio_world.h"
 #include "run/share_splats.h"
 #include "io/output.h"
 #include "io/image.h"
@@ -52,6 +54,12 @@ struct import {
     bool keeps_4d;                       /* true: the bundle stores four_d instead of frames */
     struct spin_views views;             /* views of the data set, if there is one */
     char *data;                          /* absolute path of the data set, or NULL */
+    /* If `is_placed`, all splats are moved by `placement`: from nerfstudio's world to that of the
+     * data set. `unplaced` is the frame before, `placed_4d` are the 4D splats after. */
+    bool is_placed;
+    struct spin_placement placement;
+    struct spin_splats unplaced;
+    struct spin_splats_4d placed_4d;
     /* Number of frames that are sampled from a continuous run if the user names none; 0 if it is
      * unknown or not needed. */
     int n_own;
@@ -74,7 +82,17 @@ struct import {
 /* Reads frame i of the import, in the order of im->index, from the importer. */
 static spin_status source_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
 {
-    return im->importer->frame(im->self, im->index[i], im->meta.frame[i].time, columns, out);
+    struct spin_splats *raw = im->is_placed ? &im->unplaced : out;
+
+    SPIN_TRY(im->importer->frame(im->self, im->index[i], im->meta.frame[i].time, columns, raw));
+    if (!im->is_placed)
+        return SPIN_OK;
+    SPIN_TRY(spin_splats_reserve(out, raw->n, columns, raw->sh_degree));
+    out->antialias = raw->antialias;
+    spin_splats_place(raw, columns, &im->placement, 0, out);
+    if ((columns & SPIN_COL_RGB) && raw->n > 0)
+        memcpy(out->rgb, raw->rgb, 3 * raw->n * sizeof *raw->rgb);
+    return SPIN_OK;
 }
 
 /* ---- The data set ---------------------------------------------------------------------------- */
@@ -88,6 +106,54 @@ static void drop_data(struct import *im)
     free(im->data);
     im->data = NULL;
     im->meta.data_from[0] = '\0';
+}
+
+/* The placement applies to positions that include the shift. */
+static void place_shift(struct import *im)
+{
+    struct spin_placement *p = &im->placement;
+    struct spin_scene_rotation turn;
+    double *shift = im->sequence.shift;
+    spin_vec3 v;
+
+    spin_scene_rotation_from(p->q, &turn);
+    v = spin_scene_rotation_place(&turn,
+                                  spin_v3((float)shift[0], (float)shift[1], (float)shift[2]));
+    p->shift[0] += p->scale * v.x;
+    p->shift[1] += p->scale * v.y;
+    p->shift[2] += p->scale * v.z;
+    memset(shift, 0, sizeof im->sequence.shift);
+}
+
+/* Moves the splats of a run that nerfstudio centred and scaled to the cameras of the data set.
+ * Without a data set, only a note mentions the transform. */
+static spin_status undo_centring(struct import *im)
+{
+    SPIN_FREED char *path = NULL;
+    spin_status status = spin_parser_find(im->input, im->data, im->meta.data_from, &im->placement,
+                                          &path, &im->is_placed);
+
+    if (!im->data && (status != SPIN_OK || im->is_placed)) {
+        im->is_placed = false;
+        if (status == SPIN_OK)
+            spin_note(&im->sequence,
+                      "nerfstudio centred and scaled the scene ('%s'): give the data set with "
+                      "--data to undo this",
+                      path);
+        return status == SPIN_E_MEMORY ? status : SPIN_OK;
+    }
+    if (status != SPIN_OK || !im->is_placed)
+        return status;
+    spin_note(&im->sequence,
+              "the splats were moved to the world of the data set: nerfstudio's centring and scale "
+              "of %g ('%s') are undone",
+              1 / im->placement.scale, path);
+    place_shift(im);
+    if (!im->four_d)
+        return SPIN_OK;
+    SPIN_TRY(spin_splats_4d_place(im->four_d, &im->placement, &im->placed_4d));
+    im->four_d = &im->placed_4d;
+    return SPIN_OK;
 }
 
 /* Opens the data set. This comes before the choice of frames, since a continuous method may be
@@ -113,6 +179,8 @@ static spin_status open_data(struct import *im)
         drop_data(im);
         status = SPIN_OK;
     }
+    if (status == SPIN_OK)
+        status = undo_centring(im);
     if (im->data && status == SPIN_OK)
         spin_views_shift(&im->views, im->sequence.shift);
     if (im->data && *im->views.notes)
@@ -1083,6 +1151,8 @@ spin_status spin_import(const struct spin_import_options *o, char **report)
     spin_splats_free(&im.slot[0]);
     spin_splats_free(&im.slot[1]);
     spin_splats_free(&im.splats);
+    spin_splats_free(&im.unplaced);
+    spin_splats_4d_free(&im.placed_4d);
     spin_views_free(&im.views);
     spin_column_stats_close(&im.describe);
     free(im.rows);

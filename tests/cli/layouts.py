@@ -125,6 +125,14 @@ def make(root):
     text(root + '/technicolor/cameras_parameters.txt', 'f cu cv ar sk qw qx qy qz tx ty tz\n' + ''.join(
         ' '.join(map(repr, [c.f, c.cx, c.cy, 1.0, 0.0] + list(c.q) + c.t)) + ' \n' for c in rig))
     expect('technicolor', lambda f, c: 'Fabien_undist_%05d_%02d.png' % (f, c), lambda c: c == 0)
+    # Its original images have two coefficients of distortion, which are 0 here, and an aspect ratio.
+    images(root + '/technicolor_14', lambda f, c: 'Birthday_%03d_%02d.png' % (f + 151, c))
+    text(root + '/technicolor_14/cameras_parameters.txt', 'f cu cv ar sk k1 k2 qw qx qy qz tx ty tz\n' + ''.join(
+        ' '.join(map(repr, [c.f / 1.25, c.cx, c.cy, 1.25, 0.0, 0.0, 0.0] + [2 * v for v in c.q] + c.t)) + '\n'
+        for c in rig))
+    expect('technicolor_14', lambda f, c: 'Birthday_%03d_%02d.png' % (f + 151, c), lambda c: c == 0, first=151)
+    for view in expected['technicolor_14']:
+        view['fx'] /= 1.25
     # A rig's one model: folders per camera, per frame, one folder, and all images in the model.
     make_rig(root, 'rig_cameras', '/sparse/0', [n + '.png' for n in cam], lambda f, c: '%s/%04d.png' % (cam[c], f))
     make_rig(root, 'rig_frames', '/sparse/0', [n + '.png' for n in cam],
@@ -170,7 +178,7 @@ def compare(expected, views, root):
     sys.exit(bool(bad))
 
 
-if sys.argv[1] == 'make':
+if __name__ == '__main__' and sys.argv[1] == 'make':
     make(sys.argv[2])
-else:
+elif __name__ == '__main__':
     compare(sys.argv[2], sys.argv[3], sys.argv[4])

@@ -20,6 +20,7 @@ done <<SETS
 multipleview clip --pair=order
 colmap_t clip -
 technicolor clip -
+technicolor_14 clip --pair=order
 rig_cameras clip -
 rig_frames clip -
 rig_flat clip -
@@ -42,6 +43,13 @@ out_has "^ *1 *2 .*cam02/0000.png" "its first image is paired with frame 1"
 is "$(grep -c cam02 "$work/out")" 2 "and its last with no frame"
 run "$bin/spin-import" "$work/sets/clip" --offsets cam02=1 -o "$work/none.spin"
 fails 2 spin-import "--offsets requires --data"
+
+# Images with lens distortion are refused, as in all data sets.
+sed '2s/ 0.0 0.0 0.0 / 0.0 0.125 0.0 /' "$work/sets/technicolor_14/cameras_parameters.txt" >"$work/parameters"
+cp "$work/parameters" "$work/sets/technicolor_14/cameras_parameters.txt"
+run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/technicolor_14" --pair order -o "$work/none.spin"
+fails 1 spin-import "Technicolor's distortion is refused"
+err_has "line 2: there is a distortion of 0.125, 0: use the undistorted images" "with its line and its coefficients"
 
 # A data set in place of a run.
 run "$bin/spin-import" "$work/sets/rig_cameras" -o "$work/none.spin"

@@ -1,4 +1,4 @@
-/* rotor4dgs: options, a data parser's transform, and files that lie.
+/* rotor4dgs: options, and files that lie.
  * K: rotor4dgs import */
 #include "tests/importers/edits.h"
 
@@ -21,11 +21,6 @@ static void test_options(const char *root)
     fails_with(FROM, path, cull, "expected opacity, time or none", "a rule that is none");
 
     file = path_in(folder, "nerfstudio_models/step-000002000.ckpt");
-    write_text(path_in(folder, "dataparser_transforms.json"),
-               "{\"transform\": [[1,0,0,0.5],[0,1,0,0],[0,0,1,0]], \"scale\": 1.0}");
-    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.sequence.notes, "moves and scales"),
-       "a data parser's transform is noted");
-    run_close(&run);
     ok(run_open(NULL, file, &run) == SPIN_OK && !strcmp(run.importer->name, FROM),
        "the file alone is recognised");
     run_close(&run);

@@ -4,7 +4,7 @@
 #     cmd                  -> spin.h base/program.h base/text.h io/json.h io/template.h cmd, and train/options.def, which is data
 #     importers            -> spin.h formats geometry io math base, and headers of their own room
 #     exporters            -> spin.h formats geometry io math base, and headers of their own room
-#     run                  -> every room below
+#     run                  -> every room below, of formats only gaussian.h
 #     train                -> spin.h eval render model scene device/*.h io math base train
 #     eval                 -> spin.h render model scene device/*.h io math base eval
 #     render               -> spin.h model scene device/*.h io math base render
@@ -29,7 +29,7 @@ ours() {
     src/cmd/*) echo '^(spin(_run)?\.h|base/(program|text)\.h|io/(json|template)\.h|cmd/.*|train/options\.def)$' ;;
     importers/*) echo '^(spin\.h|(formats|geometry|io|math|base|importers)/.*)$' ;;
     exporters/*) echo '^(spin\.h|(formats|geometry|io|math|base|exporters)/.*)$' ;;
-    src/run/*) echo '^(spin(_run)?\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|geometry|io|math|base|run)/.*)$' ;;
+    src/run/*) echo '^(spin(_run)?\.h|formats/gaussian\.h|device/[a-z_]+\.h|(train|eval|render|model|scene|geometry|io|math|base|run)/.*)$' ;;
     src/train/*) echo '^(spin(_train)?\.h|device/[a-z_]+\.h|(eval|render|model|scene|geometry|io|math|base|train)/.*)$' ;;
     src/eval/*) echo '^(spin\.h|device/[a-z_]+\.h|(render|model|scene|io|math|base|eval)/.*)$' ;;
     src/render/*) echo '^(spin\.h|device/[a-z_]+\.h|(model|scene|io|math|base|render)/.*)$' ;;
