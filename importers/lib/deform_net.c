@@ -1,7 +1,9 @@
 /* The network of Deformable 3D Gaussians: loading, and its inputs. */
 #include "importers/lib/deform_net.h"
 
-enum { MAX_LAYERS = 32, MAX_TIME_FREQUENCIES = 64 };
+enum { MAX_LAYERS = 32, MAX_FREQUENCIES = 64 };
+/* Frequencies in the encoding of positions, where no time network shows their number. */
+enum { OWN_FREQUENCIES = 10 };
 
 /* Loads linear.0, whose weights [W, I] define the width W and the number of inputs I, and the
  * layers after it. Their weights are [W, W], except for one layer with a skip connection from the
@@ -46,27 +48,44 @@ static spin_status load_layers(struct spin_model *m, struct deform_net *d)
     return SPIN_OK;
 }
 
+/* Divides the inputs of the first layer between position and time. The outputs of a time network
+ * are those for the time; without it, the method's own number of inputs is assumed for the
+ * position. */
+static spin_status count_inputs(struct deform_net *d)
+{
+    d->n_time = d->time.n ? spin_mlp_n_out(&d->time) : d->n_in - 3 - 6 * OWN_FREQUENCIES;
+    d->n_position = d->n_in - d->n_time;
+    if (d->n_time < 1)
+        return spin_malformed("tensor 'linear.0.weight' has %d inputs, expected more than %d, the "
+                              "inputs for the position",
+                              d->n_in, d->n_position);
+    if (d->n_position < 3 || d->n_position % 6 != 3 || d->n_position > 3 + 6 * MAX_FREQUENCIES)
+        return spin_malformed("tensor 'linear.0.weight' has %d inputs, and the time network %d "
+                              "outputs, which leaves %d inputs for the position, expected 3 and "
+                              "six for each frequency, for at most %d frequencies",
+                              d->n_in, d->n_time, d->n_position, MAX_FREQUENCIES);
+    return SPIN_OK;
+}
+
 /* Loads the time network, if there is one. Without it, the first layer's input is the encoding of
  * the time itself. */
 static spin_status load_time(struct spin_model *m, struct deform_net *d)
 {
-    int inputs = d->n_time = d->n_in - DEFORM_POSITION_INPUTS;
+    bool has = spin_model_get(m, "timenet.0.weight") || spin_model_get(m, "timenet.2.weight");
+    int inputs;
 
-    if (d->n_time < 1)
-        return spin_malformed("tensor 'linear.0.weight' has %d inputs, expected more than %d, the "
-                              "inputs for the position",
-                              d->n_in, DEFORM_POSITION_INPUTS);
-    if (spin_model_get(m, "timenet.0.weight") || spin_model_get(m, "timenet.2.weight")) {
+    if (has) {
         SPIN_TRY(spin_model_layer(m, "timenet.0", -1, -1, MLP_RELU, &d->time));
-        SPIN_TRY(spin_model_layer(m, "timenet.2", spin_mlp_n_out(&d->time), d->n_time, MLP_PLAIN,
-                                  &d->time));
-        inputs = d->time.layer[0].n_in;
+        SPIN_TRY(
+            spin_model_layer(m, "timenet.2", spin_mlp_n_out(&d->time), -1, MLP_PLAIN, &d->time));
     }
+    SPIN_TRY(count_inputs(d));
+    inputs = has ? d->time.layer[0].n_in : d->n_time;
     d->frequencies = (inputs - 1) / 2;
-    if (inputs % 2 == 0 || d->frequencies > MAX_TIME_FREQUENCIES)
+    if (inputs % 2 == 0 || d->frequencies > MAX_FREQUENCIES)
         return spin_malformed("the encoding of the time has %d values, expected 1 and two for each "
                               "frequency, for at most %d frequencies",
-                              inputs, MAX_TIME_FREQUENCIES);
+                              inputs, MAX_FREQUENCIES);
     return SPIN_OK;
 }
 
@@ -115,8 +134,8 @@ void spin_deform_net_encode(const struct deform_net *net, const float *const at[
 {
     for (int p = 0; p < MLP_BLOCK; p++) {
         for (int c = 0; c < 3; c++)
-            encode(at[p][c], DEFORM_FREQUENCIES, 3, MLP_BLOCK, in + c * MLP_BLOCK + p);
+            encode(at[p][c], (net->n_position - 3) / 6, 3, MLP_BLOCK, in + c * MLP_BLOCK + p);
         for (int i = 0; i < net->n_time; i++)
-            in[(DEFORM_POSITION_INPUTS + i) * MLP_BLOCK + p] = net->inputs[i];
+            in[(net->n_position + i) * MLP_BLOCK + p] = net->inputs[i];
     }
 }

@@ -5,16 +5,12 @@
 
 #include "importers/lib/model.h"
 
-enum {
-    DEFORM_FREQUENCIES = 10, /* in the encoding of positions; fixed by the method, not stored */
-    DEFORM_POSITION_INPUTS = 3 + 6 * DEFORM_FREQUENCIES
-};
-
 struct deform_net {
     struct mlp_net linear; /* one layer has a skip connection from the input */
     int n_in, width;
     struct mlp_net time; /* the time network; time.n is 0 if there is none */
-    int n_time;          /* number of inputs of `linear` that depend on time */
+    int n_position;      /* number of inputs of `linear` that encode the position */
+    int n_time;          /* number of inputs after these, which depend on time */
     float *inputs;       /* [n_time] these inputs for the current frame; then scratch memory */
     int frequencies;     /* number of frequencies in the encoding of time */
 };
