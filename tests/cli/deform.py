@@ -1,6 +1,8 @@
-"""deform.py make FOLDER: writes models of Deformable 3D Gaussians whose networks have other widths and
-depths than the method's own, and covariances and positions that are computed here, in double.
-deform.py compare EXPECTED FRAME.ply TIME: compares with an exported frame. Only the standard library."""
+"""deform.py make FOLDER: writes models of Deformable 3D Gaussians whose networks have other widths
+and depths than the method's default, with the positions and covariances expected of them, computed
+here in double precision.
+deform.py compare EXPECTED FRAME.ply TIME: compares an exported frame with the expected one.
+Needs only the standard library."""
 import json, math, os, pickle, random, struct, sys, types, zipfile
 from collections import OrderedDict
 
@@ -8,7 +10,7 @@ N = 6
 PLAIN = ('x y z f_dc_0 f_dc_1 f_dc_2 ' + ' '.join('f_rest_%d' % i for i in range(45))
          + ' opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3').split()
 TIMES = (0.0, 0.375, 1.0)
-# name: layers, width, with the time network (of this width), 6dof, frequencies of positions
+# name: layers, width, width of the time network (0: none), 6dof, frequencies of positions
 MODELS = {'narrow': (8, 24, 0, False, 10), 'shallow': (3, 40, 0, True, 10),
           'deep': (12, 17, 16, False, 10), 'wide': (5, 300, 50, True, 10), 'coarse': (4, 33, 20, False, 6)}
 
@@ -19,7 +21,7 @@ class Storage:
 
 
 def torch_file(path, tensors):
-    """A state dict as torch.save() writes it."""
+    """A state dict in the layout of torch.save()."""
     torch, utils = types.ModuleType('torch'), types.ModuleType('torch._utils')
     utils._rebuild_tensor_v2 = lambda *a: a
     utils._rebuild_tensor_v2.__module__, utils._rebuild_tensor_v2.__qualname__ = 'torch._utils', '_rebuild_tensor_v2'

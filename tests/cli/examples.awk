@@ -1,11 +1,12 @@
-# The examples of a document or a manual page, as files NUMBER.sh and NUMBER.py in the folder `into`, with the lines
-# "NUMBER kind file:line" on stdout. A block that begins with "$ " is a session: only its lines after "$ " count.
-# A block that begins with no command is a drawing, a formula or a list of files, and is passed over; but no line of
-# it may begin with a command of ours.
+# Extracts the examples of a document or manual page into files NUMBER.sh and NUMBER.py in the
+# folder `into`, and prints a line "NUMBER kind file:line" for each. A block that begins with "$ "
+# is a session: only its lines after "$ " are run. A block that does not begin with a command is a
+# drawing, a formula or a list of files and is skipped, but none of its lines may begin with one of
+# our commands.
 #
 #     awk -v into=FOLDER -v first=1 -f tests/cli/examples.awk FILE...
 BEGIN {
-    # A first word, after settings of variables.
+    # The first word of a command, after variable assignments.
     command = "^([A-Z_]+=[^ ]* )*(sudo |make|spin-|spin4d |mpirun |sh |node |npm |cc |cp |cd |git |python3 |curl |export |jq |chrt |apt|man |for |bench )"
     n = first - 1
 }
@@ -44,7 +45,7 @@ function add(text) {
     line[++lines] = text
 }
 FNR == 1 { flush(); page = FILENAME ~ /\.[157]$/; fence = 0; code = 1 }
-# Manual pages; neighbouring lines .Dl are one example.
+# Manual pages; consecutive .Dl lines are one example.
 page && /^\.Bd -literal/ { flush(); literal = 1; next }
 page && /^\.Ed/ { flush(); literal = 0; next }
 page && literal { gsub(/\\e/, "\\"); add($0); next }

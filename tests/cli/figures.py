@@ -1,6 +1,7 @@
-"""figures.py BIN CLIP WORK: for t9005-figures.sh. Numbers that a command prints must be those of --json, and those of the
-report page, too. The numbers of --json are computed a second time with NumPy, from the source, the bundle, the images and
-the output: counts, bounds, ranges, shares of points in view, bytes, losses, PSNR, dynamic regions, errors of a format."""
+"""figures.py BIN CLIP WORK: the checks of t9005-figures.sh. Numbers that a command or the report
+page prints must equal those of --json. The numbers of --json are computed a second time with NumPy
+from the source, the bundle, the images and the output: counts, bounds, ranges, shares of points in
+view, bytes, losses, PSNR, dynamic regions and the errors of a format."""
 import base64
 import json
 import math
@@ -19,7 +20,7 @@ BIN, CLIP, WORK = sys.argv[1:4]
 count, failed = 0, 0
 
 
-# ---- TAP ------------------------------------------------------------------------------------------
+# ---- TAP -----------------------------------------------------------------------------------------
 
 
 def ok(good, name, *why):
@@ -34,7 +35,7 @@ def ok(good, name, *why):
 
 
 def same(got, want, name):
-    """Two texts, line for line; says which lines differ."""
+    """Compares two texts line by line and reports the lines that differ."""
     got, want = got.rstrip("\n").split("\n"), want.rstrip("\n").split("\n")
     lines = ["line %d: got  '%s'\n        want '%s'" % (i + 1, g, w)
              for i, (g, w) in enumerate(zip(got, want)) if g != w]
@@ -49,7 +50,7 @@ def near(got, want, tolerance, name):
     ok(good, name, "got %s" % got, "want %s, tolerance %g" % (want, tolerance))
 
 
-# ---- Commands -------------------------------------------------------------------------------------
+# ---- Commands ------------------------------------------------------------------------------------
 
 
 def path(name):
@@ -57,7 +58,7 @@ def path(name):
 
 
 def run(command, *args, code=0):
-    """What stood on stdout; stderr is kept in said."""
+    """Returns stdout; stderr is kept in `said`."""
     global said, took
     start = time.time()
     p = subprocess.run([os.path.join(BIN, "spin-" + command)] + [str(a) for a in args], stdin=subprocess.DEVNULL,
@@ -71,16 +72,16 @@ def run(command, *args, code=0):
 
 
 def both(command, *args):
-    """As text and as JSON."""
+    """The report as text and as JSON."""
     text = run(command, *args)
     return text, json.loads(run(command, *args, "--force", "--json"))
 
 
-# ---- How figures are written ----------------------------------------------------------------------
+# ---- Formatting of figures -----------------------------------------------------------------------
 
 
 def size(n):
-    """Bytes in powers of 1000, with three digits."""
+    """Bytes in powers of 1000, with three significant digits."""
     u = 0
     while n >= 999.5:
         n, u = n / 1000, u + 1
@@ -88,7 +89,7 @@ def size(n):
 
 
 def leaves(j):
-    """All values of a JSON value."""
+    """All scalars in a JSON value."""
     return [x for v in (j.values() if isinstance(j, dict) else j) for x in leaves(v)] if isinstance(j, (dict, list)) else [j]
 
 
@@ -96,8 +97,9 @@ NUMBER = r"(?<![\w.-])-?\d[\d.]*(?:e[-+]\d+)?(?!\w)"
 
 
 def shown(text, j, name, *more):
-    """Every number of at least two digits in the text is one of the JSON, rounded: as it is, in per cent, in bytes of
-    another unit, in minutes, as the exponential or the sigmoid of a logarithm; or stands in a string of the JSON."""
+    """Every number of at least two digits in the text occurs in the JSON: rounded, as a percentage,
+    as bytes in another unit, as minutes, as the exponential or the sigmoid of a logarithm, or
+    inside a string."""
     have = {n for x in leaves(j) if isinstance(x, str) for n in re.findall(NUMBER, x)}
     for x in [x for x in leaves(j) if isinstance(x, (int, float)) and not isinstance(x, bool)] + list(more):
         of = [x, 100 * x, x / 1e3, x / 1e6, x / 1e9, x / 60]
@@ -109,7 +111,7 @@ def shown(text, j, name, *more):
     ok(not odd, name, odd, text)
 
 
-# ---- The source, the pictures and the bundle, read apart -------------------------------------------
+# ---- Readers of the source, the images and the bundle, independent of the product ----------------
 
 FRAMES = [8, 9, 10, 12, 13]  # numbers of the data set's frames; 11 is missing
 NAMES = ["x", "y", "z"] + ["f_dc_%d" % i for i in range(3)] + ["f_rest_%d" % i for i in range(9)] + [
@@ -117,7 +119,8 @@ NAMES = ["x", "y", "z"] + ["f_dc_%d" % i for i in range(3)] + ["f_rest_%d" % i f
 
 
 def make_source():
-    """PLY frames of the clip with SH of degree 1; each has other splats, and other counts."""
+    """The PLY frames of the clip, with SH degree 1; both splats and counts differ from frame to
+    frame."""
     z, rng, frames = np.load(os.path.join(CLIP, "params.npz")), np.random.default_rng(7), []
     os.mkdir(path("run"))
     for k, n in enumerate(FRAMES):
@@ -138,7 +141,7 @@ def write_ply(to, rows):
 
 
 def read_png(data):
-    """[h][w][3] of 8 bits; colours or grey without interlacing."""
+    """An 8-bit image as [h][w][3]; colour or greyscale, not interlaced."""
     at, packed = 8, b""
     while at < len(data):
         n, kind = struct.unpack(">I4s", data[at:at + 8])
@@ -163,7 +166,8 @@ def read_png(data):
 
 
 def sheets(folder, width, n):
-    """{(frame, camera): pictures} of what spin-eval --images wrote: n side by side, 4 pixels between them."""
+    """{(frame, camera): images} of what spin-eval --images wrote: n side by side, 4 pixels
+    apart."""
     out = {}
     for name in sorted(n for n in os.listdir(folder) if n != "sequence.json"):
         camera, frame = map(int, re.fullmatch(r"cam_(\d+)_frame_(\d+)\.png", name).groups())
@@ -179,21 +183,22 @@ def psnr_of(a, b, where=None):
 
 
 def around(map):
-    """How many of the eight neighbours are set."""
+    """How many of the eight neighbours of each pixel are set."""
     p = np.pad(map.astype(int), 1)
     h, w = map.shape
     return sum(p[1 + y:1 + y + h, 1 + x:1 + x + w] for y in (-1, 0, 1) for x in (-1, 0, 1)) - map
 
 
 def moving(truth, median):
-    """Pixels that differ from the median, less specks, one pixel wider."""
+    """The dynamic region: pixels that differ from the median, without isolated ones, dilated by one
+    pixel."""
     mask = np.abs(truth.astype("f4") / np.float32(255) - median.astype("f4") / np.float32(255)).max(2) > np.float32(20 / 255)
     kept = mask & (around(mask) >= 4)
     return kept | (around(kept) > 0)
 
 
-def weigh(bundle):
-    """Bytes of the parts by the names of the members, packed and unpacked."""
+def sizes_of_parts(bundle):
+    """Packed and unpacked bytes of each part, by the names of the zip members."""
     where = [("source/", "source"), ("refined/", "refined"), ("trained/means/", "positions"),
              ("trained/residual/", "positions"), ("trained/track", "tracks"), ("trained/table", "table"),
              ("trained/", "heads")]
@@ -225,7 +230,7 @@ def meta_of(bundle):
         return json.loads(z.read("meta.json"))
 
 
-# ---- spin-import ----------------------------------------------------------------------------------
+# ---- spin-import ---------------------------------------------------------------------------------
 
 
 def counts_are(j, frames, name):
@@ -248,7 +253,7 @@ def check_import(frames):
             values = [unit(v.astype(float)) for v in values]
         if name == "sh.rest":  # a splat's coefficients, each of three channels
             values = [v.reshape(-1, 3, 3).transpose(0, 2, 1).reshape(-1, 9) for v in values]
-        # The median of at most 65536 values, evenly from every frame.
+        # The median of at most 65536 values, taken evenly from all frames.
         some_of = np.sort(np.concatenate([v.ravel()[::-(-v.size // (65536 // 5))] for v in values]))
         near([r["min"], r["median"], r["max"]], [min(v.min() for v in values), some_of[len(some_of) // 2],
                                                  max(v.max() for v in values)], 1e-6, name)
@@ -266,7 +271,7 @@ def check_import(frames):
 
 
 def check_cameras(frames):
-    """Shares of the points in front of every camera and inside its image, of a rig that moves."""
+    """The shares of points in front of each camera and inside its image, for a moving rig."""
     cameras, least, all = {}, {}, []
     os.mkdir(path("moved"))
     os.symlink(os.path.abspath(os.path.join(CLIP, "ims")), path("moved/ims"))
@@ -307,11 +312,11 @@ def check_cameras(frames):
          [c["least_inside"] for c in j["shares"]["cameras"]], 1e-9, "in the frame that is named")
 
 
-# ---- --info of a bundle ----------------------------------------------------------------------------
+# ---- --info of a bundle --------------------------------------------------------------------------
 
 
-def told_options(stage):
-    """Those that are told of a stage of meta.json: of a network only where one was trained."""
+def reported_options(stage):
+    """The entries reported of a stage in meta.json; a network only if one was trained."""
     network = ("levels features hash_log2 hidden base_resolution finest_resolution residual init_log_scale hash_init_range "
                "lr_table lr_sh lr_scale lr_rotation lr_opacity lr_head_factor relu activation normalise normalise_centre "
                "normalise_radius network_start").split()
@@ -319,14 +324,14 @@ def told_options(stage):
 
 
 def check_bundle(name, source, stages):
-    """stages: splats of every frame, by stage."""
+    """stages: the splats of every frame, by stage."""
     bundle = path(name)
     text, j = both("import", "--info", bundle)
     meta = meta_of(bundle)
     with zipfile.ZipFile(bundle) as z:
         has_table = "trained/table.npy" in z.namelist()
     for stage in stages:
-        ok(j[stage]["options"] == told_options(meta[stage]) and j[stage]["antialias"] == meta[stage].get("antialias", False),
+        ok(j[stage]["options"] == reported_options(meta[stage]) and j[stage]["antialias"] == meta[stage].get("antialias", False),
            "%s: settings of %s" % (name, stage))
         n = stages[stage]
         ok(j[stage]["splats"] == {"min": min(n), "mean": np.mean(n), "max": max(n)}, "%s: splats of %s" % (name, stage),
@@ -334,7 +339,7 @@ def check_bundle(name, source, stages):
     shown(text, j, "--info of %s: the text has the figures of --json" % name)
     ok(j["numbers"] == [FRAMES[-len(source)], FRAMES[-1]], "%s: numbers of the frames" % name, j["numbers"])
     counts_are(j, source, "%s: splats of the source" % name)
-    packed, unpacked = weigh(bundle)
+    packed, unpacked = sizes_of_parts(bundle)
     if has_table:
         field = meta["trained"]["field"]
         ok(j["trained"]["field"]["rows"] == field["offset"][field["levels"]], "%s: rows of its table" % name)
@@ -343,7 +348,7 @@ def check_bundle(name, source, stages):
     return j
 
 
-# ---- spin-retrain ---------------------------------------------------------------------------------
+# ---- spin-retrain --------------------------------------------------------------------------------
 
 
 def quality(name, q):
@@ -351,7 +356,7 @@ def quality(name, q):
 
 
 def check_retrain(name, frames, *args):
-    """Retrains with these options. Returns the JSON and the log."""
+    """Retrains with these options and returns the JSON and the log."""
     out, log = path(name), path(name + ".log")
     j = json.loads(run("retrain", path("all.spin"), "-o", out, "--device", "cpu", "--log", log, "--json", "-v", *args))
     lines, by_frame = read_log(log), j["method"] == "frames"
@@ -380,7 +385,7 @@ def check_retrain(name, frames, *args):
 
 
 def check_said(name, told, j, lines, sizes):
-    """Lines on stderr of a run with -v: those of refined frames, and the numbers of splats and views."""
+    """The lines of a -v run on stderr: refined frames, and the numbers of splats and views."""
     became = re.findall(r"^frame (\d+): (\d+) splats became (\d+), loss ([0-9.]+) became ([0-9.]+)$", told, re.M)
     ok(sorted((int(f), int(n)) for f, n, _, _, _ in became) == (list(zip(FRAMES, sizes)) if j["refine"] else []),
        "%s: a line for every refined frame, with its number and its splats" % name, told)
@@ -393,7 +398,7 @@ def check_said(name, told, j, lines, sizes):
 
 
 def check_text(frames):
-    """What a retraining prints without --json."""
+    """What a training prints without --json."""
     text = run("retrain", path("all.spin"), "-o", path("text.spin"), "--device", "cpu", "--refine", "2", *"--method frames".split())
     j = json.loads(run("retrain", path("all.spin"), "-o", path("text.spin"), "--device", "cpu", "--refine", "2", "--method",
                        "frames", "--json", "--force"))
@@ -407,7 +412,7 @@ def read_log(log):
         return [json.loads(line) for line in f]
 
 
-# ---- spin-eval and the page -------------------------------------------------------------------------
+# ---- spin-eval and the page ----------------------------------------------------------------------
 
 
 def parts_of(j, attributes):
@@ -447,7 +452,8 @@ def text_eval(j, verbose, quiet, fps):
 
 
 def check_means(j, name, n_frames):
-    """Means of frames, cameras and all, from the views. The bundle has n_frames, whichever are measured."""
+    """Averages the views by frame, by camera and over all. The bundle has n_frames, whichever are
+    measured."""
     keys = ["psnr", "ssim", "psnr_channel_mean"] + (
         ["psnr_dynamic", "psnr_static", "dynamic"] if j["dynamic_from"] != "off" else [])
 
@@ -467,7 +473,8 @@ def check_means(j, name, n_frames):
 
 
 def check_eval(name, truth, attributes, n_frames, log, *args):
-    """JSON of what was retrained and of its source, as measured apart from pictures; the page."""
+    """The JSON of the retrained clip and of its source against measurements of the images; then the
+    page."""
     bundle, pictures, page = path(name), path(name + ".pictures"), path(name + ".html")
     text = run("eval", bundle, "-v", "--report", page, "--log", log, "--force", *args)
     fps = tuple(re.search(r"^speed +([0-9.]+) .*, ([0-9.]+) without$", text, re.M).groups())
@@ -479,7 +486,7 @@ def check_eval(name, truth, attributes, n_frames, log, *args):
     same(text, text_eval(j, True, False, fps), name + ": the text has the figures of --json")
     same(run("eval", bundle, "-q", *args), text_eval(j, False, True, fps), name + ": with -q")
     check_means(j, name, n_frames)
-    packed, unpacked = weigh(bundle)
+    packed, unpacked = sizes_of_parts(bundle)
     ok(all(j["storage"][k] == packed[k] and j["storage_unpacked"][k] == unpacked[k] for k in packed), name + ": bytes")
     ok(j["attributes"] == attributes and j["storage"]["measured"] == parts_of(j, attributes), name + ": bytes of " + attributes)
     before = json.loads(run("eval", bundle, "--json", "--source", *args))
@@ -503,7 +510,7 @@ def check_eval(name, truth, attributes, n_frames, log, *args):
 
 
 def read_charts(page):
-    """{title: {line: [(x, y)]}} of the points; sees that points lie on their axes and lines."""
+    """{title: {line: [(x, y)]}} of the points; checks that points lie on their axes and lines."""
     out = {}
     for title, body in re.findall(r"<figcaption>(.*?)</figcaption>\n(.*?)</svg></figure>", page, re.S):
         ticks = {axis: [(float(at), float(value)) for at, value in re.findall(pattern, body)] for axis, pattern in (
@@ -560,7 +567,7 @@ def check_page(name, j, before, seen, log, split="test"):
              ", ".join("%s %.10g" % (k, (stage["field"] or stage)[k]) for k in ("levels", "features", "hidden", "sh_degree")
                        if k in (stage["field"] or {}) or k == "sh_degree") +
              "; trained on " + stage["device"], name + ": its network")
-        ok(json.loads(re.search(r"<pre>(.*?)</pre>", text, re.S).group(1).replace("&quot;", '"')) == told_options(stage), name + ": its options")
+        ok(json.loads(re.search(r"<pre>(.*?)</pre>", text, re.S).group(1).replace("&quot;", '"')) == reported_options(stage), name + ": its options")
 
     # Tiles.
     tiles = [("PSNR", "psnr", 2, " dB"), ("SSIM", "ssim", 4, ""), ("PSNR, dynamic regions", "psnr_dynamic", 2, " dB"),
@@ -599,7 +606,7 @@ def check_page(name, j, before, seen, log, split="test"):
             "%.2f" % q["psnr_dynamic"] for q in of]]
     ok(table_of(text, "Cameras") == table, name + ": the table of cameras", table_of(text, "Cameras"), table)
 
-    # Pictures: whole views, among them the worst, and sections of views in which something moves.
+    # Images: whole views, among them the worst, and crops of views in which something moves.
     worst = min(j["views"], key=lambda v: v["psnr"])
     rows, whole = re.findall(
         r'<p>Frame (\d+), camera (\d+): ([0-9.-]+) dB(?:, before ([0-9.-]+))?</p>\n<div class="row"[^>]*>\n(.*?)</div>', page,
@@ -619,7 +626,7 @@ def check_page(name, j, before, seen, log, split="test"):
     ok((worst["frame"], worst["camera"]) in whole and len(rows) > len(whole), name + ": the worst view, and sections")
 
     # The file.
-    packed, unpacked = weigh(bundle)
+    packed, unpacked = sizes_of_parts(bundle)
     want = [["part", "in the file, MB", "unpacked, MB"]] + [
         [label, "%.2f" % (packed[k] / 1e6), "%.2f" % (unpacked[k] / 1e6)] for label, k in (
             ("source", "source"), ("refined frames", "refined"), ("per-frame values", "positions"), ("tracks", "tracks"),
@@ -627,13 +634,13 @@ def check_page(name, j, before, seen, log, split="test"):
     ok(table_of(text, "Storage") == want, name + ": the table of storage", table_of(text, "Storage"), want)
 
 
-# ---- spin-export ----------------------------------------------------------------------------------
+# ---- spin-export ---------------------------------------------------------------------------------
 
 PARTS = ["place", "log_scale", "rotation_deg", "opacity", "colour"]
 
 
 def count_in(file):
-    """Splats of a file, as its own format counts them."""
+    """The number of splats in a file, as its own format counts them."""
     with open(file, "rb") as f:
         data = f.read()
     if file.endswith(".ply"):
@@ -650,7 +657,7 @@ def count_in(file):
 
 
 def check_folder(name, fmt, frames, counts, retrained, *args):
-    """frames: [(number, time)] that are written, with these counts of splats."""
+    """frames: the [(number, time)] written, with their counts of splats."""
     out = path("out-" + fmt)
     if fmt == "sog" and "libwebp" in subprocess.run([os.path.join(BIN, "spin-export"), path(name), "--to", "sog", "-o", out,
                                                      *args], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, universal_newlines=True).stderr:
@@ -677,7 +684,7 @@ def unit(q):
 
 
 def check_errors(frames):
-    """What .splat loses, worked out from its bytes."""
+    """The losses of .splat, computed from its bytes."""
     j = json.loads(run("export", path("all.spin"), "--to", "splat", "-o", path("lost"), "--check", "--json"))
     parts = {k: [] for k in PARTS}
     for n, rows in zip(FRAMES, frames):
@@ -700,7 +707,7 @@ def check_errors(frames):
 
 
 def check_export(frames, kept):
-    """kept: splats of the retrained frames."""
+    """kept: the splats of the retrained frames."""
     times = {n: k for k, n in enumerate(FRAMES)}
     for fmt in ("ply", "compressed-ply", "splat", "spz", "gltf", "sog"):
         check_folder("tracks.spin", fmt, [(n, times[n]) for n in FRAMES[1:]], kept[1:], True, "--range", "9:14")
@@ -719,7 +726,7 @@ def check_export(frames, kept):
         ok(j["bytes"] == os.path.getsize(path(name)) and j["frames"] == n, name + ": bytes and frames", j)
 
 
-# ---- All ------------------------------------------------------------------------------------------
+# ---- All -----------------------------------------------------------------------------------------
 
 
 def main():

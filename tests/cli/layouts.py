@@ -1,6 +1,6 @@
-"""layouts.py make FOLDER: writes a small data set in each layout, with splats of three frames, and
-what its views are, computed here. layouts.py compare EXPECTED VIEWS: compares with the list that
-spin-import --info --views --json prints. Needs only the standard library."""
+"""layouts.py make FOLDER: writes a small data set in each layout, with splats of three frames and
+the expected views, computed here. layouts.py compare EXPECTED VIEWS: compares the expected views
+with the list that spin-import --info --views --json prints. Needs only the standard library."""
 import json, math, os, random, struct, sys, zlib
 
 W, H, FRAMES, CAMERAS = 16, 8, 3, 3
@@ -114,7 +114,7 @@ def make(root):
     make_rig(root, 'multipleview', '/sparse_', ['image%d.jpg' % (c + 1) for c in range(CAMERAS)],
              lambda f, c: 'cam%02d/frame_%05d.png' % (c + 1, f + 1), first=1)
     text(root + '/multipleview/points3D_multipleview.ply', 'ply\n')
-    # SpacetimeGaussians: the model of the first folder counts.
+    # SpacetimeGaussians: the COLMAP model of the first folder is used.
     images(root + '/colmap_t', lambda f, c: 'colmap_%d/images/%s.png' % (f, cam[c]))
     model_binary(root + '/colmap_t/colmap_0/sparse/0', rig, [n + '.png' for n in cam])
     for f in range(1, FRAMES):
@@ -125,7 +125,7 @@ def make(root):
     text(root + '/technicolor/cameras_parameters.txt', 'f cu cv ar sk qw qx qy qz tx ty tz\n' + ''.join(
         ' '.join(map(repr, [c.f, c.cx, c.cy, 1.0, 0.0] + list(c.q) + c.t)) + ' \n' for c in rig))
     expect('technicolor', lambda f, c: 'Fabien_undist_%05d_%02d.png' % (f, c), lambda c: c == 0)
-    # Its original images have two coefficients of distortion, which are 0 here, and an aspect ratio.
+    # Its original images have two distortion coefficients, which are 0 here, and an aspect ratio.
     images(root + '/technicolor_14', lambda f, c: 'Birthday_%03d_%02d.png' % (f + 151, c))
     text(root + '/technicolor_14/cameras_parameters.txt', 'f cu cv ar sk k1 k2 qw qx qy qz tx ty tz\n' + ''.join(
         ' '.join(map(repr, [c.f / 1.25, c.cx, c.cy, 1.25, 0.0, 0.0, 0.0] + [2 * v for v in c.q] + c.t)) + '\n'
@@ -133,7 +133,8 @@ def make(root):
     expect('technicolor_14', lambda f, c: 'Birthday_%03d_%02d.png' % (f + 151, c), lambda c: c == 0, first=151)
     for view in expected['technicolor_14']:
         view['fx'] /= 1.25
-    # A rig's one model: folders per camera, per frame, one folder, and all images in the model.
+    # A rig with one COLMAP model: a folder per camera, a folder per frame, a single folder, and all
+    # images registered in the model.
     make_rig(root, 'rig_cameras', '/sparse/0', [n + '.png' for n in cam], lambda f, c: '%s/%04d.png' % (cam[c], f))
     make_rig(root, 'rig_frames', '/sparse/0', [n + '.png' for n in cam],
              lambda f, c: 'images/%04d/%s.png' % (f, cam[c]))
@@ -147,7 +148,8 @@ def make(root):
     # Frames that lack some images: one of 9 is missing.
     make_rig(root, 'missing', '/sparse/0', [n + '.png' for n in cam],
              lambda f, c: None if (f, c) == (1, 2) else 'images/%s/%04d.png' % (cam[c], f))
-    # Stills: text or binary files beside the images, without lines of points, in sparse/0.
+    # Static scenes: text or binary COLMAP files beside the images, without point lines, in
+    # sparse/0.
     names = ['left.png', 'middle.png', 'right.png']
     for name, write, where, images_in in (
             ('still', model_text, '/sparse/0', 'images/'), ('beside_text', model_text, '', ''),

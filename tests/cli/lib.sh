@@ -1,5 +1,5 @@
 # shellcheck shell=sh
-# What the scripts beside this file share: run a command, look at what it said, print TAP.
+# Shared by the scripts beside this file: runs a command, checks its output and prints TAP.
 #
 #     . tests/cli/lib.sh
 #     run "$bin/spin-import" --list
@@ -20,21 +20,21 @@ trap 'exit 130' INT TERM
 count=0
 failed=0
 
-# tests/run.sh looks for one that has NumPy.
+# tests/run.sh looks for a Python that has NumPy.
 [ -z "${SPIN_PYTHON:-}" ] || python3() { "$SPIN_PYTHON" "$@"; }
 
-# Run a command; leaves $code, $work/out and $work/err.
+# Runs a command and sets $code, $work/out and $work/err.
 run() {
     "$@" >"$work/out" 2>"$work/err" </dev/null
     code=$?
 }
 
-# strace OPTION... COMMAND. Two cannot trace a program at once, so LeakSanitizer must not try.
+# strace OPTION... COMMAND. LeakSanitizer is off: it would need ptrace, which strace already uses.
 traced() {
     ASAN_OPTIONS=${ASAN_OPTIONS:-}:detect_leaks=0 strace "$@"
 }
 
-# ok TRUTH NAME: TRUTH is the exit status of what was tried.
+# ok STATUS NAME: passes if STATUS, an exit status, is 0.
 ok() {
     count=$((count + 1))
     if [ "$1" = 0 ]; then
@@ -60,8 +60,8 @@ skip() { # NAME WHY
 out_has() { grep -q -e "$1" "$work/out"; ok $? "$2"; }
 err_has() { grep -q -e "$1" "$work/err"; ok $? "$2"; }
 
-# The last run failed as it should: this code, one line that begins with the command's name and does not
-# end in a full stop, nothing on stdout.
+# The last run failed properly: with this exit code, nothing on stdout, and one line on stderr that
+# begins with the command's name and does not end in a full stop.
 fails() { # CODE COMMAND NAME
     is "$code" "$1" "$3: exit code $1"
     [ "$(wc -l <"$work/err")" = 1 ] && grep -q "^$2: .*[^.]\$" "$work/err"
@@ -70,7 +70,7 @@ fails() { # CODE COMMAND NAME
     ok $? "$3: nothing on stdout"
 }
 
-# stdout is exactly one JSON document, as far as a program at hand can tell.
+# stdout is exactly one JSON document, checked with whatever parser this machine has.
 is_json() { # NAME
     if command -v jq >/dev/null 2>&1; then
         [ "$(jq -s length "$work/out" 2>/dev/null)" = 1 ]
@@ -83,13 +83,13 @@ is_json() { # NAME
     fi
 }
 
-# A member on the top level of our JSON, a number or a word.
+# The value of a top-level member of our JSON, a number or a word.
 member() { sed -n 's/^  "'"$1"'": "*\([^",]*\)"*,*$/\1/p' "${2:-$work/out}"; }
 
-# True when A > B, as numbers.
+# True if A > B, as numbers.
 greater() { awk -v a="$1" -v b="$2" 'BEGIN { exit !(a != "" && b != "" && a + 0 > b + 0) }'; }
 
-# Nothing of this name or beginning with it was left behind.
+# No file with this name or this prefix was left behind.
 nothing_at() { # PATH NAME
     ! ls -d "$1"* >/dev/null 2>&1
     ok $? "$2"
@@ -101,7 +101,7 @@ done_testing() {
     exit
 }
 
-# The retrained frames of two bundles as PLY, in a and b; fails unless both have all frames.
+# Exports the retrained frames of two bundles as PLY to a and b; fails unless both have all frames.
 both_frames() { # BUNDLE BUNDLE
     rm -rf "$work/a" "$work/b"
     "$bin/spin-export" "$1" --to ply -o "$work/a" -q >/dev/null 2>"$work/err" &&

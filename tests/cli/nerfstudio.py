@@ -1,5 +1,6 @@
-"""nerfstudio.py make FOLDER: writes splats in the world of nerfstudio, in that of transforms.json and
-in that of COLMAP, each moved here, with a data set of both kinds and dataparser_transforms.json.
+"""nerfstudio.py make FOLDER: writes the same splats in the world of nerfstudio, in that of
+transforms.json and in that of COLMAP, transformed here, with a data set of both kinds and
+dataparser_transforms.json.
 nerfstudio.py compare A.ply B.ply: compares two exported files."""
 import json, math, os, random, struct, sys
 
@@ -73,7 +74,7 @@ def make(root):
     qA = [math.sqrt(0.5), -math.sqrt(0.5), 0, 0]
     D = matrix(qD)
     nerfstudio = place(original, qD, scale, [scale * v for v in tD])
-    # p' = scale/applied (D A^-1 p + t): undone for the world of transforms.json
+    # p' = scale/applied (D A^-1 p + t), inverted for the world of transforms.json
     inverse = [qD[0]] + [-v for v in qD[1:]]
     M = matmul(A, transpose(D))
     saved = place(nerfstudio, join(qA, inverse), applied / scale, [-v for v in product(M, tD)])

@@ -1,5 +1,5 @@
 # shellcheck shell=sh
-# For the scripts about several processes: how they are started, and skipped where they cannot be.
+# Starts several processes for the tests of ranks, and skips those tests where MPI cannot run.
 build=${SPIN_BUILD:-build/release}
 if ! command -v mpirun >/dev/null 2>&1; then
     skip "ranks" "mpirun is not here: package openmpi-bin"

@@ -1,5 +1,5 @@
 #!/bin/sh
-# --help, --version and --list of every command; they go to stdout and succeed.
+# --help, --version and --list of every command print to stdout and succeed.
 . tests/cli/lib.sh
 
 for name in spin4d spin-import spin-retrain spin-eval spin-export; do

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Asked wrongly: exit code 2 and one line that says what and points at --help.
+# Wrong usage gives exit code 2 and one line that names the fault and points at --help.
 . tests/cli/lib.sh
 
 # misuse WORDS-EXPECTED COMMAND ARGUMENTS...
@@ -94,7 +94,7 @@ is "$code $(head -n 1 "$work/out" | cut -c1-12)" "0 spin-import:" "spin4d help i
 run "$bin/spin4d" version
 is "$code $(cut -c1-7 "$work/out")" "0 spin4d " "spin4d version"
 
-# A name that is that of another format.
+# An alias of another format's name.
 misnamed() {
     expected=$1
     shift
@@ -115,7 +115,7 @@ misnamed "is that of exporter 'html', but --to is 'ply'" "spin-export $work/One.
 misnamed "is that of exporter 'ply', but --to is 'html'" "spin4d $work/One.SPIN --no-retrain --to html -o $work/new.ply"
 misnamed "no exporter for the extension of '.*new.mov': the nearest format is .mp4" "spin4d $work/One.SPIN --no-retrain -o $work/new.mov"
 
-# The preset that other options imply.
+# A preset implied by other options.
 implies() {
     preset=$1
     shift
@@ -129,7 +129,7 @@ implies paper --method network
 implies paper --method frames
 implies best --method frames --preset best
 
-# Names of formats and endings have no case.
+# Names of formats and file extensions are matched without case.
 run "$bin/spin-export" "$work/One.SPIN" -o "$work/A.PLY" --json
 is "$code $(member to)" "0 ply" "-o A.PLY"
 run "$bin/spin-export" "$work/One.SPIN" --to FTGS-or-PLY -o "$work/a"

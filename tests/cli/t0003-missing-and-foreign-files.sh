@@ -1,5 +1,6 @@
 #!/bin/sh
-# What is not there or not ours: exit code 1, one line that names it, nothing written.
+# Missing files and files of other programs give exit code 1 and one line that names them; nothing
+# is written.
 . tests/cli/lib.sh
 
 echo "not a zip" >"$work/text.spin"
@@ -24,7 +25,7 @@ for file in "$work/absent.spin" "$work/text.spin" "$work/empty.spin" "$work/holl
     nothing_at "$work/new" "export $word: nothing was written"
 done
 
-# What an importer knows: who reads it, and as what.
+# Files known to an importer: which importer reads the file, and as what.
 for pair in ply:fixtures/ply/brush_sh1/00001.ply gltf:fixtures/splats/glb/frame_00000.glb \
     spz:fixtures/splats/spz4/frame_00000.spz tc3dgs:fixtures/tc3dgs/trained/params.npz d3dgs:$clip; do
     file=${pair#*:}
@@ -39,7 +40,7 @@ nothing_at "$work/new" "what is not a bundle: nothing was written"
 run "$bin/spin-export" "$work/text.spin" -o "$work/new.glb"
 err_has "'$work/text.spin' is not a bundle\$" "text is not a bundle"
 
-# What nothing here reads is named, with what to do.
+# Files that no importer reads are named, with advice.
 mkdir -p "$work/in/out" "$work/empty" "$work/pictures" "$work/films" "$work/packed"
 cp fixtures/ply/brush_sh1/00001.ply "$work/in/out/p.ply"
 cp $clip/ims/0/*.jpg "$work/pictures"
@@ -80,7 +81,7 @@ for pair in "$work/a.zip=is a ZIP" "$work/film.mp4=is a video: give the folder" 
     err_has "'$(echo "${pair%%=*}" | sed 's/[*]/[*]/')': it ${pair#*=}" "--data: it ${pair#*=}"
 done
 
-# A line is one write, so that no text of another process stands within it.
+# Each line is a single write(), so that lines of several processes do not interleave.
 if strace -f -o "$work/strace" true 2>/dev/null; then
     for command in spin-import spin-eval spin-export spin-retrain; do
         run traced -f -qq -e trace=write -o "$work/strace" "$bin/$command" "$work/text.spin" -o "$work/new.glb"
@@ -93,7 +94,7 @@ else
     skip "a line on stderr is one write" "no strace"
 fi
 
-# SOG is a zip with a meta.json as well.
+# SOG is a zip file with a meta.json too.
 cp fixtures/splats/splat/frame_00000.splat "$work/one.splat"
 "$bin/spin-import" -q "$work/one.splat" -o "$work/one.spin" && "$bin/spin-export" -q "$work/one.spin" -o "$work/one.sog"
 run "$bin/spin-import" "$work/one.sog" -o "$work/back.spin" --json
@@ -104,7 +105,7 @@ run "$bin/spin-export" "$work/one.sog" -o "$work/new.glb"
 fails 1 spin-export "export of SOG"
 nothing_at "$work/new" "SOG: nothing was written"
 
-# A full disk, as a limit on the size of files.
+# A full disk, simulated by a limit on the size of files.
 (
     ulimit -f 16
     exec "$bin/spin-import" "$clip" -o "$work/new.spin" >"$work/out" 2>"$work/err"
@@ -114,7 +115,8 @@ fails 1 spin-import "a full disk"
 err_has "cannot write '$work/new.spin': File too large" "a full disk: says what the system said"
 nothing_at "$work/new" "a full disk: nothing was written"
 
-# little_memory KILOBYTES COMMAND...: the sanitisers need more address space than a limit leaves.
+# little_memory KILOBYTES COMMAND...; skipped with sanitisers, whose address space exceeds the
+# limit.
 little_memory() {
     (
         ulimit -v "$1"
@@ -139,7 +141,8 @@ for limit in 200000 350000 400000 450000 500000 600000 700000; do
     rm -rf "$work/new.spin"*
 done
 
-# The shims of OpenImageIO and FFmpeg: a library that does not fit is a lack of memory, and not one that is missing.
+# The shims of OpenImageIO and FFmpeg: a library that cannot be mapped is reported as lack of
+# memory, not as missing.
 for what in "spin-image: --to images --format exr -o $work/little" "spin-video: --path orbit --size 64x64 -o $work/little.mp4"; do
     if [ ! -f "$bin/../lib/${what%%:*}.so" ]; then
         skip "little memory for ${what%%:*}" "not built"

@@ -1,18 +1,20 @@
 #!/bin/sh
 # K: build install make
-# The Makefile as a packager uses it: own flags, other folders, silence, the same bytes, and all taken away again.
+# The Makefile as a packager uses it: their flags, other folders, quiet output, reproducible files
+# and a complete uninstall.
 . tests/cli/lib.sh
 build=${SPIN_BUILD:-build/release}
 config=$(basename "$build")
 objects='src/base/shim.o src/device/cpu/contract.base.o'
-# AddressSanitizer writes the path of a source into the object, also where that source is made in the build folder.
+# AddressSanitizer stores the path of a source in the object, even for sources generated in the
+# build folder.
 [ "$config" = asan ] || objects="$objects exporters/html_page.o"
 unset MAKEFLAGS MFLAGS MAKELEVEL
 
-# make in this tree, for its own objects
+# Runs make in this tree, for its own objects.
 own_make() { make --no-print-directory BUILD="$(dirname "$build")" CONFIG="$config" CUDA=0 "$@"; }
 
-# ---- Flags of the packager ---------------------------------------------------------------------------
+# ---- Flags of the packager -----------------------------------------------------------------------
 
 run own_make -n -B V=1 CC=mycc CXX=my++ CPPFLAGS=-DMINE_P CFLAGS=-DMINE_C CXXFLAGS=-DMINE_X LDFLAGS=-Wl,--mine all
 is "$code" 0 "make -n with the packager's flags"
@@ -29,7 +31,7 @@ is "$(grep -c 'mfma.*-DMINE_C' "$work/out")" 0 "a path of the CPU has the last w
 run env CFLAGS=-DMINE_C make -n -B V=1 CUDA=0 BUILD="$work/env" CONFIG="$config" "$work/env/$config/src/base/text.o"
 out_has '-DMINE_C' "CFLAGS of the environment"
 
-# ---- Other folders -----------------------------------------------------------------------------------
+# ---- Other folders -------------------------------------------------------------------------------
 
 top=$(pwd)
 mkdir "$work/else"
@@ -38,9 +40,9 @@ is "$code $(wc -c <"$work/out") $(wc -c <"$work/err")" "0 0 0" "make -s from ano
 [ -s "$work/else/build/$config/src/base/text.o" ]
 ok $? "and builds there"
 
-# ---- The same bytes ----------------------------------------------------------------------------------
+# ---- Reproducible builds -------------------------------------------------------------------------
 
-# Two trees in folders of different length, one built inside and one outside.
+# Two trees in folders whose names differ in length, one built inside and one outside.
 mkdir "$work/a" "$work/a-longer-name"
 for tree in a a-longer-name; do
     cp -R Makefile src importers exporters man "$work/$tree"
@@ -74,7 +76,7 @@ else
     skip "make dist" "not a clone of the repository"
 fi
 
-# ---- The shared library ------------------------------------------------------------------------------
+# ---- The shared library --------------------------------------------------------------------------
 
 nm -D --defined-only "$build"/libspin.so.*.*.* | sed 's/.* //' | LC_ALL=C sort >"$work/shown"
 grep -o 'spin_[a-z0-9_]*' src/spin.h src/spin_train.h src/spin_run.h | sed 's/.*://' | LC_ALL=C sort -u >"$work/declared"
@@ -82,7 +84,7 @@ greater "$(wc -l <"$work/shown")" 40
 ok $? "the shared library has the public functions"
 is "$(LC_ALL=C comm -23 "$work/shown" "$work/declared")" "" "and shows nothing else"
 
-# ---- Installed and taken away ------------------------------------------------------------------------
+# ---- Install and uninstall -----------------------------------------------------------------------
 
 for libdir in lib lib/some-machine; do
     run own_make -s BUILD="$work/none" DESTDIR="$work/d" PREFIX=/p LIBDIR=/p/$libdir -o all -n install
@@ -100,7 +102,7 @@ is "$code $(find "$work/d/p" ! -type d -print)" "0 $work/d/p/bin/other" \
     "make uninstall takes all that, and nothing else"
 is "$(find "$work/d/p" -name '*spin4d*')" "" "and its folders"
 
-# ---- spin4d.py where the system's Python looks ---------------------------------------------------------
+# ---- spin4d.py in the search path of the system's Python -----------------------------------------
 
 if /usr/bin/python3 -c 'import numpy' 2>/dev/null; then
     (HOME=$work/home && export HOME && own_make -s DESTDIR= PREFIX="$HOME/.local" install) >"$work/out" 2>"$work/err"
@@ -125,7 +127,7 @@ else
     skip "import spin4d" "no /usr/bin/python3 with numpy"
 fi
 
-# ---- SETUP=0 -------------------------------------------------------------------------------------------
+# ---- SETUP=0 -------------------------------------------------------------------------------------
 
 run own_make -n BUILD="$work/none" SETUP=0 test
 is "$code" 0 "make -n SETUP=0 test"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: completion bash zsh
-# The completion scripts: what bash offers for a line, and that zsh can read them.
+# The completion scripts: bash offers the right words for a line, and zsh can read them.
 . tests/cli/lib.sh
 unset SPIN_PLUGIN_PATH
 PATH=$bin:$PATH # the scripts ask the commands
@@ -23,7 +23,8 @@ for name in spin4d spin-import spin-retrain spin-eval spin-export; do
     is $? 1 "$name --completion to a full disk fails"
 done
 
-# offered COMMAND WORD...: what bash offers for the last word of this line, in $work/out, one a line
+# offered COMMAND WORD...: writes what bash offers for the last word of this line to $work/out, one
+# a line
 offered() {
     bash -c '. "$1/$2.bash"
         shift
@@ -33,7 +34,7 @@ offered() {
         printf "%s\n" "${COMPREPLY[@]}"' bash "$work" "$@" >"$work/out" 2>"$work/err"
     is "$? $(wc -c <"$work/err")" "0 0" "completes '$*'"
 }
-# offers WORDS COMMAND WORD...: exactly these, on one line
+# offers WORDS COMMAND WORD...: bash offers exactly these words
 offers() {
     wanted=$1
     shift
@@ -71,7 +72,8 @@ else
     skip "what bash offers" "no bash"
 fi
 
-# What the commands offer zsh, which makes one word of --name=value and shows the help beside an option.
+# What the commands offer to zsh, which joins --name=value into one word and shows an option's help
+# beside it.
 for line in '--to=images --path' '--to images --path'; do
     # shellcheck disable=SC2086
     run "$bin/spin-export" --complete $line

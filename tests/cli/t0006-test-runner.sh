@@ -1,5 +1,6 @@
 #!/bin/sh
-# What runs all tests: it counts them, runs those it is asked for, and does not take a lost test for a passed one.
+# The test runner counts tests, runs the selected ones, and treats a test that did not finish as
+# failed.
 . "$(dirname "$0")/lib.sh"
 
 runner=$PWD/tests/run.sh
@@ -56,7 +57,7 @@ fails_as() { # NAME LINES SUMMARY REASON
 fails_as "a check" 'echo not ok 1 - wrong; exit 1' "0 passed, 1 failed, 0 skipped" '^     not ok 1 - wrong$'
 fails_as "an exit code" 'echo ok 1 - a; exit 3' "1 passed, 1 failed, 0 skipped" ' s exit code 3$'
 fails_as "silence" 'true' "0 passed, 1 failed, 0 skipped" ' printed no test line$'
-# Its parent is timeout, and that one's the runner.
+# The parent of this process is timeout, whose parent is the runner.
 # shellcheck disable=SC2016
 fails_as "a runner that is killed" 'kill -9 $(cut -d" " -f4 /proc/$PPID/stat)' "0 passed, 0 failed, 0 skipped" \
     '1 of 1 tests did not come to an end'

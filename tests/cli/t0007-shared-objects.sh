@@ -1,18 +1,19 @@
 #!/bin/sh
 # K: shim security install
-# Shared objects are taken from lib/ and lib/spin4d/ beside bin/ only, and not where somebody else can write.
+# Shared objects are loaded only from lib/ and lib/spin4d/ beside bin/, and only if nobody else can
+# write there.
 . tests/cli/lib.sh
 CC=${CC:-gcc}
 build=$(cd "${SPIN_BUILD:-build/release}" && pwd)
 unset SPIN_GLTF_SHIM
 
-# An object whose constructor leaves a trace; it is of no version.
+# A shared object without a version, whose constructor leaves a trace.
 echo '#include <fcntl.h>
 __attribute__((constructor)) static void mark(void) { creat(TRACE, 0600); }' >"$work/trap.c"
 $CC -shared -fPIC -DTRACE="\"$work/trace\"" -o "$work/trap.so" "$work/trap.c"
 ok $? "an object that tells when it is loaded"
 
-# A build like this one, below a folder of somebody.
+# A build like this one, in a folder that another user can write.
 tree=$work/up/tree/build/release
 mkdir -p "$tree/bin" "$tree/lib"
 cp "$build/bin/spin-export" "$tree/bin"
@@ -21,8 +22,8 @@ export_glb() {
     rm -f "$work/trace"
     run "${1:-$tree}/bin/spin-export" fixtures/hostile/bundle/explicit.spin --source -o "$work/x.glb"
 }
-# put FOLDER: the trap lies in it
-put() {
+# put_trap FOLDER: puts the traced object there
+put_trap() {
     mkdir -p "$1"
     cp "$work/trap.so" "$1/spin-gltf.so"
     chmod 755 "$1" "$1/spin-gltf.so"
@@ -31,7 +32,7 @@ loads() { # YES-OR-NO NAME
     is "$([ -e "$work/trace" ] && echo yes || echo no)" "$1" "$2"
 }
 
-put "$tree/lib"
+put_trap "$tree/lib"
 export_glb
 fails 1 spin-export "an object of another version"
 loads yes "lib beside bin is where it is looked for"
@@ -65,18 +66,18 @@ done
 rm "$tree/lib/spin-gltf.so"
 
 for folder in up/lib up/lib/spin4d up/tree/lib up/tree/build/lib up/tree/build/release/bin/lib; do
-    put "$work/$folder"
+    put_trap "$work/$folder"
     export_glb
     loads no "nothing is loaded from $folder"
     err_has "'spin-gltf.so' is missing" "$folder: it says what is missing"
     rm -r "${work:?}/$folder"
 done
-put "$tree/lib/spin4d"
+put_trap "$tree/lib/spin4d"
 export_glb
 loads yes "lib/spin4d of a prefix is where it is looked for"
 rm -r "$tree/lib/spin4d"
 
-# ---- The real ones -------------------------------------------------------------------------------------
+# ---- The real shared objects ---------------------------------------------------------------------
 
 if [ -f "$build/lib/spin-gltf.so" ]; then
     is "$(find "$build/lib" -perm /022)" "" "make leaves none that others can write"

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: long build install make portable wheel
-# What `make portable` writes works with an empty environment, from another folder, with no library of this machine; so
-# does the wheel.
+# The tarball of `make portable` works with an empty environment, from another folder and without
+# any library of this machine; so does the wheel.
 . tests/cli/lib.sh
 build=${SPIN_BUILD:-build/release}
 portable() { make --no-print-directory -s BUILD="$(dirname "$build")" CONFIG="$(basename "$build")" CUDA=0 SETUP=0 portable "$@"; }
@@ -34,7 +34,7 @@ done
 run sh tests/portable.sh "$work/first.tar.gz" $clip
 is "$code $(cat "$work/out")" "0 portable: works" "it works alone"
 
-# That it notices: without a library of its own, and without the image shim.
+# The test detects faults: a package without one of its libraries, and one without the image shim.
 tar -C "$work" -xzf "$work/first.tar.gz"
 tree=$(echo "$work"/spin4d-*)
 for gone in libpng16.so.16 libwebp.so.7 spin-image-plain.so; do
@@ -44,7 +44,8 @@ for gone in libpng16.so.16 libwebp.so.7 spin-image-plain.so; do
     run sh tests/portable.sh "$work/less.tar.gz" $clip
     is "$code $(grep -c '^portable: ' "$work/err")" "1 1" "the test fails without $gone"
 done
-# In a root with nothing but the C library: no /proc, no shell. The README's first command.
+# In a root with nothing but the C library: no /proc, no shell. Runs the first command of the
+# README.
 root=$work/root
 mkdir -p "$root/tmp"
 cp -r "$tree" "$root/spin4d"
@@ -64,7 +65,7 @@ else
 fi
 is "$(grep -c "ffmpeg -framerate\|install.md" "$tree/README")" 2 "the README says how to get videos and EXR"
 
-# ---- The wheel -------------------------------------------------------------------------------------------
+# ---- The wheel -----------------------------------------------------------------------------------
 
 for folder in one two; do
     mkdir "$work/$folder"

@@ -1,6 +1,7 @@
 #!/bin/sh
 # K: spin4d one command convert
-# One command from a run to a clip: what it takes, what it leaves, and that the same call goes on after Ctrl-C.
+# spin4d converts a run to a clip in one command: which inputs it accepts, which files it leaves,
+# and that the same command line resumes after Ctrl-C.
 . tests/cli/lib.sh
 bin=$(cd "$bin" && pwd)
 cp -r $clip "$work/run"
@@ -8,7 +9,7 @@ cd "$work" || exit 1
 mkdir alone
 cp run/params.npz alone
 
-# ---- Without /proc, as in a bare chroot --------------------------------------------------------------
+# ---- Without /proc, as in a bare chroot ----------------------------------------------------------
 
 mkdir empty
 apart="mount --bind '$work/empty' /proc && exec \"\$@\""
@@ -28,7 +29,7 @@ else
 fi
 rmdir empty
 
-# ---- Imported, retrained, exported -------------------------------------------------------------------
+# ---- Imported, retrained, exported ---------------------------------------------------------------
 
 run "$bin/spin4d" run --iterations 40
 is "$code" 0 "a run"
@@ -56,7 +57,7 @@ is "$code $(member to) $(member bundle)" "0 html run.spin" "without the page onl
 is_json "--json"
 err_has "'run.spin' is already finished" "the training is not"
 
-# ---- Without images ------------------------------------------------------------------------------------
+# ---- Without images ------------------------------------------------------------------------------
 
 run "$bin/spin4d" alone --from d3dgs -v
 is "$code" 0 "a run without a data set"
@@ -101,7 +102,7 @@ fails 2 spin4d "a bundle that would replace itself"
 cmp -s clip.spin own.spin
 ok $? "stays"
 
-# ---- 4D splats -----------------------------------------------------------------------------------------
+# ---- 4D splats -----------------------------------------------------------------------------------
 
 run "$bin/spin4d" run -o rows.sogst --iterations 40 --preset paper
 fails 2 spin4d "4D splats by the paper's network"
@@ -129,7 +130,8 @@ is "$code $(echo $(ls -d refined.*))" "0 refined.spin refined.tsog" "refined fra
 run "$bin/spin4d" clip.spin --no-retrain --preset paper -o plain.tsog
 is "$code" 0 "and so are frames that are not to be trained, whatever the preset"
 
-# A data set that nobody named and that does not fit: two of its six frames are gone from its list.
+# A data set that was found without --data but does not fit: two of its six frames are missing from
+# its list.
 mkdir other && cp -r run/ims run/test_meta.json run/train_meta.json other
 python3 - <<'PY'
 import json
@@ -149,7 +151,7 @@ run "$bin/spin4d" other --data other --iterations 40 --force
 is "$code" 2 "the same, named, is an error"
 err_has "^spin4d: .*cannot pair frames" "which says why"
 
-# ---- Interrupted ---------------------------------------------------------------------------------------
+# ---- Interrupted ---------------------------------------------------------------------------------
 
 "$bin/spin4d" run -o cut.html >out 2>err &
 pid=$!
@@ -170,7 +172,7 @@ err_has "; give the same ones, or --force to start anew\$" "and what to type is 
 run "$bin/spin4d" run -o cut.html --iterations 40 --force
 is "$code $(ls -d cut.*)" "0 $(printf 'cut.html\ncut.spin')" "--force starts anew"
 
-# ---- Asked wrongly, and the four commands ----------------------------------------------------------------
+# ---- Wrong usage, and the four commands ----------------------------------------------------------
 
 run "$bin/spin4d"
 fails 2 spin4d "no run"

@@ -1,6 +1,7 @@
 #!/bin/sh
-# The language lint fails on each kind of fault it looks for; the tools for rewriting comments notice
-# changed code.  K: lint language
+# The language lint reports each kind of fault; the tools for rewriting comments detect changed
+# code.
+# K: lint language
 . "$(dirname "$0")/lib.sh"
 
 if ! command -v git >/dev/null || ! command -v python3 >/dev/null; then

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: d3dgs panoptic
-# Dynamic 3D Gaussians runs: described, imported, refused when malformed.
+# Runs of Dynamic 3D Gaussians: described, imported, and refused if malformed.
 . tests/cli/lib.sh
 
 runs=$fixtures/d3dgs

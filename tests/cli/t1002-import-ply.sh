@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: ply
-# PLY files and sequences: described, imported, refused when malformed.
+# PLY files and sequences: described, imported, and refused if malformed.
 . tests/cli/lib.sh
 
 files=$fixtures/ply

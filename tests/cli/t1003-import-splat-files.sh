@@ -1,6 +1,7 @@
 #!/bin/sh
 # K: spz splat ksplat sog gltf glb import
-# SPZ, .splat, .ksplat, SOG and GLB: described, imported, their options, refused when malformed.
+# SPZ, .splat, .ksplat, SOG and GLB: described, imported with their options, and refused if
+# malformed.
 . tests/cli/lib.sh
 
 files=fixtures/splats
@@ -19,9 +20,9 @@ describe ksplat ksplat 2
 describe sog sog 2
 describe glb gltf 2
 
-# ---- Axes --------------------------------------------------------------------------------------------
+# ---- Axes ----------------------------------------------------------------------------------------
 
-# The box around the places, as JSON has it: least x y z, most x y z.
+# The bounding box of the positions in the JSON: minimum x y z, maximum x y z.
 box() { tr -d ' \n' <"$work/out" | sed 's/.*"bounds":{"min":\[\([^]]*\)\],"max":\[\([^]]*\)\]}.*/\1,\2/'; }
 
 run "$bin/spin-import" --info --json "$files/spz3"
@@ -41,7 +42,7 @@ for from in spz gltf; do
 done
 nothing_at "$work/never" "nothing was written"
 
-# ---- One format or two in a folder ----------------------------------------------------------------------
+# ---- One format or two in a folder ---------------------------------------------------------------
 
 mkdir "$work/both"
 cp "$files/spz4/frame_00000.spz" "$files/splat/frame_00000.splat" "$work/both"
@@ -51,7 +52,7 @@ err_has "'splat' or 'spz'.*--from" "and what decides"
 run "$bin/spin-import" --from spz --json "$work/both" -o "$work/both.spin"
 is "$code $(member frames)" "0 1" "--from does"
 
-# ---- Refused ---------------------------------------------------------------------------------------------
+# ---- Refused -------------------------------------------------------------------------------------
 
 for file in spz2/frame_00001.spz spz3/frame_00001.spz spz4/frame_00001.spz glb/frame_00001.glb \
     ksplat/frame_00001.ksplat sog/frame_00001.sog; do
@@ -70,7 +71,7 @@ run "$bin/spin-import" "$work/cut.splat" -o "$work/bad.spin"
 fails 1 spin-import "a row and a half"
 nothing_at "$work/bad" "nothing was written"
 
-# A frame in the middle of a clip that is damaged: nothing is left either.
+# A damaged frame in the middle of a clip: no output is left.
 cp -r "$files/spz3" "$work/clip"
 head -c 700 "$files/spz3/frame_00001.spz" >"$work/clip/frame_00001.spz"
 run "$bin/spin-import" "$work/clip" -o "$work/bad.spin"
@@ -78,7 +79,7 @@ fails 1 spin-import "a damaged frame of a clip"
 err_has "frame_00001.spz" "is named"
 nothing_at "$work/bad" "nothing was written"
 
-# 64 MB of zeros in a gzip of 64 kB, with the header of that many splats.
+# 64 MB of zeros in a gzip stream of 64 kB, with a header that claims as many splats.
 {
     printf 'NGSP\003\0\0\0\0\0\060\0\0\014\0\0'
     head -c $((20 * 3145728)) /dev/zero

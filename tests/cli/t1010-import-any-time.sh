@@ -1,10 +1,11 @@
 #!/bin/sh
 # K: realtime4dgs rotor4dgs omg4
-# Methods that are defined at any time: sampled evenly, at given times, and where a data set is.
+# Methods that are defined at any time are sampled evenly, at given times, or at those of a data
+# set.
 . tests/cli/lib.sh
 . tests/runs.sh
 
-# First and last time of what was imported.
+# The first and the last time of the imported clip.
 times_are() { # TIMES NAME
     tr -d ' \n' <"$work/out" | grep -q -e "\"times\":\\[$1\\]"
     ok $? "$2"
@@ -111,7 +112,7 @@ nothing_at "$work/twice" "nothing was written"
 run "$bin/spin-import" "$run_in" -o "$work/part.spin" --frames 6 --range 1:3 --json
 times_are 0.2,0.4 "--range leaves out some of those sampled"
 
-# A data set of three times, with any picture at hand.
+# A data set of three times, with the same arbitrary image in each view.
 stand_in "$work/data" "$clip/ims/0/000008.jpg"
 cameras "$work/data" 7 0.75
 run "$bin/spin-import" "$run_in" --data "$work/data" --data-from transforms:ending=.jpg \
@@ -135,7 +136,7 @@ for name in comp_xz ftgs_xz; do
     is "$(member from)" omg4 "omg4/$name: by its importer"
 done
 
-# A data set that counts its frames: they go over the whole time, and a note says so.
+# A data set with frame numbers only: they are spread over the whole time range, and a note says so.
 mini=$fixtures/datasets/panoptic_mini
 if [ -d "$mini" ]; then
     run "$bin/spin-import" "$fixtures/rotor4dgs/old_names" --time-range 0,1 --from rotor4dgs \

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: 4dgaussian deformable3dgs motiongs ex4dgs ed3dgs spacetimegs datasets
-# At which times a continuous method is sampled when a data set only counts its frames.
+# The times at which a continuous method is sampled if a data set has frame numbers only.
 . tests/cli/lib.sh
 
 times_are() { # TIMES NAME
@@ -39,7 +39,7 @@ else
     skip "deformable3dgs" "no fixture at hand"
 fi
 
-# Of these the run itself says how many frames it has: 20 and 300, frame i at i/20 and i/300.
+# These two runs define their own number of frames: 20 and 300, with frame i at i/20 and i/300.
 for one in spacetimegs/full_techni/model:0.95 ed3dgs/annealed_early/model:0.99666; do
     path=$fixtures/${one%:*}
     if [ ! -d "$path" ]; then
@@ -51,7 +51,7 @@ for one in spacetimegs/full_techni/model:0.95 ed3dgs/annealed_early/model:0.9966
     run "$bin/spin-import" "$path" --frames 5 -o "$work/${one%%/*}-5.spin" --json
     times_are "0,${one#*:}[0-9]*" "and so with --frames"
 done
-# Ex4DGS counts frames: times are those of the data set's file names, from the first on.
+# Ex4DGS counts frames: its times come from the data set's file names, relative to the first.
 run_in=fixtures/ex4dgs/small/model
 run "$bin/spin-import" "$run_in" --data "$clip" -o "$work/ex.spin" --json
 is "$code" 0 "ex4dgs with a data set of frames 8 to 13"
@@ -66,7 +66,7 @@ times_are "0,1" "data: its own times, if asked for"
 run "$bin/spin-import" "$run_in" --data "$mini" --frame-times unit -o "$work/ex4.spin" --json
 times_are "0,29" "unit: over the whole clip"
 
-# Seconds are told from the unit interval by no more than a doubt.
+# Times in seconds and in the unit interval cannot be told apart for certain: a warning suffices.
 motion=$work/motiongs
 mkdir "$motion"
 cp -R fixtures/deformable3dgs/real_small/model/. "$motion"

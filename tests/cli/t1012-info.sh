@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: d3dgs ply datasets info
-# What --info says, and the check of cameras against points.
+# The output of --info, and the check of cameras against points.
 . tests/cli/lib.sh
 
 run "$bin/spin-import" --info "$clip"
@@ -19,7 +19,7 @@ is "$(member recognised)" "named by --from" "what --from says needs no recognisi
 tr -d ' \n' <"$work/out" | grep -q '"logit_opacities":{"min":[-0-9.e]*,"median":[-0-9.e]*,"max"'
 ok $? "ranges by attribute"
 
-# Forty frames of one point each, whose x is the frame's number: 16 are read, 40 when asked.
+# Forty frames of one point each, whose x is the frame number: 16 are sampled, 40 on request.
 mkdir "$work/many"
 for i in $(seq 0 39); do
     printf 'ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n' \
@@ -53,8 +53,8 @@ is "$code" 0 "are overwritten with --force"
 out_has "^check  .*frame 5, camera [0-9]*: [0-9.]* % of the points in front, [0-9.]* % inside" \
     "a line for each"
 
-# The same clip with cameras that look the other way, as those with OpenGL's axes do: rows y and z of
-# w2c change their signs.
+# The same clip with cameras in OpenGL's axes, which therefore face the other way: rows y and z of
+# w2c are negated.
 if command -v python3 >/dev/null 2>&1; then
     mkdir "$work/wrong"
     ln -s "$PWD/$clip/ims" "$work/wrong/ims"
@@ -67,8 +67,8 @@ for row in meta["w2c"]:
         m[1:3] = [[-x for x in r] for r in m[1:3]]
 json.dump(meta, open(sys.argv[2], "w"))' "$clip/$name.json" "$work/wrong/$name.json"
     done
-    # LeakSanitizer's own tracer often falls over here, a signal 11 when it reads the thread-local storage
-    # of a library's threads: it is told not to look there.
+    # LeakSanitizer often crashes here (signal 11 while it reads the thread-local storage of a
+    # library's threads), so leak detection is off.
     export LSAN_OPTIONS=use_tls=0:suppressions=tests/lsan.supp:print_suppressions=0
     run "$bin/spin-import" --check-cameras "$work/seen" --data "$work/wrong" "$clip" --json
     unset LSAN_OPTIONS

@@ -1,14 +1,14 @@
 #!/bin/sh
 # K: still
-# A clip in which nothing moves may hold every column once: it is what the same clip with a copy for
-# every frame is, to all commands.
+# A static clip may store each column once: to all commands it equals the same clip with a copy for
+# every frame.
 . tests/cli/lib.sh
-# LeakSanitizer's own tracer dies now and then in a process that has opened a plug-in, when the machine is busy.
+# On a busy machine LeakSanitizer sometimes crashes in a process that has opened a plug-in.
 ASAN_OPTIONS=${ASAN_OPTIONS:-}:detect_leaks=0
 export ASAN_OPTIONS
 CC=${CC:-gcc}
 
-# The example importer as it is, and one that says that all its columns are the same in every frame.
+# The example importer unchanged, and a variant that declares all columns static.
 example=man/example-plugin/points-csv.c
 sed 's/sequence->sh_degree = 0;/&\n    sequence->static_columns = sequence->columns;/' "$example" >"$work/still.c"
 for name in plain still; do
@@ -33,7 +33,8 @@ awk 'BEGIN {
     }
 }' >"$work/points.csv"
 
-# measured NAME: what the last spin-eval measured, less what depends on the file's size or the clock.
+# measured NAME: the report of the last spin-eval, without what depends on the file's size or the
+# clock.
 measured() { grep '"\(psnr\|ssim\|frame\|camera\)"' "$work/out" >"$work/$1"; }
 
 for name in plain still; do
@@ -86,7 +87,7 @@ done
 diff -r "$work/plain" "$work/still" >"$work/err" 2>&1
 ok $? "measurements and exports are those of the same clip with a copy for every frame"
 
-# An importer that says so of frames with different counts.
+# An importer that declares columns static although counts differ between frames.
 {
     grep -v '^13,' "$work/points.csv"
     grep '^13,' "$work/points.csv" | head -n 20

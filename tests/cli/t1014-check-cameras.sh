@@ -1,16 +1,16 @@
 #!/bin/sh
 # K: cameras views
-# Data sets that do not fit: one wrong camera among many, a camera that is there twice, width and height
+# Data sets whose cameras are wrong: one bad camera among many, a duplicate, width and height
 # swapped.
 . tests/cli/lib.sh
 if [ ! -e "$(dirname "$bin")/lib/spin-image.so" ]; then
     skip "check-cameras" "built without images"
     done_testing
 fi
-# LeakSanitizer's own tracer often falls over where images are read: see t1012.
+# LeakSanitizer often crashes where images are read: see t1012.
 export LSAN_OPTIONS=use_tls=0:suppressions=tests/lsan.supp:print_suppressions=0
 
-# variant NAME SED: the bundled clip's data set with both of its files changed.
+# variant NAME SED: the bundled clip's data set with both of its files edited.
 variant() {
     mkdir "$work/$1"
     ln -s "$PWD/$clip/ims" "$work/$1/ims"
@@ -20,7 +20,7 @@ variant() {
     ! cmp -s "$clip/train_meta.json" "$work/$1/train_meta.json"
     ok $? "$1: a data set of its own"
 }
-# Lines of the text about a camera.
+# The lines of the report about one camera.
 of_camera() { grep "^camera $1 " "$work/out"; }
 
 run "$bin/spin-import" --check-cameras "$work/good" --data "$clip" "$clip"
@@ -32,7 +32,7 @@ is "$(grep -c '^camera [0-9]' "$work/out")" 8 "a line for every camera, not only
 ok $? "none is far from the others"
 out_has "^median  *9[0-9.]* % of the points in front, 6[0-9.]* % inside" "and the median"
 
-# Camera 12 looks the other way, in every frame: rows y and z of its w2c change their signs.
+# Camera 12 faces the other way in every frame: rows y and z of its w2c are negated.
 y='-0.497227191, 0.838055296, -0.224562778, 1.069885481'
 z='0.769752713, 0.545526135, 0.331484535, 3.540686501'
 variant turned "s/$y/0.497227191, -0.838055296, 0.224562778, -1.069885481/g

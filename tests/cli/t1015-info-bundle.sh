@@ -1,10 +1,10 @@
 #!/bin/sh
 # K: info bundle d3dgs realtime4dgs
-# What --info says of a bundle and of a method that is defined at any time; runs one folder down; data sets
-# beside a run.
+# --info of bundles and of methods that are defined at any time; runs one folder further down; data
+# sets beside a run.
 . tests/cli/lib.sh
 
-# ---- A bundle as it was imported -------------------------------------------------------------------
+# ---- An imported bundle --------------------------------------------------------------------------
 
 run "$bin/spin-import" -q "$clip" --data "$clip" --range 1:5 -o "$work/in.spin"
 is "$code" 0 "a bundle of four frames"
@@ -35,7 +35,8 @@ is "$code" 0 "options of an import change nothing"
 mv "$work/in.spin" "$work/moved.spin"
 mkdir "$work/deep"
 
-# Moved alone, moved with the data set, and the data set gone: the path is absolute each time.
+# The bundle moved alone, moved together with the data set, and without the data set: the path in it
+# is absolute each time.
 mkdir -p "$work/one/a" "$work/two/x/y"
 cp -r "$clip" "$work/one/set"
 run "$bin/spin-import" -q "$clip" --data "$work/one/set" -o "$work/one/a/b.spin"
@@ -56,7 +57,7 @@ rm -r "$work/deep/data"
 run "$bin/spin-import" --info "$work/deep/b.spin"
 out_has "^data .*data, panoptic: not found$" "a data set that is gone"
 
-# ---- A bundle that was retrained ----------------------------------------------------------------------
+# ---- A retrained bundle --------------------------------------------------------------------------
 
 run "$bin/spin-retrain" -q "$work/moved.spin" -o "$work/net.spin" --device cpu --iterations 12 --refine 3 \
     --scale 0.25 --hash-log2 14 --levels 8 --hidden 32 --sh-degree 2 --residual points --force
@@ -107,9 +108,10 @@ run "$bin/spin-import" --info "$work/cut.spin"
 fails 1 spin-import "a bundle that is cut short"
 err_has "cut.spin" "it is named"
 
-# ---- What a terminal would obey ----------------------------------------------------------------------
+# ---- Terminal escape sequences -------------------------------------------------------------------
 
-# Escapes in meta.json, in the name of the bundle and in an array's name; $escape begins one, as does U+009B.
+# Escape sequences in meta.json, in the bundle's name and in an array's name; $escape begins one, as
+# does U+009B.
 escape=$(printf '\033]0;X\007\302\233\177')
 mkdir "$work/$escape"
 odd=$work/$escape/b.spin
@@ -155,7 +157,7 @@ no_control "a run in a folder of escapes"
 run "$bin/spin-import" --from "$escape" --info "$clip"
 no_control "an error"
 
-# ---- Runs that are one folder down, data sets beside them ---------------------------------------------
+# ---- Runs one folder further down, data sets beside them -----------------------------------------
 
 mkdir -p "$work/one/models/ball" "$work/one/notes"
 cp "$clip/params.npz" "$work/one/models/ball"
@@ -200,7 +202,7 @@ cp -r "$work/one/models/video" "$work/one/models/video2"
 run "$bin/spin-import" --info "$work/one/models/ball"
 out_has "^note .*2 data sets were found beside the run" "two of them"
 
-# ---- Methods that are defined at any time --------------------------------------------------------------
+# ---- Methods that are defined at any time --------------------------------------------------------
 
 in=$fixtures/realtime4dgs/rot4d_noshfs
 if [ ! -d "$in" ]; then

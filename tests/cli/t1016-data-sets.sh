@@ -1,10 +1,10 @@
 #!/bin/sh
 # K: datasets 4danyone easyvolcap colmap import retrain eval export
-# Data sets of cameras with folders of frames, or films, from import to export: recognised, held out as asked, trained
-# on, measured and drawn.
+# Data sets of cameras with a folder of frames or a video each, from import to export: recognised,
+# split as requested, trained on, measured and rendered.
 . tests/cli/lib.sh
 
-# Some splats where the cameras look, in three frames.
+# Some splats in view of the cameras, in three frames.
 mkdir "$work/splats"
 for frame in 0 1 2; do
     {

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: datasets colmap technicolor transforms import layouts
-# Layouts of data sets that layouts.py writes, with what their views are: frames, cameras, images.
+# The data set layouts of layouts.py, compared with the views it expects: frames, cameras, images.
 . tests/cli/lib.sh
 
 python3 tests/cli/layouts.py make "$work/sets"
@@ -33,7 +33,8 @@ beside_images still/frame_0000.ply -
 no_points still/frame_0000.ply -
 SETS
 
-# A camera that starts a frame late lacks the first image, and its first image belongs to frame 1.
+# A camera that starts one frame late: it has no image in frame 0, and its first image belongs to
+# frame 1.
 run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/rig_cameras" --offsets cam02=1 -o "$work/late.spin"
 is "$code" 0 "a camera that starts late is read"
 err_has "1 of 9 images is missing" "its missing image is counted"
@@ -51,7 +52,7 @@ run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/technicolor_14" --pa
 fails 1 spin-import "Technicolor's distortion is refused"
 err_has "line 2: there is a distortion of 0.125, 0: use the undistorted images" "with its line and its coefficients"
 
-# A data set in place of a run.
+# A data set given as the run.
 run "$bin/spin-import" "$work/sets/rig_cameras" -o "$work/none.spin"
 is "$code" 1 "a data set is no run"
 err_has "is a data set (colmap) of 3 cameras and 3 frames, not a run: give the folder" "says what it is and what to do"
@@ -67,7 +68,7 @@ run "$bin/spin4d" "$work/frames" -o "$work/none.html"
 is "$code" 1 "nor is one with a folder per frame"
 err_has "is a data set (colmap) of 3 cameras and 1 frame, not a run" "whose cameras and frames are counted"
 
-# One image per frame, each of another camera, is said when the clip has several frames.
+# One image per frame, each of another camera: reported if the clip has several frames.
 run "$bin/spin-import" "$work/sets/clip" --data "$work/sets/still" -o "$work/one.spin"
 is "$code" 0 "a model with as many images as frames is read as a video"
 err_has "one image per frame" "with a warning"

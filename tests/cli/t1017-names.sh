@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: names numbers pattern sequence windows text
-# Numbered names of files and folders, patterns in and out, and text that was written on Windows.
+# Numbered files and folders, patterns for input and output, and text files written on Windows.
 . tests/cli/lib.sh
 
 run "$bin/spin-import" -q "$clip" -o "$work/in.spin"
@@ -65,7 +65,7 @@ run "$bin/spin-import" "$work/three/f_0000_v2.ply" --data "$work/blender" -o "$w
 fails 1 spin-import "UTF-16"
 err_has "UTF-16" "is named"
 
-# ---- Positions far from 0 ------------------------------------------------------------------------
+# ---- Positions far from the origin ---------------------------------------------------------------
 
 {
     printf 'ply\nformat ascii 1.0\nelement vertex 4\n'

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: nerfstudio transforms colmap import
-# dataparser_transforms.json: the centring and scale of nerfstudio are undone for a data set, against
-# splats that nerfstudio.py moved itself.
+# dataparser_transforms.json: nerfstudio's centring and scaling are undone for a data set, compared
+# with splats that nerfstudio.py transformed itself.
 . tests/cli/lib.sh
 
 python3 tests/cli/nerfstudio.py make "$work/n"
@@ -24,7 +24,7 @@ for kind in colmap:original transforms:saved; do
     ok $? "$set: the splats are in the world of its cameras"
 done
 
-# Without a data set, the splats stay where they are.
+# Without a data set, the splats keep their coordinates.
 run "$bin/spin-import" "$splat" -o "$work/alone.spin"
 out_has "nerfstudio centred and scaled the scene .*give the data set with --data" "without cameras, a note"
 cp -r "$work/n/run/exports" "$work/plain"
@@ -39,7 +39,7 @@ run "$bin/spin-import" "$work/plain/splat.ply" --data "$work/n/colmap" -o "$work
 python3 tests/cli/nerfstudio.py compare "$(export_ply beside)" "$(export_ply original)"
 ok $? "the file is found in the data set"
 
-# A bundle that was exported beside the file is in the world of the data set already.
+# A bundle exported beside the file is already in the world of the data set.
 run "$bin/spin-export" "$work/colmap.spin" --to ply -o "$work/n/run/again"
 run "$bin/spin-import" "$work/n/run/again" --data "$work/n/colmap" -o "$work/again.spin"
 is "$(grep -c "are undone" "$work/out")" 0 "exported frames are not moved again"

@@ -1,6 +1,7 @@
 #!/bin/sh
 # K: deformable3dgs import
-# Networks of Deformable 3D Gaussians of other widths and depths, against values that deform.py computes.
+# Networks of Deformable 3D Gaussians with other widths and depths, compared with values that
+# deform.py computes.
 . tests/cli/lib.sh
 
 python3 tests/cli/deform.py make "$work/d"

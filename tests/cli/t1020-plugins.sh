@@ -1,13 +1,13 @@
 #!/bin/sh
 # K: plugin install
-# An installed spin4d loads importers and exporters that were built against its header alone.
+# An installed spin4d loads importers and exporters that were built with nothing but its header.
 . tests/cli/lib.sh
 unset SPIN_PLUGIN_PATH
 CC=${CC:-gcc}
 prefix=$work/usr
 stage=$work/stage
 
-# This very build, installed below a DESTDIR; `make install` copies, nothing is compiled.
+# This very build, installed below a DESTDIR; `make install` copies and compiles nothing.
 build=${SPIN_BUILD:-build/release}
 cuda=0 # a build without the object for cards stays one
 [ -f "$build/lib/spin-cuda.so" ] && cuda=auto
@@ -33,7 +33,7 @@ if command -v pkg-config >/dev/null 2>&1; then
     is "spin-import $(cat "$work/out")" "$("$bin/spin-import" --version)" "and the version"
 fi
 
-# The example, outside the tree.
+# The example, built outside the tree.
 cp -r "$prefix/share/doc/spin4d/example-plugin" "$work/example"
 run make -s -C "$work/example" CC="$CC" SPIN_CFLAGS="$SPIN_CFLAGS" CFLAGS='-O1 -Wall -Wextra -Werror'
 is "$code" 0 "the example builds against the install"
@@ -99,15 +99,15 @@ fails 2 spin-import "a wrong value of a plug-in's option"
 run "$bin/spin-import" "$work/two.csv" -o "$work/bad.spin" --from d3dgs --size 1
 fails 2 spin-import "an option of another importer"
 
-# ---- What is broken -------------------------------------------------------------------------------
+# ---- Broken plug-ins -----------------------------------------------------------------------------
 
-# variant NAME SED: the example importer, changed, as $work/broken/NAME.so
+# variant NAME SED: the example importer, edited, as $work/broken/NAME.so
 mkdir "$work/broken"
 variant() {
     sed "$2" "$work/example/points-csv.c" >"$work/broken/$1.c"
     $CC -std=gnu11 -fPIC -shared -w $SPIN_CFLAGS -o "$work/broken/$1.so" "$work/broken/$1.c"
 }
-# refused NAME WORDS: left out with a warning that has WORDS; an error when asked for.
+# refused NAME WORDS: skipped with a warning that contains WORDS; an error if named.
 refused() {
     export SPIN_PLUGIN_PATH="$work/broken/$1.so:$exporter"
     run "$bin/spin-import" --list
@@ -136,7 +136,7 @@ refused text "invalid ELF header"
 refused empty "file too short"
 refused absent "does not exist"
 
-# breaks NAME SED WORDS: loaded, but it does not keep what the header asks for.
+# breaks NAME SED WORDS: loads, but violates the contract of the header.
 breaks() {
     variant "$1" "$2"
     SPIN_PLUGIN_PATH=$work/broken/$1.so run "$bin/spin-import" "$work/two.csv" -o "$work/bad.spin"
@@ -171,7 +171,7 @@ export SPIN_PLUGIN_PATH="$work/nowhere/"
 run "$bin/spin-retrain" "$work/two.spin" --dry-run -o "$work/x.spin" --data "$work/xyz" --data-from panoptic
 err_has "^warning: plug-in '$work/nowhere/' of SPIN_PLUGIN_PATH does not exist" "a folder that is missing"
 
-# ---- A data set ------------------------------------------------------------------------------------
+# ---- A data set ----------------------------------------------------------------------------------
 
 cat >"$work/two-cameras.c" <<'C'
 #include <spin.h>
@@ -219,7 +219,7 @@ run "$bin/spin-retrain" "$work/clip.spin" -o "$work/x.spin" --dry-run
 ok $? "without the plug-in that data set is not known"
 err_has "two-cameras" "and its name is said"
 
-# The example of spin.h, as a program of its own on the installed library.
+# The example of spin.h as a program of its own, linked with the installed library.
 if command -v pkg-config >/dev/null 2>&1 && [ "$(basename "${SPIN_BUILD:-release}")" = release ]; then
     {
         echo '#include <spin.h>'

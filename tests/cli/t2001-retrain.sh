@@ -37,7 +37,7 @@ is "$(member output)" "$work/one.spin" "and its output"
 is "$(sed -n 's/^  "device": "\(cpu\) (.*, 1 thread)",*$/\1/p' "$work/out")" cpu "and on what it ran"
 greater "$(member seconds)" 0 && greater 600 "$(member seconds)"
 ok $? "and for how long"
-# quality WHICH KEY: of "test" or "before" in the last report
+# quality WHICH KEY: a value of "test" or "before" in the last report
 quality() { sed -n '/"'"$1"'": {/,/}/s/.*"'"$2"'": \(-*[0-9][-0-9.e]*\),*$/\1/p' "$work/out"; }
 for which in test before; do
     psnr=$(quality $which psnr)
@@ -46,7 +46,7 @@ for which in test before; do
     ok $? "and its quality, $which ($psnr dB, $ssim)"
 done
 cp "$work/out" "$work/retrain.json"
-# as_measured WHICH NAME: the last spin-eval --json says what the retraining said.
+# as_measured WHICH NAME: the last spin-eval --json agrees with the report of the training.
 as_measured() {
     awk -v a="$(sed -n '/"'"$1"'": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/retrain.json")" \
         -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(a != "" && b != "" && d < 1e-3 && d > -1e-3) }'
@@ -85,7 +85,7 @@ else
     skip "--lr-position 0" "no python3"
 fi
 
-# What the ablations change is kept in the bundle; the paper's choice is not said.
+# Changes by ablation options are recorded in the bundle; the paper's defaults are not.
 run "$bin/spin-retrain" "$in" -o "$work/plain.spin" $small --iterations 6 --lr-position 0 \
     --activation relu --scene-normalise none --json
 is "$code" 0 "retrains with ReLU, without the contraction, at fixed positions"
@@ -96,7 +96,7 @@ ok $? "and spin-eval decodes it the same way"
 run "$bin/spin-retrain" "$in" -o "$work/x.spin" $small --activation tanh
 fails 2 spin-retrain "no such activation"
 
-# Splats with values of their own: the network begins by adding nothing to them.
+# Splats with attributes of their own: the network's initial contribution is zero.
 run "$bin/spin-retrain" "$in" -o "$work/own.spin" $small --iterations 1 --residual source --lr-residual 0 \
     --lr-position 0 --lr-table 0 --head-lr-factor 0 --sh-degree 0 --precision full --json
 is "$code" 0 "retrains with the source's values to add to"
@@ -129,7 +129,8 @@ else
 fi
 awk -v a="$before" -v b="$after" 'BEGIN { d = a - b; exit !(a > 1 && d < 0.01 && d > -0.01) }'
 ok $? "and look the same: $before dB before and $after dB after"
-# Tracks that move have one rotation, in a frame of their own: where the first splat was read it is that splat's.
+# A dynamic track has one rotation, in a reference frame of its own: that of the splat in the frame
+# it was read from.
 run "$bin/spin-import" fixtures/court-mini --data fixtures/court-mini -o "$work/mini.spin"
 run "$bin/spin-retrain" "$work/mini.spin" -o "$work/turned.spin" --residual source --iterations 1 --lr-track 0 \
     --lr-displacement 0 --lr-residual 0 --lr-position 0 --densify-every 0 --precision full --backdrop off
@@ -152,7 +153,8 @@ assert np.abs((rotations(sys.argv[1]) * rotations(sys.argv[2])).sum(0)).min() > 
 else
     skip "their rotations" "no python3 with numpy"
 fi
-# Points that no training camera sees learn nothing: they are nearly opaque from the start, as others become.
+# Points that no training camera sees learn nothing, so they are nearly opaque from the start, as
+# the others become.
 if command -v python3 >/dev/null 2>&1 && python3 -c 'import numpy' 2>/dev/null; then
     python3 -c 'import os, sys
 import numpy as np
@@ -179,7 +181,7 @@ faint, strong = (np.abs(logit - x) < 1e-3 for x in (-2.1972, 1.5))
 assert strong.sum() > 100 and faint.sum() > 1000 and (faint | strong).all(), np.unique(logit)
 ' "$work/unseen" 2>"$work/err"
     ok $? "those that neither sees are nearly opaque, all others faint"
-    # Cameras that move: what a track begins with is of a frame in which it is seen.
+    # Moving cameras: a track is initialised from a frame in which it is visible.
     mkdir "$work/moving"
     python3 -c 'import json, os, sys
 source = os.path.abspath("fixtures/court-mini")
@@ -229,8 +231,8 @@ fi
 run "$bin/spin-retrain" "$in" -o "$work/own2.spin" $small --iterations 6 --residual points --threads 3
 same_frames "$work/own.spin" "$work/own2.spin" "one thread and three give the same bits"
 
-# Each of the options beyond the paper trains another network, and is kept in the bundle; with what it
-# stands at without, nothing changes.
+# Each option beyond the paper trains a different network and is recorded in the bundle; its default
+# value changes nothing.
 run "$bin/spin-retrain" "$in" -o "$work/as.spin" $small --iterations 3
 run "$bin/spin-retrain" "$in" -o "$work/same.spin" $small --iterations 3 --dynamic-weight 1
 cmp -s "$work/as.spin" "$work/same.spin"
@@ -250,7 +252,7 @@ run "$bin/spin-eval" "$work/anti.spin" --json
 awk -v a="$learned" -v b="$(member psnr)" 'BEGIN { d = a - b; exit !(b != "" && d < 1e-3 && d > -1e-3) }'
 ok $? "what was trained antialiased is measured so"
 
-# Where stderr is no terminal.
+# stderr is not a terminal.
 run "$bin/spin-retrain" "$in" -o "$work/lines.spin" $small --iterations 6 --eval-every 3
 ! grep -q '^retraining' "$work/err"
 ok $? "a short run writes no line of progress"
@@ -279,7 +281,7 @@ err_has "no held-out camera is outside the range of directions of the training c
 run "$bin/spin-retrain" "$work/mini.spin" -o "$work/few.spin" --device cpu --iterations 2 --test-outer 5
 fails 2 spin-retrain "two cameras must be left"
 
-# An export over another background than that of the training is told.
+# A warning if an export uses another background than the training.
 run "$bin/spin-export" "$work/outer.spin" --to images --background white --range 0:1 -o "$work/over-white"
 err_has "^warning: the splats were trained over a different background: --background 0,0,0 draws over the same one\$" "images over white"
 run "$bin/spin-export" "$work/outer.spin" --to images --background white --transparent --range 0:1 -o "$work/over-nothing"
@@ -288,7 +290,8 @@ ok $? "not for images with alpha"
 run "$bin/spin-export" "$work/outer.spin" --to ply --background white --range 0:1 -o "$work/no-images"
 err_has "^warning: --background has no effect: this export renders no images\$" "nor for splats, which have none"
 
-# peak: what the line about the best evaluation must say, from the evaluations that the last run printed
+# peak: what the line about the best evaluation must say, computed from the evaluations that the
+# last run printed
 peak() {
     awk '/^iteration [0-9]*: test PSNR/ { last = $5; if ($5 > best) { best = $5; at = $2 + 0 } }
         END { if (best > last + 0.05) printf "%d %s", at, best }' "$work/err"
@@ -300,7 +303,7 @@ is "$(said_peak)" "$(peak)" "where the test views were best, if that was before 
 run "$bin/spin-retrain" "$work/balls.spin" -o "$work/slow.spin" --device cpu --iterations 200 --eval-every 20 --lr-residual 30
 is "$(said_peak)" "$(peak)" "nothing where they were best at the end"
 
-# A preset is where options start: what stands before it on the line counts as well.
+# A preset sets defaults: options before it on the command line still override them.
 run "$bin/spin-retrain" "$in" -o "$work/preset.spin" $small --iterations 2 --preset short
 is "$code" 0 "retrains with a preset"
 if command -v python3 >/dev/null 2>&1; then

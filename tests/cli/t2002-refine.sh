@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: long retrain refine threads
-# spin-retrain frame by frame: --refine before the network, --method frames instead of it; threads,
-# a kill and --resume, what is kept and taken again, counts of splats that change.
+# Frame-by-frame training: --refine before the network, --method frames instead of it; threads, a
+# kill and --resume, reuse of refined frames, and counts of splats that change.
 . tests/cli/lib.sh
 
 few='--device cpu --range 0:2 --scale 0.25 --refine 136'
@@ -11,7 +11,7 @@ in=$work/in.spin
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in"
 is "$code" 0 "imports the clip"
 
-# The splats of frame 1 of a bundle, as PLY says it. BUNDLE
+# splats_of BUNDLE: the splats of frame 1, as the PLY header has it.
 splats_of() {
     rm -rf "$work/ply"
     "$bin/spin-export" "$1" --to ply -o "$work/ply" -q --force >/dev/null 2>"$work/err"
@@ -22,8 +22,7 @@ same() { # FILE FILE NAME
     ok $? "$3"
 }
 
-# Explicit frames.
-# Its name of before.
+# --method frames, by its former name.
 run "$bin/spin-retrain" "$in" --dry-run $few --method explicit --json
 is "$code" 0 "--dry-run frame by frame"
 is_json "which is one document"
@@ -67,7 +66,8 @@ run "$bin/spin-retrain" "$in" -o "$work/capped.spin" $one --method frames \
 greater "$((n_source + 8))" "$(splats_of "$work/capped.spin")"
 ok $? "--max-points is kept, and frames start from the source's attributes"
 
-# What goes beyond 3DGS: other frames, the same bytes on other threads, and measured as they were trained.
+# Options beyond 3DGS: other frames, identical bytes on any number of threads, and evaluation with
+# the settings of the training.
 for more in '--sh-increase-every 50' '--learn-exposure on --lr-exposure 1e-2' '--antialias on' '--dynamic-weight 4'; do
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/more.spin" $few --method frames --densify off $more --force --json \
@@ -85,7 +85,7 @@ for more in '--sh-increase-every 50' '--learn-exposure on --lr-exposure 1e-2' '-
     err_has "refining 2 of 2 frames" "$more: not taken for frames refined without"
 done
 
-# The SH of a source stays, up to --sh-degree. PLY writes f_rest channel by channel.
+# The SH of a source is kept, up to --sh-degree. PLY stores f_rest channel by channel.
 run "$bin/spin-retrain" "$in" -o "$work/sh.spin" $one --method frames --densify off --sh-increase-every 50 \
     --precision full
 splats_of "$work/sh.spin" >/dev/null
@@ -120,7 +120,7 @@ else
     skip "SH of the source" "no NumPy"
 fi
 
-# Refined frames, then the network.
+# Refinement, then the network.
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $few $net
 is "$code" 0 "refines, then trains the network"
 is "$(splats_of "$work/whole.spin")" "$n_frames" "which has the refined frames' number of splats"
@@ -138,7 +138,8 @@ err_has "refining 1 of 1 frames" "with another seed it is refined anew"
 run "$bin/spin-retrain" "$work/whole.spin" -o "$work/plain.spin" --preset paper --device cpu --range 1:2 --scale 0.25 $net
 is "$(splats_of "$work/plain.spin")" "$n_source" "without --refine the source's points are taken"
 
-# Kill a run once its first frame is done, look at what it says, go on, kill it in the network, go on.
+# Kills a run once its first frame is done, checks its output, resumes it, kills it in the network
+# and resumes again.
 stopped=$work/stopped.spin
 kill_when() { # FILE ARGUMENTS...
     file=$1

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: long retrain steady memory
-# A step of spin-retrain in steady state allocates nothing and calls nothing of the system; the seconds of
-# its ops add up; the memory is what --dry-run says.
+# In steady state an iteration of spin-retrain makes no allocation and no system call; the seconds
+# of its ops add up; memory equals the estimate of --dry-run.
 . tests/cli/lib.sh
 
 if [ ! -d "$clip" ]; then
@@ -14,9 +14,10 @@ is "$code" 0 "imports the clip"
 small='--preset paper --device cpu --threads 1 --levels 4 --hash-log2 12 --finest-resolution 64 --hidden 16 --force'
 small="$small --learn-exposure on --views-per-frame 2 --warmup 2"
 
-# The same run twice, the second 300 steps longer: what the second did more is what the steps did. All
-# images have been read by then, and the lists of tiles have had time to grow. The image library and the
-# writing of the output differ from run to run by some fifty calls, so the bound is one call in two steps.
+# The same run twice, the second one 300 iterations longer: the difference is the cost of these
+# iterations. By then all images have been read and the tile lists have reached their size. The
+# image library and the writing of the output differ by some fifty calls between runs, so the bound
+# is one call in two iterations.
 few=100
 many=400
 
@@ -41,7 +42,7 @@ case ${SPIN_BUILD:-} in
     ;;
 esac
 
-# How many system calls strace counted in all.
+# The total of system calls that strace counted.
 calls() { awk '$NF == "total" {print $4}' "$1"; }
 if strace -f -c -o "$work/strace.$few" true 2>/dev/null; then
     for n in $few $many; do
@@ -56,7 +57,7 @@ else
     skip "no system call in a step" "no strace"
 fi
 
-# The log's seconds: ops against steps.
+# The log's seconds: the ops against the iterations.
 run "$bin/spin-retrain" "$in" -o "$work/out.spin" $small --iterations $few --log "$work/log.jsonl" -v
 is "$code" 0 "retrains with a log"
 share=$(awk '/"ops_s"/ {
@@ -72,7 +73,7 @@ share=$(awk '/"ops_s"/ {
 ok $? "the seconds of the ops are those of the steps within 5 % ($share)"
 err_has "together" "-v says where the time went"
 
-# A table that is most of the memory, as in real runs.
+# A hash table that takes most of the memory, as in real runs.
 large='--preset paper --device cpu --hash-log2 18 --iterations 3 --force --json'
 run "$bin/spin-retrain" "$in" --dry-run $large
 needed=$(member bytes_needed)

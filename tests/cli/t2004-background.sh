@@ -9,7 +9,7 @@ if [ ! -d "$set" ]; then
     done_testing
 fi
 
-# One splat that no camera sees, in as many frames as the data set has: a render is all background.
+# One splat that no camera sees, in as many frames as the data set has: renders are pure background.
 rows=$(grep -ho '"time": *[0-9.e-]*' "$set"/transforms_train.json "$set"/transforms_test.json |
     sort -u | wc -l)
 mkdir "$work/far"
@@ -29,8 +29,8 @@ for colour in black white; do
     is "$code" 0 "measured over $colour"
     member psnr >"$work/$colour"
 done
-# Most of every image is empty, so before the colour that shows through it a background of that colour is
-# close. Were white put before images over black, it would be 1 dB or so.
+# Most of each image is transparent, so a render of the same background is close. White composited
+# before an image over black would give about 1 dB.
 greater "$(cat "$work/white")" 7
 ok $? "white is close to the images over white: $(cat "$work/white") dB"
 greater "$(cat "$work/black")" 7

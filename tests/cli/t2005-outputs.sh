@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: long retrain outputs resume
-# Outputs and images are looked at before the first step; what fails after training loses nothing; what has
-# changed is not used again; one run at a time writes an output.
+# Outputs and images are checked before the first iteration; a failure after training loses nothing;
+# files that changed are not reused; only one run at a time writes an output.
 . tests/cli/lib.sh
 
 data=$work/data
@@ -23,7 +23,7 @@ same() { # FILE FILE NAME
 }
 steps_of() { grep -c '"step_s"' "$1"; }
 
-# Start a run in the background; its log, which is written in pieces, says when it is under way.
+# Starts a run in the background; its log, which is flushed in blocks, shows when it is under way.
 start() { # ARGUMENTS...
     rm -f "$work/log"
     # shellcheck disable=SC2086
@@ -54,7 +54,7 @@ retrain
 is "$code" 0 "retrains"
 mv "$out" "$work/whole.spin"
 
-# ---- Before the first step: one line, so nothing was begun ----
+# ---- Before the first iteration: one line, and nothing was begun ----
 
 touch "$work/file"
 mkdir "$work/folder"
@@ -126,7 +126,7 @@ err_has "another shape" "and says so"
 cp "$work/image.jpg" "$image"
 nothing_at "$out" "nothing is written"
 
-# ---- Links to nothing are not replaced unasked ----
+# ---- Dangling links are not replaced without --force ----
 
 ln -s nowhere "$out"
 retrain
@@ -157,7 +157,7 @@ retrain --force
 same "$out" "$work/whole.spin" "with --force the link is replaced"
 rm "$out"
 
-# ---- The other commands, before the work ----
+# ---- The other commands, before their work ----
 
 for bad in "$work/none/x.html" "$work/file/x.html"; do
     run "$bin/spin-eval" "$in" --report "$bad" --lpips "$work/none"
@@ -208,8 +208,8 @@ same "$out" "$work/long.spin" "the training does not suffer"
 nothing_at "$out." "and is finished"
 rm "$out"
 
-# A full disk, as a limit on the size of files that the state keeps and the output does not: its source has
-# colours of degree 3.
+# A full disk, simulated by a limit on file sizes that the checkpoint meets and the output exceeds:
+# its source has SH of degree 3.
 "$bin/spin-export" "$work/whole.spin" --to ply -o "$work/heavy" -q
 run "$bin/spin-import" "$work/heavy" --data "$data" --pair order -o "$work/heavy.spin"
 is "$code" 0 "a larger input"
@@ -241,7 +241,7 @@ else
 fi
 in=$light
 
-# Frames that are refined.
+# Refined frames.
 start --refine 150 --method frames
 touch "$out"
 finish
@@ -253,9 +253,10 @@ is "$code" 0 "--resume writes the output"
 err_has "refining 0 of 2 frames" "without a step"
 rm "$out"
 
-# ---- Space on the disk ----
+# ---- Free disk space ----
 
-# With less than state and output take at the end nothing is lost: what fits decides when the training stops.
+# If the disk is too small for the final checkpoint and output, nothing is lost: the training stops
+# while its checkpoint still fits.
 grows="--device cpu --threads 1 --scale 0.25 --iterations 80 --densify-every 10 --backdrop off"
 mkdir "$work/small" "$work/large"
 if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=7m tmpfs "$work/small" 2>/dev/null; then
@@ -288,9 +289,9 @@ else
     skip "splats that outgrow the disk" "not root, or no tmpfs can be mounted"
 fi
 
-# ---- What is read, and what is there ----
+# ---- Inputs and existing outputs ----
 
-# kept FILE NAME COMMAND...: it fails, and the file stays as it was.
+# kept FILE NAME COMMAND...: the command fails, and the file is unchanged.
 kept() {
     file=$1
     name=$2
@@ -381,7 +382,7 @@ else
     skip "a log on a full disk" "no /dev/full"
 fi
 
-# ---- What has changed is not used again ----
+# ---- Changed files are not reused ----
 
 cameras=$("$bin/spin-eval" "$in" --range 0:1 --scale 0.25 --split train --json 2>/dev/null |
     sed -n 's/.*"camera": \([0-9]*\).*/\1/p')
@@ -418,7 +419,7 @@ run "$bin/spin-retrain" "$work/refined.spin" -o "$out" $small --refine 12 --iter
 err_has "refining 1 of 2 frames" "but not the one whose image has changed"
 cp "$work/kept.jpg" "$file"
 
-# Pixels that move, from the images of all frames or from masks.
+# Dynamic pixels, from the images of all frames or from masks.
 run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --refine 12 --iterations 1 --dynamic-weight 3
 is "$code" 0 "weighs what moves"
 file=$(find "$data/ims/$learned" -name '*.jpg' | sort | tail -n 1)
@@ -446,7 +447,7 @@ run "$bin/spin-retrain" "$work/moving.spin" -o "$work/y.spin" $small --refine 12
 fails 1 spin-retrain "an empty mask"
 rm -r "$data/seg"
 
-# ---- The processor's code path ----
+# ---- The processor's SIMD path ----
 
 now=$("$bin/spin-retrain" "$in" --dry-run $small --json 2>/dev/null | sed -n 's/.*"device": "cpu (\([^,]*\),.*/\1/p')
 if [ "$now" = portable ]; then

@@ -1,7 +1,8 @@
 #!/bin/sh
 # K: retrain refine sound memory
-# What went wrong without a word: one camera a time or one camera in all, nothing in view, a cache planned
-# whole, too many pairs of splats and tiles, nothing to resume, a result worse than the source.
+# Faults that used to be silent: a single camera per frame or in all, nothing in view, an image
+# cache sized for all images, too many pairs of splats and tiles, nothing to resume, a result worse
+# than the source.
 . tests/cli/lib.sh
 
 if [ ! -d "$clip" ]; then
@@ -10,7 +11,7 @@ if [ ! -d "$clip" ]; then
 fi
 small='--preset paper --device cpu --scale 0.25 --batch 1 --levels 2 --hash-log2 8 --finest-resolution 16 --hidden 8'
 
-# Line N of K 3 x 3 or 4 x 4 matrices: the court's training cameras, six of each frame.
+# Line N of the K 3 x 3 or 4 x 4 matrices: the court's training cameras, six per frame.
 matrix() { # SIZE N
     row='\[[^][]*\]'
     rows=$row
@@ -19,7 +20,8 @@ matrix() { # SIZE N
 }
 camera_name() { echo "3 7 12 19 23 27" | cut -d ' ' -f "$1"; }
 
-# A data set of six frames, each seen by one camera, which has the number 0. FOLDER CAMERA... (1 to 6)
+# one_view FOLDER CAMERA... (1 to 6): a data set of six frames, each with one camera, which has
+# number 0.
 one_view() {
     folder=$1
     shift
@@ -46,7 +48,7 @@ in=$work/in.spin
 run "$bin/spin-import" "$clip/params.npz" --data "$work/moving" -o "$in"
 is "$code" 0 "imports a clip that one moving camera sees"
 
-# The extent that a bundle's network was trained with; meta.json is stored as it is.
+# The scene extent that a bundle's network was trained with; meta.json is stored uncompressed.
 extent_of() { tr -d ' \n' <"$1" | LC_ALL=C grep -a -o '"spatial_extent":[0-9.e+-]*' | sed 's/.*://; q'; }
 run "$bin/spin-retrain" "$in" -o "$work/moving.spin" $small --iterations 12
 is "$code" 0 "one view a time: retrains"
@@ -71,7 +73,7 @@ run "$bin/spin-retrain" "$in" --data "$work/single" -o "$work/refined.spin" $sma
     --refine 12 --force
 is "$code" 0 "one camera in one place: frames can be refined"
 
-# Cameras that look past everything: all of them, or one.
+# Cameras that face away from the scene: all of them, or one.
 far='\[0.0, 0.0, 0.0, 1.0\]'
 sed "s/, [-0-9.]*\], $far/, -1e4], [0.0, 0.0, 0.0, 1.0]/g" "$work/single/train_meta.json" \
     >"$work/away/train_meta.json"
@@ -100,8 +102,8 @@ is "$code" 0 "nothing in view of one frame of six: refines"
 is "$(grep 'no splat was visible' "$work/err")" \
     "warning: no splat was visible in 5 of 30 iterations of the refinement: these iterations learned nothing" "and says so"
 
-# Nine megapixels, 2000 cameras, six frames: a third of a terabyte of images, of which a third of the memory is
-# kept at most.
+# Nine megapixels, 2000 cameras, six frames: a third of a terabyte of images, which may fill at most
+# a third of the memory.
 awk 'BEGIN {
     printf "{\"w\": 4000, \"h\": 2250"
     n = split("k w2c fn cam_id", key, " ")
@@ -131,7 +133,7 @@ needed=$(member bytes_needed)
     [ "$available" -lt 8000000000 ] || [ "$available" -gt 400000000000 ]
 ok $? "of which it counts what is kept ($needed of $available)"
 
-# Splats over all tiles of a large picture: more pairs than there may be.
+# Splats that cover all tiles of a large image: more pairs than the limit.
 printf '{"w": 16384, "h": 9216, "k": [[[[1e4, 0, 8192], [0, 1e4, 4608], [0, 0, 1]]]],
 "w2c": [[[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]]], "fn": [["3/000008.jpg"]],
 "cam_id": [[0]]}\n' >"$work/away/train_meta.json"
@@ -150,7 +152,7 @@ fails 1 spin-export "more pairs than there may be"
 err_has "318504960 pairs of splats and tiles exceed the limit of" "they are counted"
 nothing_at "$work/wide/" "no picture"
 
-# Nothing to resume is no error, as a script may always say --resume; but it is said.
+# Nothing to resume is not an error, since scripts may always pass --resume; but it is reported.
 run "$bin/spin-retrain" "$in" --data "$clip" -o "$work/new.spin" $small --iterations 2 --resume
 is "$code" 0 "--resume with nothing to resume starts anew"
 err_has "nothing to resume" "and says so"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: long retrain resume
-# A training run that is killed or interrupted goes on to the bits of one that never was.
+# A training run that was killed or interrupted resumes to the same bits as one that never stopped.
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained
@@ -16,8 +16,9 @@ in=$work/in.spin
 run "$bin/spin-import" "$run_of" --data "$data" -o "$in"
 is "$code" 0 "imports the run"
 
-# Start a run, stop it with a signal as soon as a state lies beside its output, resume it, and compare
-# with one that was never stopped. LENGTH stands in place of --iterations. SIGNAL CODE [LENGTH [LENGTH resumed]]
+# SIGNAL CODE [LENGTH [LENGTH resumed]]: starts a run, stops it with the signal once a checkpoint is
+# beside its output, resumes it, and compares it with an uninterrupted one. LENGTH replaces
+# --iterations.
 stopped() {
     length=${3---iterations $steps}
     rm -f "$work/stopped.spin" "$work/stopped.spin."*
@@ -65,7 +66,7 @@ cp "$work/whole.spin" "$work/plain.spin"
 small="$small --residual points"
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force
 stopped KILL 137
-# Tracks that are densified, with a network and without one; then frames that share no splat.
+# Densified tracks, with a network and without; then frames that share no splats.
 still=$in
 "$bin/spin-export" "$in" --to ply -o "$work/apart" -q && rm "$work/apart/sequence.json"
 run "$bin/spin-import" "$work/apart" --data "$data" --pair order -o "$work/apart.spin"
@@ -85,7 +86,7 @@ for more in "$net --tracks auto" '--method tracks' '--method tracks --lr-tracked
     run "$bin/spin-export" "$work/again.spin" --to ply -o "$work/again" --force --json
     is "$told" "$(member splats_mean)" "$more: and tells how many splats there are now"
 done
-# One splat a frame is not linked to the next.
+# One splat per frame has no match in the next.
 "$bin/spin-export" "$still" --to ply --decimate 1 -o "$work/lone" -q && rm "$work/lone/sequence.json"
 run "$bin/spin-import" "$work/lone" --data "$data" --pair order -o "$work/lone.spin"
 run "$bin/spin-retrain" "$work/lone.spin" -o "$work/again.spin" $small --dry-run --json
@@ -101,12 +102,12 @@ in=$still
 small=$plain
 cp "$work/plain.spin" "$work/whole.spin"
 stopped TERM 143
-# A shell starts what it puts in the background with SIGINT ignored; ours sets its own handler.
+# A shell starts background jobs with SIGINT ignored; our handler overrides that.
 stopped INT 130
 stopped HUP 129
 case $caught in [13579bdf]) true ;; *) false ;; esac
 ok $? "SIGHUP is caught"
-# The clip of an earlier state is not taken for that of a later one.
+# The clip kept beside an earlier checkpoint is not mistaken for that of a later one.
 clip_of_state=$work/stopped.spin.part.spin
 rm -f "$work/stopped.spin"*
 "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 2>"$work/err" &
@@ -131,7 +132,7 @@ cp "$work/whole.spin" "$clip_of_state"
 run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" --device cpu --scale 0.1 --range 0:1 --method frames --refine 2 --force
 is "$code" 0 "another method in place of it"
 nothing_at "$work/stopped.spin." "and nothing is left"
-# What was told to outlive its terminal does.
+# A run started under nohup survives its terminal.
 rm -f "$work/stopped.spin"*
 trap '' HUP
 "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small --iterations $steps --save-every 10 2>"$work/err" &
@@ -142,13 +143,14 @@ kill -HUP $pid 2>/dev/null
 wait $pid
 is $? 0 "under nohup a run goes on"
 
-# A table far larger than the splats need is stepped line by line when a line is needed.
+# A table much larger than the splats need: each of its lines is updated only when it is used.
 small='--preset paper --device cpu --levels 4 --hash-log2 15 --finest-resolution 512 --hidden 16'
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --iterations $steps --force --eval-every 33
 is "$code" 0 "retrains with a large table"
 stopped KILL 137
 
-# The default recipe: its state knows how many iterations were chosen, so the same number by hand goes on.
+# The default recipe: its checkpoint records the chosen number of iterations, so the same number
+# given explicitly resumes it.
 small='--device cpu --scale 0.1 --range 0:1'
 run "$bin/spin-retrain" "$in" -o "$work/whole.spin" $small --force
 is "$code" 0 "retrains by the default recipe"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: retrain resume refine
-# Loss and seconds of a resumed run are those of all stretches of the work, the refinement's too.
+# Loss and seconds of a resumed run cover all parts of the work, refinement included.
 . tests/cli/lib.sh
 
 in=$work/in.spin

@@ -1,12 +1,12 @@
 #!/bin/sh
 # K: cut input
-# An input that somebody cuts short while a command has it open: one line that names it, exit code 1, and
-# nothing half-written. What was trained by then is kept.
+# An input that is truncated while a command has it open gives one line that names it, exit code 1
+# and no half-written output. A training keeps its progress.
 . tests/cli/lib.sh
 CC=${CC:-gcc}
 
-# A plug-in that cuts $CUT: its data set does so as it is opened, its exporter before the first frame's
-# values are read.
+# A plug-in that truncates $CUT: its data set when it is opened, its exporter before the values of
+# the first frame are read.
 cat >"$work/cutter.c" <<'C'
 #include <spin.h>
 #include <stdlib.h>
@@ -69,7 +69,7 @@ is "$code" 0 "a bundle"
 CUT=$work/cut.spin
 export CUT SPIN_PLUGIN_PATH="$work/cutter.so"
 
-# named COMMAND FILE NAME: the one line names the file that was cut.
+# named COMMAND FILE NAME: the single line names the truncated file.
 named() {
     fails 1 "$1" "$3"
     err_has "'$2': it was cut short while it was in use" "$3: the file is named"
@@ -99,8 +99,8 @@ nothing_at "$work/import" "nothing was imported"
 left "an import"
 unset SPIN_PLUGIN_PATH
 
-# A training: the input is cut between two steps, long before the source's columns are written beside the
-# network.
+# A training: the input is truncated between two iterations, long before the source's columns are
+# written beside the network.
 settings="--preset paper --iterations 300 --batch 1 --levels 2 --hash-log2 8 --hidden 16 --scale 0.5
     --device cpu --save-every 40"
 CUT=$work/cut.spin

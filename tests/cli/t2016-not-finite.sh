@@ -1,12 +1,12 @@
 #!/bin/sh
 # K: finite
-# Splats with values that are not finite are not drawn: how many is said, once. Weights with such values are
-# refused.
+# Splats with nonfinite values are not drawn, and their number is reported once. Network weights
+# with such values are refused.
 . tests/cli/lib.sh
 CC=${CC:-gcc}
 
-# The example importer, with a hole in every attribute: 3 splats of frame 8 and 2 of frame 11. What is
-# infinite in the others can be drawn: an opacity of 1, a scale of 0.
+# The example importer with nonfinite values in every attribute: 3 splats of frame 8 and 2 of frame
+# 11. The infinities of the others can be drawn: an opacity of 1, a scale of 0.
 {
     sed 's/^    return SPIN_OK;$/&@/' man/example-plugin/points-csv.c | awk '
         /^static spin_status csv_frame/ { here = 1 }
@@ -63,7 +63,7 @@ is "$(grep -c "$said\|in [12] of its frames have values" "$work/err")" 1 "with o
 run "$bin/spin-eval" "$work/net.spin" --scale 0.5 --json
 is "$code, $(wc -l <"$work/err"), $(member left_out)" "0, 0, 0" "the network has no holes"
 
-# Its table gets one: the four bytes of a NaN as the first of the four planes.
+# A NaN as the first value of the first of the four byte planes of its table.
 command -v python3 >/dev/null || {
     skip "a table with a NaN" "no python3"
     done_testing

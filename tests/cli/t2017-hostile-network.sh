@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: hostile bundle network emu
-# A network whose levels say other than their numbers make of them is refused before a device sees it: the CPU and the
-# (emulated) card.
+# A network whose levels contradict its other numbers is refused before a device sees it: on the CPU
+# and on the (emulated) GPU.
 . tests/cli/lib.sh
 SPIN_CUDA_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/tests/emu/spin-cuda.so
 export SPIN_CUDA_SHIM

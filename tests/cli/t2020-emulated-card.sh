@@ -1,6 +1,7 @@
 #!/bin/sh
-# Kernels for cards, in the host's emulation: the tests of the device's operations in one order of threads, the golden
-# training in another, and once more with the race detector, as far as that is quick. t2024 has other orders.
+# The CUDA kernels, emulated on the host: the tests of device operations in one thread order, the
+# golden training in another, and once more with the race detector, as far as that is quick. t2024
+# runs other orders.
 # K: long golden cuda emu kernels device
 . "$(dirname "$0")/lib.sh"
 

@@ -1,6 +1,7 @@
 #!/bin/sh
-# --device: what auto takes and why, cards that cannot be used, the card's memory and what would fit in it. Runs are in
-# t2024. K: cuda emu device retrain
+# --device: what auto chooses and why, unusable GPUs, GPU memory and what would fit into it.
+# Trainings are in t2024.
+# K: cuda emu device retrain
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained

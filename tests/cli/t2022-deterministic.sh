@@ -1,13 +1,13 @@
 #!/bin/sh
-# --deterministic on the emulated card: the same bits whatever order its threads run in, also after a card was lost,
-# where without it they differ; and the memory that it takes. The CPU needs no such option.
+# --deterministic on the emulated GPU: the same bits for any thread order, also after the GPU was
+# lost, whereas without it they differ; and the memory it takes. The CPU needs no such option.
 # K: cuda emu device retrain resume test-card
 . tests/cli/lib.sh
 
 SPIN_CUDA_SHIM=$(cd "${SPIN_BUILD:-build/release}" && pwd)/tests/emu/spin-cuda.so
 export SPIN_CUDA_SHIM
 in=$work/in.spin
-# of which a step needs few lines: lazy Adam
+# A table of which an iteration needs few lines: lazy Adam
 small='--preset paper --levels 2 --hash-log2 18 --finest-resolution 512 --hidden 8 --iterations 5 --batch 1 --scale 0.2 -q'
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:3
 is "$code" 0 "imports a clip"

@@ -1,7 +1,8 @@
 #!/bin/sh
-# On the emulated card: refinement that densifies, the default recipe, evaluation and export, each beside the CPU's;
-# Ctrl-C and --resume; and where memory runs out or the card is lost in the middle: a message, and nothing half
-# written. K: cuda emu device refine export resume test-card
+# On the emulated GPU: refinement with densification, the default recipe, evaluation and export,
+# each compared with the CPU; Ctrl-C and --resume; and out of memory or a lost GPU: a message, and
+# no half-written output.
+# K: cuda emu device refine export resume test-card
 . tests/cli/lib.sh
 
 build=${SPIN_BUILD:-build/release}
@@ -18,7 +19,8 @@ retrain() {
     shift 2
     run "$bin/spin-retrain" "$in" -o "$out" --device "$device" --scale 0.1 --force "$@"
 }
-# Of the log of cpu and of cuda: the losses of the first N steps of one frame, or of all, within LIMIT.
+# Compares the logs of cpu and cuda: the losses of the first N iterations of one frame, or of all,
+# within LIMIT.
 same_losses() { # NAME N LIMIT [FRAME]
     for device in cpu cuda; do
         grep -e "$4" "$work/$1-$device.log" | sed -n 's/^[^}]*"loss": \([0-9.e+-]*\), "[ls].*/\1/p' | head -n "$2" \
@@ -28,16 +30,16 @@ same_losses() { # NAME N LIMIT [FRAME]
         awk -v n="$2" -v most="$3" '{ d = $1 - $2; if (d > most || d < -most) bad = NR } END { exit bad || NR != n }'
     ok $? "$1: the losses of $2 steps are the CPU's to $3"
 }
-# Two numbers are no further apart than that.
+# Two numbers differ by no more than that.
 near() { # A B LIMIT NAME
     awk -v a="$1" -v b="$2" -v most="$3" 'BEGIN { d = a - b; exit !(a != "" && b != "" && d <= most && d >= -most) }'
     ok $? "$4 ($1, $2)"
 }
-# The sum of a number of the log over all lines.
+# The sum of one number of the log over all lines.
 total() { sed -n 's/.*"'"$1"'": \([0-9]*\).*/\1/p' "$2" | awk '{ n += $1 } END { print n + 0 }'; }
 learned() { sed -n '/"test": {/,/}/s/.*"psnr": \([0-9.]*\).*/\1/p' "$work/out"; }
 
-# ---- Refinement. After a densification two runs part, on two kinds of CPU as well: by up to 0.4 dB here.
+# ---- Refinement. After a densification runs diverge, on two kinds of CPU too: here by up to 0.4 dB
 
 frames='--method frames --refine 136 --range 0:2 --test-cams 0'
 for device in cpu cuda; do
@@ -68,7 +70,7 @@ run "$bin/spin-retrain" "$in" --dry-run --device cuda $frames
 out_has "^work  *136 iterations on each frame, 2 frames, " "which says what is done"
 out_has "^time  *not known on a GPU$" "and that the time is not known"
 
-# ---- The default recipe, and before it refinement of which it takes the splats
+# ---- The default recipe, preceded by refinement whose splats it uses
 
 tracks='--range 0:2 --test-cams 0 --iterations 40 --densify-every 20 --densify-threshold 1e-4'
 for device in cpu cuda; do
@@ -100,7 +102,7 @@ for bundle in net tracks-cuda refined-cuda; do
     ok $? "$bundle: PSNR and SSIM are the CPU's to 0.001"
 done
 
-# The numbers of a PLY, one a line, without the header.
+# The numbers of a PLY without its header, one a line.
 numbers() {
     tail -c "+$(($(grep -a -b -o -m 1 end_header "$1" | cut -d : -f 1) + 12))" "$1" | od -An -v -tf4 -w4
 }
@@ -118,8 +120,9 @@ for frame in 0 1; do
     ok $? "frame $frame: the numbers of the PLY are the CPU's to 1e-5"
 done
 
-# pictures NAME LIMIT MEAN A B...: no value is further off than LIMIT of 255, and none on average than MEAN
-pictures() {
+# compare_images NAME LIMIT MEAN A B...: no value differs by more than LIMIT of 255, nor by more
+# than MEAN on average
+compare_images() {
     name=$1
     most=$2
     mean=$3
@@ -136,7 +139,7 @@ pairs=
 for file in $(cd "$work/images-cpu" && find . -name '*.png'); do
     pairs="$pairs $work/images-cpu/$file $work/images-cuda/$file"
 done
-[ -n "$pairs" ] && pictures "images" 2 0.01 $pairs
+[ -n "$pairs" ] && compare_images "images" 2 0.01 $pairs
 ok $? "there are images"
 run "$bin/spin-export" "$work/net.spin" --to video -o "$work/try.mp4" --device cpu
 if [ "$code" = 0 ]; then
@@ -174,9 +177,9 @@ else
     same_frames "$work/whole.spin" "$work/stopped.spin" "and ends where the one without a stop did"
 fi
 
-# ---- Without memory, and with a card that is lost
+# ---- Out of memory, and a lost GPU
 
-# gone NAME FILE: the last run failed with one line, and there is no output.
+# gone NAME FILE: the last run failed with one line and left no output.
 gone() {
     fails 1 spin-retrain "$1"
     [ ! -e "$2" ]

@@ -1,7 +1,9 @@
 #!/bin/sh
-# Trainings on the emulated card: as on the CPU, resumed, with as much memory as --dry-run wants, without memory, and
-# with a card that is lost; the golden training and the device's operations in orders that t2020 has not. And the kit for
-# a card, packed and run from an empty environment. K: long golden cuda emu device retrain resume test-card
+# Trainings on the emulated GPU: equal to the CPU's, resumed, with the memory that --dry-run
+# estimates, out of memory, and with a lost GPU; the golden training and the device operations in
+# thread orders that t2020 lacks. Also the kit for a machine with a GPU, packed and run from an
+# empty environment.
+# K: long golden cuda emu device retrain resume test-card
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained
@@ -41,7 +43,7 @@ run "$bin/spin-retrain" "$in" -o "$work/fits.spin" $larger $fitting
 is "$code" 0 "with half of that, what --dry-run names does run"
 unset SPIN_EMU_MEMORY
 
-# The log's losses.
+# The losses in the log.
 losses() { sed -n 's/.*"loss": \([0-9.e+-]*\), "l1".*/\1/p' "$1"; }
 
 for device in cpu cuda; do

@@ -55,7 +55,7 @@ run "$bin/spin-eval" "$work/4d.spin" --report "$work/4d.html"
 grep -q 'Trained by spin-retrain --iterations 120 --method 4d on cpu' "$work/4d.html"
 ok $? "and the page of spin-eval"
 
-# It is a source of 4D splats to everything else.
+# Every other command treats it as a source of 4D splats.
 run "$bin/spin4d" "$work/4d.spin" -o "$work/page.html"
 is "$code" 0 "spin4d makes a page of it"
 grep -q -i iteration "$work/err"
@@ -67,7 +67,8 @@ is "$code" 0 "which can be imported"
 run "$bin/spin-retrain" "$work/4d.spin" -o "$work/no.spin" --method 4d --iterations 5
 fails 1 spin-retrain "4D splats are no clip of tracks"
 
-# Splats are linked from frame to frame: here each frame has moved by itself, so none keeps its place.
+# Splats matched from frame to frame: here the frames moved independently, so no splat keeps its
+# place.
 mkdir "$work/apart"
 for f in 0 1 2 3 4 5; do
     rm -rf "$work/one"
@@ -90,7 +91,7 @@ ok $? "fewer than the splats of all frames ($rows, $all a frame)"
 awk -v a="$before" -v b="$cut" 'BEGIN { exit !(b > a - 0.3) }'
 ok $? "and look like them ($before, $cut)"
 
-# The same bytes for any number of threads, and after a stop.
+# Identical bytes for any number of threads, and after an interruption.
 small="$net --method 4d --iterations 60 --device cpu"
 run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/one.spin" $small --threads 1
 run "$bin/spin-retrain" "$work/tracks.spin" -o "$work/three.spin" $small --threads 3
@@ -119,7 +120,7 @@ err_has "is already finished" "a finished run is known again"
 run "$bin/spin-retrain" "$work/tracks.spin" --method 4d --dry-run --json
 is "$code" 0 "--dry-run tells what it needs"
 
-# On the emulated card as on the CPU.
+# The emulated GPU gives the CPU's result.
 card=$(cd "${SPIN_BUILD:-build/release}" && pwd)/tests/emu/spin-cuda.so
 if [ -f "$card" ]; then
     SPIN_CUDA_SHIM=$card

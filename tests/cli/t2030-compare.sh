@@ -1,13 +1,14 @@
 #!/bin/sh
 # K: compare table figures mask
-# spin-eval of several bundles: tables, the page that compares them, figures; and of a subject alone.
+# spin-eval of several bundles: tables, the comparison page, figures; and metrics of a subject
+# alone.
 . tests/cli/lib.sh
 
 "$bin/spin-import" $clip --data $clip -o "$work/a_b.spin" -q >/dev/null
 "$bin/spin-retrain" "$work/a_b.spin" -o "$work/better.spin" --iterations 30 -q >/dev/null 2>&1
 views="--range 1:4 --dynamic off"
 
-# ---- The same figures as one by one ------------------------------------------------------------------
+# ---- The same figures as for each bundle by itself -----------------------------------------------
 
 for name in a_b better; do
     # shellcheck disable=SC2086
@@ -41,7 +42,7 @@ run "$bin/spin-eval" "$work/a_b.spin" $views --table latex
 is "$(head -n 1 "$work/out") $(tail -n 1 "$work/out")" '\begin{tabular}{lrrrr} \end{tabular}' "--table latex of one"
 out_has '^a\\_b & [0-9.]* & 0.[0-9]* & [0-9.]* & [0-9.]* \\\\$' "with a name that LaTeX takes"
 
-# Every cell of the tables, and names with characters that a format escapes.
+# Every cell of the tables, and names with characters that a table format escapes.
 if python3 -c '' 2>/dev/null; then
     odd="$work/a|\"b\\c&%\$#_{}~^.spin"
     cp "$work/better.spin" "$odd"
@@ -86,7 +87,7 @@ PY
     done
 fi
 
-# ---- Flicker -----------------------------------------------------------------------------------------
+# ---- Flicker -------------------------------------------------------------------------------------
 
 run "$bin/spin-eval" "$work/better.spin" --temporal --json --report "$work/steady.html"
 is "$code $(member flicker >"$work/flicker" && grep -c . "$work/flicker")" "0 1" "--temporal has the mean flicker in JSON"
@@ -102,7 +103,7 @@ fails 1 spin-eval "the flicker of one frame"
 run "$bin/spin-eval" "$work/better.spin" --mask --temporal
 fails 2 spin-eval "flicker of a subject alone"
 
-# ---- Another data set --------------------------------------------------------------------------------
+# ---- Another data set ----------------------------------------------------------------------------
 
 cp -R "$clip" "$work/copy"
 "$bin/spin-import" "$work/copy" --data "$work/copy" -o "$work/copied.spin" -q >/dev/null
@@ -117,7 +118,7 @@ is "$code $(wc -c <"$work/err")" "0 0" "against one that is named"
 run "$bin/spin-eval" "$work/a_b.spin" "$work/a_b.spin" $views
 is "$code $(wc -c <"$work/err")" "0 0" "or that both name"
 
-# ---- The page and the figures ---------------------------------------------------------------------------
+# ---- The page and the figures --------------------------------------------------------------------
 
 # shellcheck disable=SC2086
 run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --dynamic off --report "$work/both.html" --figures "$work/figures"
@@ -141,7 +142,8 @@ is "$(ls "$work/figures" | grep -c 'svg$\|png$') $(grep -c '"file"' "$work/figur
 grep -q '>a_b</text>' "$work/figures/psnr.svg" && grep -q '>better</text>' "$work/figures/ssim.svg"
 ok $? "with names at the curves"
 set -- "$work"/figures/camera*.png
-# Three pictures of 320 x 180 side by side, and below them their differences: the one of the truth is empty.
+# Three images of 320 x 180 side by side and their differences below; the difference of the ground
+# truth is empty.
 is "$(od -An -tu1 -j16 -N8 "$1" | awk '{ print $3 * 256 + $4, $7 * 256 + $8 }')" "$((3 * 160 + 8)) $((2 * 90 + 4))" "a sheet of this size"
 run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --figures "$work/figures"
 fails 1 spin-eval "a folder with figures in it"
@@ -158,7 +160,7 @@ run "$bin/spin-eval" "$work/better.spin" $views --report "$work/one.html"
 is "$code $(grep -c 'track_iterations' "$work/one.html") $(grep -c 'hash_log2' "$work/one.html")" "0 1 0" \
     "a page of one tells its settings, and none of a network"
 
-# ---- What is no comparison -------------------------------------------------------------------------------
+# ---- Invalid comparisons -------------------------------------------------------------------------
 
 "$bin/spin-import" $clip --data $clip --range 2:5 -o "$work/other.spin" -q >/dev/null
 run "$bin/spin-eval" "$work/a_b.spin" "$work/other.spin" --figures "$work/none"
@@ -171,10 +173,11 @@ fails 2 spin-eval "--images of several"
 run "$bin/spin-eval" "$work/a_b.spin" --table md --json
 fails 2 spin-eval "two forms"
 
-# ---- A subject alone --------------------------------------------------------------------------------------
+# ---- A subject alone -----------------------------------------------------------------------------
 
 if python3 -c 'import numpy' 2>/dev/null; then
-    # Masks: a box. In the photographs the rest is as it is; so is a copy of the clip whose rest is something else.
+    # Masks: a rectangle. The images are unchanged; a copy of the clip with another background must
+    # give the same figures.
     cp -r $clip "$work/masked" && chmod -R u+w "$work/masked"
     python3 - "$work/masked" <<'PY'
 import glob, os, struct, sys, zlib
@@ -205,8 +208,8 @@ PY
     run "$bin/spin-eval" "$work/masked.spin" --mask --dynamic masks
     fails 2 spin-eval "--mask with --dynamic"
 
-    # Alpha, of a data set without masks: the PSNR of the pixels whose alpha is half or more, by pictures of 16 bits; and
-    # the SSIM of the windows that reach one of them.
+    # Alpha, of a data set without masks: the PSNR of pixels whose alpha is at least a half, from
+    # 16-bit images, and the SSIM of windows that touch such a pixel.
     "$bin/spin-import" fixtures/4dgaussian/coarse_and_fine --data fixtures/datasets/blender_mini -o "$work/alpha.spin" -q
     run "$bin/spin-export" "$work/alpha.spin" --to images --bits 16 -o "$work/drawn"
     for background in black white; do

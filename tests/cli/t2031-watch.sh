@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: watch page
-# The page of spin-retrain --watch: what is in its folder while a training runs, after Ctrl-C and at the end; and that
-# the result is the same.
+# The page of spin-retrain --watch: the contents of its folder during a training, after Ctrl-C and
+# at the end; the result of the training is unchanged.
 . tests/cli/lib.sh
 
 "$bin/spin-import" $clip --data $clip --range 0:3 -o "$work/a.spin" -q >/dev/null
@@ -32,7 +32,7 @@ same_frames "$work/b.spin" "$work/page/state.spin" "state.spin is the last state
 run "$bin/spin-retrain" "$work/a.spin" -o "$work/c.spin" $short --watch "$work/page"
 fails 1 spin-retrain "a folder with a page in it"
 
-# ---- The folder of an earlier training -----------------------------------------------------------------
+# ---- The folder of an earlier training -----------------------------------------------------------
 
 touch "$work/page/pictures/cam_mine.png"
 # shellcheck disable=SC2086
@@ -55,7 +55,7 @@ cmp -s "$work/input.spin" "$work/page/state.spin"
 ok $? "which stays as it is"
 is "$(ls "$work/page/pictures" | wc -l)" 3 "as do its pictures"
 
-# ---- A page that cannot be written ----------------------------------------------------------------------
+# ---- A page that cannot be written ---------------------------------------------------------------
 
 # shellcheck disable=SC2086
 "$bin/spin-retrain" "$work/a.spin" -o "$work/d.spin" $short --iterations 40 --eval-every 10 --watch "$work/gone" \
@@ -72,7 +72,7 @@ is "$(grep -c '^warning: .*; the training goes on' "$work/err")" 1 "is said once
 cmp -s "$work/plain.spin" "$work/d.spin"
 ok $? "the training does not suffer"
 
-# ---- Stopped on the way ----------------------------------------------------------------------------------
+# ---- An interrupted training ---------------------------------------------------------------------
 
 "$bin/spin-retrain" "$work/a.spin" -o "$work/cut.spin" --iterations 100000 --scale 0.5 --eval-every 20 --watch "$work/cut" >"$work/out" 2>"$work/err" &
 pid=$!

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: long retrain renders flipbook 4d
-# Frames without images: a data set that is drawn from the clip itself, and 4D splats trained on it.
+# Frames without images: a data set rendered from the clip itself, and 4D splats trained on it.
 . tests/cli/lib.sh
 
 run "$bin/spin-import" --from d3dgs $clip -o "$work/run.spin"

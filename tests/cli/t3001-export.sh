@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: ply images
-# spin-export: PLY frames that read back, pictures, and what cannot be exported.
+# spin-export: PLY frames that read back, images, and what cannot be exported.
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained
@@ -52,7 +52,7 @@ is "$code" 0 "exports pictures"
 find "$work/images" -name '*.png' | grep -q png
 ok $? "they are PNG"
 
-# Without a data set, or where it is gone: from the front.
+# Without a data set, or if it no longer exists: seen from the front.
 run "$bin/spin-import" fixtures/splats/splat/frame_00000.splat -o "$work/alone.spin"
 run "$bin/spin-export" "$work/alone.spin" --to images --size 60x40 -o "$work/alone"
 is "$code $(ls "$work/alone" | tr '\n' ' ')" "0 front_frame_00000.png sequence.json " "pictures without a data set"
@@ -67,7 +67,8 @@ run "$bin/spin-export" "$work/moved.spin" --to images --size 60x40 --range 0:1 -
 is "$code $(ls "$work/gone" | tr '\n' ' ')" "0 front_frame_00000.png sequence.json " "a data set that is gone"
 err_has "^warning: .*$work/run.* does not exist: continuing without its cameras" "is a warning"
 
-# There, but empty, without images, or with half a file: for what needs no cameras the data set is not opened.
+# A data set that exists but is empty, has no images, or has a truncated file: exports that need no
+# cameras do not open it.
 for state in empty short cut; do
     mkdir -p "$work/run"
     [ $state = cut ] && cp -r "$clip/." "$work/run" && head -c 500 "$clip/train_meta.json" >"$work/run/train_meta.json"
@@ -89,7 +90,7 @@ for state in empty short cut; do
     rm -rf "$work/run"
 done
 
-# Whole, but of two frames where the bundle has six.
+# A complete data set of two frames, whereas the bundle has six.
 cp -r "$clip" "$work/run"
 chmod -R u+w "$work/run"
 python3 -c 'import json, sys
@@ -117,7 +118,7 @@ for part in 1 50 99; do
     nothing_at "$work/never" "a bundle cut to $part %: nothing was written"
 done
 
-# Splats that are too faint for any picture.
+# Splats too transparent to show in any image.
 {
     printf 'ply\nformat ascii 1.0\nelement vertex 3\n'
     printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
@@ -148,7 +149,7 @@ rows=$(sed -n 's/^read back: 1 frame, \([0-9]*\) splats.*/\1/p' "$work/out")
 out_has "lost in $rows of $rows splats, which splat does not store" "--check: of how many splats it is lost"
 run "$bin/spin-export" "$work/one.spin" --to spz -o "$work/one-spz" --check --json
 out_has "\"sh_lost\": 0,$" "--check: of none where the format holds it"
-# Bands that are 0 are none that can be lost.
+# Bands of SH that are 0 are not counted as lost.
 run "$bin/spin-export" "$work/one.spin" --to ply --sh 0 -o "$work/flat"
 run "$bin/spin-import" "$work/flat" -o "$work/flat.spin"
 run "$bin/spin-export" "$work/flat.spin" --to ply --sh 2 -o "$work/zeros"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: html gltf glb splat compressed-ply spz usd
-# spin-export: the other formats of splats, a file or a folder, and what they say about their error.
+# spin-export: the other splat formats, as a file or as a folder, and the error that each reports.
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained
@@ -34,7 +34,8 @@ for pair in gltf:glb splat:splat compressed-ply:compressed.ply spz:spz usd:usda;
     nothing_at "$work/never" "$to: nothing was written"
 done
 
-# The ending of the output decides the format; one frame goes to one file, several ask for a folder.
+# The extension of the output chooses the format; one frame is written to a file, several need a
+# folder.
 for end in ply compressed.ply glb sog splat spz usda html; do
     if [ $end = sog ] && ! ldconfig -p 2>/dev/null | grep -q 'libwebp\.so\.7'; then
         skip "one .sog" "no libwebp"
@@ -87,8 +88,9 @@ run "$bin/spin-export" "$in" --to html -o "$work/parts.html" --split
 fails 1 spin-export "blocks that are there: does not overwrite"
 nothing_at "$work/parts.html" "blocks that are there: no page"
 
-# Splats trained antialiased: formats that have a word for it say so, others are warned of, and what was
-# written as PLY is drawn the same when it comes back: to the last digit, as nothing is rounded to half floats.
+# Splats trained antialiased: formats with a flag for it store it, others cause a warning. A PLY
+# that is imported again is drawn identically to the last digit, since no value is rounded to half
+# precision.
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/clip.spin"
 run "$bin/spin-retrain" "$work/clip.spin" -o "$work/anti.spin" --device cpu --scale 0.25 --method frames \
     --refine 20 --antialias on --precision full
@@ -123,7 +125,7 @@ run "$bin/spin-export" "$work/anti.spin" --to usd -o "$work/anti-usd"
 grep -q '^        bool antialias = true$' "$work/anti-usd/clip.usda"
 ok $? "antialiased: USD says so"
 
-# One splat in one frame: nothing is said in the plural, and "at most" is true of small files.
+# One splat in one frame: messages use the singular, and "at most" holds for small files.
 printf 'ply\nformat ascii 1.0\nelement vertex 1\n' >"$work/one.ply"
 printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 >>"$work/one.ply"
 printf 'end_header\n1 2 3 4 5 6 2 -5 -5 -5 1 0 0 0\n' >>"$work/one.ply"
@@ -134,7 +136,7 @@ for to in ply compressed-ply spz "spz --spz-version 3" sog splat gltf usd html; 
     is "$code" 0 "one splat as $to"
     ! grep -q '\b1 \(splat\|frame\|version\)s' "$work/out" "$work/err"
     ok $? "$to: one splat, one frame"
-    # what is announced are the frames, without sequence.json
+    # The announced files are the frames, without sequence.json
     others=$(stat -c %s "$work/one-out/sequence.json" 2>/dev/null)
     awk -v others="${others:-0}" '/^writing .* at most/ { most = $NF == "kB" ? 1000 * $(NF - 1) : $(NF - 1) }
         / as .* each, / { is = $NF == "kB" ? 1000 * $(NF - 1) : $(NF - 1) } END { exit most != "" && is - others > most }' \

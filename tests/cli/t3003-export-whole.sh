@@ -1,8 +1,7 @@
 #!/bin/sh
 # K: export ply gltf glb splat compressed-ply spz sog html images video
 # shellcheck disable=SC2046 # to_of gives several words
-# spin-export: what was written is what was meant, whole or not there at all: --check, bad
-# values, a full disk, Ctrl-C.
+# spin-export writes complete outputs or none: --check, bad values, a full disk, Ctrl-C.
 . tests/cli/lib.sh
 
 run_of=$fixtures/d3dgs/trained
@@ -29,9 +28,9 @@ to_of() {
     esac
 }
 
-# ---- Read back -------------------------------------------------------------------------------------
+# ---- Read back -----------------------------------------------------------------------------------
 
-# checked NAME LEAST: the last --check --json found every frame, and a picture of at least LEAST dB.
+# checked NAME LEAST: the last --check --json found every frame, and its images reach LEAST dB.
 checked() {
     is "$(sed -n '/"check"/,$ s/^    "frames": \([0-9]*\),*$/\1/p' "$work/out")" "$frames" \
         "$1: every frame was read back"
@@ -72,7 +71,7 @@ fi
 run "$bin/spin-export" "$in" --to usd -o "$work/never" --check
 fails 2 spin-export "usd cannot be checked"
 
-# ---- Bad values ------------------------------------------------------------------------------------
+# ---- Bad values ----------------------------------------------------------------------------------
 
 {
     printf 'ply\nformat ascii 1.0\nelement vertex 12\n'
@@ -101,9 +100,9 @@ run "$bin/spin-export" "$in" --to html -o "$work/some.html" --every 3 --json
 is "$(member frames)" 2 "html: every third of four frames is two"
 is "$(member bytes)" "$(wc -c <"$work/some.html")" "html: says how large the page is"
 
-# ---- No room ---------------------------------------------------------------------------------------
+# ---- Full disk -----------------------------------------------------------------------------------
 
-# nothing_half FOLDER NAME: no file under its final name, none left over.
+# nothing_half FOLDER NAME: no incomplete file under its final name, and no temporary file.
 nothing_half() {
     is "$(find "$1" -type f 2>/dev/null | wc -l)" 0 "$2: nothing is left"
 }
@@ -122,7 +121,7 @@ code=$?
 fails 1 spin-export "one GLB: a limit on files"
 nothing_at "$work/full.glb" "one GLB: a limit on files"
 
-# What draws needs a clip with cameras; pictures go around the scene.
+# Formats that render need a clip with cameras; the images circle the scene.
 run "$bin/spin-import" "$clip" --data "$clip" -o "$work/seen.spin"
 is "$code" 0 "imports a clip with cameras"
 around='--path orbit --repeat 100 --size 160x90'
@@ -133,8 +132,8 @@ else
     skip "videos" "$(cat "$work/err")"
 fi
 
-# whole_pictures FOLDER NAME: what is there is whole PNGs.
-whole_pictures() {
+# whole_images FOLDER NAME: every file in the folder is a complete PNG.
+whole_images() {
     printf 'IEND\256B`\202' >"$work/iend"
     bad=0
     for file in $(find "$1" -type f ! -name sequence.json 2>/dev/null); do
@@ -144,7 +143,7 @@ whole_pictures() {
     is "$(find "$1" -type f ! -name '*.png' ! -name sequence.json 2>/dev/null | wc -l)" 0 "$2: nothing else is there"
 }
 
-# draw TO OUT [LIMIT]: pictures or a video of the clip with cameras, below a limit on files.
+# draw TO OUT [LIMIT]: images or a video of the clip with cameras, with a limit on file sizes.
 draw() {
     # shellcheck disable=SC2086
     (ulimit -f "${3:-unlimited}" && exec "$bin/spin-export" -q "$work/seen.spin" --to "$1" $around \
@@ -171,7 +170,7 @@ code=$?
 fails 1 spin-export "html: a limit on files"
 nothing_at "$work/full.html" "html: a limit on files"
 
-# What is two files, or is looked at twice: room for the smaller part only.
+# Outputs of two files, or with two checks: space for the smaller part only.
 both='html:split.html:--split gltf:apart.glb:--still-apart'
 for one in $both; do
     name=${one%:*}
@@ -195,7 +194,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/n
         nothing_half "$work/small/$to" "$to: a full disk"
         rm -rf "$work/small/${to:?}"
     done
-    # Of several frames only the most that they can take is known, so one is written.
+    # For several frames only an upper bound of the size is known, so a single one is written.
     run "$bin/spin-export" -q "$in" --to gltf --range 0:1 -o "$work/small/clip.glb"
     is "$code" 1 "one GLB: a full disk: exit code 1"
     err_has "has only .* free" "one GLB: a full disk: warns before"
@@ -224,7 +223,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=16k tmpfs "$work/small" 2>/dev/n
     draw images "$work/small/images"
     is "$code" 1 "images: a full disk: exit code 1"
     err_has "^spin-export: .*No space left" "images: a full disk: says so"
-    whole_pictures "$work/small/images" "images: a full disk"
+    whole_images "$work/small/images" "images: a full disk"
     rm -rf "$work/small/images"
     for end in $videos; do
         draw video "$work/small/clip.$end"
@@ -236,9 +235,9 @@ else
     skip "a full disk" "not root, or no tmpfs can be mounted"
 fi
 
-# ---- Ctrl-C ----------------------------------------------------------------------------------------
+# ---- Ctrl-C --------------------------------------------------------------------------------------
 
-# A clip long enough to be stopped in: one frame, many times.
+# A clip long enough to be interrupted: one frame, many times.
 mkdir "$work/many"
 i=100
 while [ $i -lt 400 ]; do
@@ -277,7 +276,7 @@ else
 fi
 is "$(find "$work" -name 'stop.glb.tmp*' | wc -l)" 0 "one GLB: Ctrl-C: nothing half-written"
 
-# stopped COMMAND...: begin it, wait for the first file at $1, press Ctrl-C.
+# stopped COMMAND...: starts it, waits for the first file at $1, and sends Ctrl-C.
 stopped() {
     place=$1
     shift
@@ -293,7 +292,7 @@ stopped() {
 stopped "$work/stop-images" "$bin/spin-export" -q "$work/seen.spin" --to images $around \
     -o "$work/stop-images"
 is "$code" 130 "images: Ctrl-C: exit code 130"
-whole_pictures "$work/stop-images" "images: Ctrl-C"
+whole_images "$work/stop-images" "images: Ctrl-C"
 for end in $videos; do
     # shellcheck disable=SC2086
     stopped "$work/stop.$end" "$bin/spin-export" -q "$work/seen.spin" --to video $around \

@@ -1,11 +1,12 @@
 #!/bin/sh
 # K: import export retrain sync
-# Who waits until what was written is on the disk: a retraining always, imports and exports with --sync.
+# Which commands wait until their output has reached the disk: trainings always, imports and exports
+# with --sync.
 . tests/cli/lib.sh
 
 in=$work/in.spin
 
-# syncs COMMAND...: how often it waits.
+# syncs COMMAND...: the number of its calls of fsync.
 syncs() {
     traced -f -qq -e trace=fsync,fdatasync -o "$work/strace" "$@" >"$work/out" 2>"$work/err"
     grep -c 'sync([0-9]' "$work/strace"

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: python bundle numpy
-# exporters/python/spin4d.py and the manual's own decoder read what spin-retrain writes as spin-export does:
-# networks, tracks and frames of their own, at every precision.
+# exporters/python/spin4d.py and the decoder in the manual read the output of spin-retrain as
+# spin-export does: networks, tracks and refined frames, at every precision.
 . tests/cli/lib.sh
 if ! python3 -c 'import numpy' 2>/dev/null; then
     skip "bundles in Python" "no python3 with numpy"
@@ -78,7 +78,7 @@ for precision in compact half full; do
 done
 same "$work/half-tracks.spin" source "the source beside it" --source
 
-# Frames that share no place: each has tracks of its own, and its splats go in their order.
+# Frames with unrelated positions: each has tracks of its own, and its splats are in their order.
 mkdir "$work/apart"
 for f in 0 1 2; do
     rm -rf "$work/one"
@@ -87,6 +87,7 @@ for f in 0 1 2; do
 done
 "$bin/spin-import" "$work/apart" --from ply --data fixtures/court-mini --pair order -o "$work/apart.spin" -q 2>"$work/err"
 # shellcheck disable=SC2086
+# Point clouds: positions are rounded, colours are exact.
 run "$bin/spin-retrain" "$work/apart.spin" -o "$work/own-tracks.spin" $small --iterations 40 --densify-every 10
 is "$code" 0 "frames that share no place: retrains"
 same "$work/own-tracks.spin" retrained "their tracks"
@@ -130,7 +131,8 @@ a, b = (spin4d.load(path).values("source/means/00002") for path in sys.argv[1:])
 assert a.tobytes() == b.tobytes()' "$work/points.spin" "$work/refined-points.spin" 2>"$work/err"
 ok $? "which refined frames can be found again by"
 
-# Positions far from 0: those of the file, as doubles; or relative to the shift, as floats. Cameras follow.
+# Positions far from the origin: absolute as doubles, or relative to the shift as floats; cameras
+# follow.
 mkdir "$work/far"
 python3 -c '
 import sys, numpy as np, spin4d
@@ -167,7 +169,7 @@ a, b = (spin4d.load(path).frame(0).means for path in sys.argv[1:])
 assert np.array_equal(a, b)' "$work/far.spin" "$work/far1.spin" 2>"$work/err"
 ok $? "write_ply() keeps their digits"
 
-# 4D splats: slices are those of spin-export, at frames of the bundle and between them.
+# 4D splats: slices equal those of spin-export, at the bundle's frames and between them.
 for kind in rot4d_noshfs rot4d_sht; do
     [ -d "$fixtures/realtime4dgs/$kind" ] || continue
     "$bin/spin-import" "$fixtures/realtime4dgs/$kind" -o "$work/4d.spin" --range 0:60:20 -q --force
@@ -181,7 +183,7 @@ assert len(a.means) and len(b.means) and clip.frame(1).means.shape == c.means.sh
 assert not (a.means.shape == b.means.shape and (a.means == b.means).all())' "$work/4d.spin"
 ok $? "and at any time between"
 
-# Bundles of version 3 give what those of today give.
+# Bundles of version 3 give the same values as current ones.
 cat >"$work/older.py" <<'E'
 import json, sys, zipfile
 
@@ -214,7 +216,7 @@ for kind in tracks network both; do
 done
 rm "$work/older.spin"
 
-# The manual's example is the decoder that it says it is.
+# The example of the manual is the complete decoder that it claims to be.
 python3 - "$work/full-tracks.spin" "$work/half-tracks.spin" "$work/compact-tracks.spin" man/spin-bundle.5 \
     "$work/half-both.spin" "$work/compact-frames.spin" <<'E' 2>"$work/err"
 import json, re, sys
@@ -263,7 +265,7 @@ for name in zipped.files:
 E
 ok $? "the manual's decoder; half and compact within their bounds, the source to the bit"
 
-# Test views of a data set that has not the cameras that were held out.
+# Test views of a data set that lacks the held-out cameras.
 python3 - "$work/compact-tracks.spin" "$work/other-rig.spin" <<'E'
 import json, sys, zipfile
 
@@ -323,7 +325,7 @@ fails 1 spin-export "more rows of differences than there are"
 err_has "lie.spin.*source/means/00001" "names file and array"
 rm "$work/lie.spin"
 
-# ---- The manual: every key of meta.json and every array, and none besides
+# ---- The manual describes every key of meta.json and every array, and no others
 
 # shellcheck disable=SC2086
 run "$bin/spin-retrain" "$in" -o "$work/refined.spin" $small $net --iterations 2 --refine 2

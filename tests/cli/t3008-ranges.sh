@@ -1,7 +1,9 @@
 #!/bin/sh
-# K: long range export ply gltf glb splat compressed-ply spz sog usd html images video eval retrain refine
-# --range, through every command: of a clip of five frames with other counts, places, colours and pictures, frames 2 to 4
-# and frames 1 and 3 give what a clip gives that has no others.
+# K: long range export ply gltf glb splat compressed-ply spz sog usd html images video eval retrain
+# refine
+# --range in every command: of a clip whose five frames differ in counts, positions, colours and
+# images, frames 2 to 4 and frames 1 and 3 give the same results as a clip that contains nothing
+# else.
 . tests/cli/lib.sh
 
 bin=$(cd "$bin" && pwd)
@@ -12,7 +14,7 @@ for f in 1 2 3 4 5; do
         printf 'ply\nformat ascii 1.0\nelement vertex %s\n' $n
         printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
         echo end_header
-        # the last eight do not move
+        # the last eight are static
         awk -v f=$f -v n=$n 'BEGIN { for (i = 0; i < n; i++) {
             k = i < n - 8 ? i : i - n
             t = i < n - 8 ? f : 1
@@ -22,7 +24,7 @@ for f in 1 2 3 4 5; do
 done
 cd "$work" || exit 1
 
-# Four cameras, one of them held out; the pictures are the clip's own, of other moments.
+# Four cameras, one of them held out; their images are the clip's own, of other frames.
 run "$bin/spin-import" five -o alone.spin
 run "$bin/spin-export" alone.spin --to images --path orbit --repeat 1 --size 64x48 -o pictures
 for f in 1 2 3 4 5; do
@@ -74,8 +76,9 @@ else
     skip "videos" "$(cat err)"
 fi
 
-# same WHAT ARGUMENT...: what a program says and writes in ours/, of whole.spin with --range, is what it says and writes
-# in theirs/, of a clip without other frames, $other. What depends on the clock is left out.
+# same WHAT ARGUMENT...: a command applied to whole.spin with --range prints and writes (into ours/)
+# the same as applied to $other, the clip without the other frames (into theirs/). What depends on
+# the clock is ignored.
 same() {
     what=$1
     program=$2
@@ -100,7 +103,7 @@ same() {
             (cd $side && "$bin/spin-export" ./*.spin --to ply -o plys -q && rm ./*.spin)
         done
     done
-    # each names its own data set
+    # Each bundle names its own data set.
     find ours theirs -name sequence.json -exec sed -i '/"path"/d' {} +
     diff -r ours theirs >err
     ok $? "$range: $what is that of a clip without other frames"
@@ -160,7 +163,7 @@ for range in 2:5 1:5:2; do
         # shellcheck disable=SC2086
         same "$to $rest" spin-export --to "$to" -o $rest
     done
-    # What was imported, beside what was learned.
+    # Imported frames beside trained ones.
     rm -rf ours theirs
     run "$bin/spin-export" learned.spin --range $range --to html --only before -o ours
     counts=$(for f in $wanted; do echo $((20 + 7 * f)); done | tr '\n' ',')

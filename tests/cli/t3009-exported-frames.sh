@@ -1,6 +1,7 @@
 #!/bin/sh
 # K: sequence pair import export
-# What spin-export wrote imports again with its times, and pairs with the data set that it came from.
+# Exports of spin-export can be imported again with their times, and are paired with the data set of
+# the original clip.
 . tests/cli/lib.sh
 
 mkdir "$work/named" "$work/far"
@@ -16,7 +17,7 @@ for name in a b c d e f; do
     f=$((f + 1))
 done
 
-# again FOLDER [OPTION...]: what is measured on its frames 2 to 4 is measured again on what is exported of them.
+# again FOLDER [OPTION...]: frames 2 to 4 of the clip and the export of them have the same metrics.
 again() {
     from=$1
     shift
@@ -36,11 +37,11 @@ again() {
     ok $? "$from: and beside the same pictures"
 }
 
-# Names without numbers count from 0, the data set's files from 8; numbers that are none of the data set's.
+# Names without numbers count from 0, the data set's files from 8; numbers that the data set lacks.
 again named
 again far --pair order
 
-# What does not fit is not believed.
+# A mismatched sequence.json is not trusted.
 for fault in 's/"source_index": 3/"source_index": 6/' 's/"frame": 3/"frame": 30/' 's/"time": 3/"time": "x"/'; do
     cp -r "$work/named-out" "$work/bad"
     sed -i "$fault" "$work/bad/sequence.json"
@@ -60,7 +61,8 @@ ok $? "a sequence.json of others: times are counted"
 ! grep -q 'sequence.json' "$work/err"
 ok $? "a sequence.json of others: nothing is said"
 
-# --force removes what a longer export has left, and nothing that only a sequence.json of others names.
+# --force removes the remains of a longer export, but no file that only another program's
+# sequence.json names.
 files() { ls "$1" | tr '\n' ' '; }
 run "$bin/spin-export" "$work/named.spin" --to ply -o "$work/long"
 cp -r "$work/long" "$work/failed"
@@ -99,7 +101,7 @@ is "$code $(files "$work/hostile")" "0 frame_00001.ply frame_00002.ply link_0.pl
 [ -s "$work/up_0.ply" ] && [ -s "$work/hostile/sub0/0.ply" ]
 ok $? "and those of other folders"
 
-# Frames without a splat are counted, and imported again.
+# Frames without splats are counted, and imported again.
 for to in ply splat spz; do
     run "$bin/spin-export" "$work/named.spin" --to $to --crop 0,0,-1,99,0.105,1 -o "$work/empty" --force --json
     is "$code $(member frames)" "0 6" "$to: an export of frames without splats"
@@ -108,7 +110,7 @@ for to in ply splat spz; do
     is "$code $(member frames) $(grep -c '"min": 0,' "$work/out")" "0 6 1" "$to: and they import again"
 done
 
-# 4D splats: what --min-opacity leaves is counted, as the file has it.
+# 4D splats: what --min-opacity keeps is counted as in the file.
 if [ -d "$fixtures/freetimegs/newer_sh1_clamped" ]; then
     run "$bin/spin-import" "$fixtures/freetimegs/newer_sh1_clamped" -o "$work/4d.spin"
     for to in .ftgs.ply .tsog .html; do
@@ -121,7 +123,7 @@ if [ -d "$fixtures/freetimegs/newer_sh1_clamped" ]; then
     ok $? "and of what is read again"
 fi
 
-# Two comments that say one thing are one note; drawn images are counted.
+# Two comments with the same content become one note; rendered images are counted.
 cp -r "$work/named" "$work/mip"
 sed -i 's/^format.*/&\ncomment antialiased 1\ncomment SplatRenderMode: mip/' "$work"/mip/*.ply
 run "$bin/spin-import" "$work/mip" -o "$work/mip.spin"
@@ -133,7 +135,8 @@ run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --
 ok $? "and replaced without a warning"
 out_has "6 frames as images (30 images)" "in words too"
 
-# Images of a former run go as well: of another camera path, of more frames, and those of spin-eval.
+# Images of a previous export are removed too: of another camera path, of more frames, and those of
+# spin-eval.
 run "$bin/spin-export" "$work/mip.spin" --to images --path orbit --size 20x20 --repeat 1 --range 0:2 -o "$work/images" --force
 is "$code $(files "$work/images")" "0 orbit_frame_00000.png orbit_frame_00001.png sequence.json " "fewer images replace more"
 err_has "removed 28 files of the previous export from '$work/images'" "and those that go are counted"
@@ -148,7 +151,7 @@ is "$code $(ls "$work/images" | wc -l)" "0 $(((n - 1) / 3 + 2))" "spin-eval --im
 err_has "removed $(((n - 1) / 3 * 2)) files of the previous export" "and are counted"
 err_has "warning: folder '$work/images' was not empty" "and what no run has listed stays with a warning"
 
-# Some of the frames that were exported.
+# A part of the exported frames.
 run "$bin/spin-eval" "$work/named.spin" --split all --range 3:5 --json
 sed -n '/"views"/,$ p' "$work/out" >"$work/wanted"
 run "$bin/spin-import" "$work/named-out" --data "$clip" --range 3:5 -o "$work/some.spin"
@@ -157,7 +160,7 @@ run "$bin/spin-eval" "$work/some.spin" --split all --json
 sed -n '/"views"/,$ p' "$work/out" | cmp -s - "$work/wanted" && [ -s "$work/wanted" ]
 ok $? "some of them: beside the same pictures"
 
-# The data set and that rows are the same splats come back by themselves.
+# The data set, and the fact that rows are persistent splats, are restored automatically.
 run "$bin/spin-import" --from d3dgs "$clip" --data "$clip" -o "$work/d.spin" --range 0:3
 run "$bin/spin-eval" "$work/d.spin" --split all --json
 views() { sed -n '/"views"/,$ s/\([.][0-9]\{6\}\)[0-9]*/\1/p' "$work/out"; } # to what floats hold

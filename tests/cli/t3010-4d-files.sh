@@ -1,14 +1,15 @@
 #!/bin/sh
 # K: 4d ftgs sogst export import freetimegs
-# 4D splats out as files of 4D splats and back: what returns is what went, and what a file cannot hold is said.
+# 4D splats exported as files of 4D splats and imported again: the result equals the input, and what
+# a file cannot store is reported.
 . tests/cli/lib.sh
 . tests/runs.sh
 
 run_in=fixtures/realtime4dgs/rot4d_noshfs
 ftgs=fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply
 
-# Frames of two bundles: the same splats in the same order, to rounding. Times of the second are TO times those of
-# the first.
+# Compares the frames of two bundles: the same splats in the same order, up to rounding. Times of
+# the second are TO times those of the first.
 same_frames() { # BUNDLE BUNDLE NAME
     if ! python3 -c 'import numpy' 2>/dev/null; then
         skip "$3" "no python3 with numpy"
@@ -22,7 +23,7 @@ a, b = (spin4d.load(p) for p in sys.argv[1:3])
 assert len(a) == len(b) and a.splats_4d["n"] >= b.splats_4d["n"]
 for i in range(0, len(a), max(1, len(a) // 7)):
     x, y = a.frame(i), b.frame(i)
-    # what is at the edge of being seen may be so in one alone
+    # a splat at the threshold of visibility may be visible in only one of them
     assert abs(len(x.means) - len(y.means)) <= 1, (i, len(x.means), len(y.means))
     if len(x.means) == len(y.means):
         turn = np.sign((x.quats * y.quats).sum(1, keepdims=True))
@@ -40,7 +41,7 @@ is "$code $(member to) $(member bytes)" "0 ftgs $(wc -c <"$work/a.ftgs.ply")" "g
 run "$bin/spin-import" "$work/a.ftgs.ply" -o "$work/b.spin" --json
 is "$code $(member from) $(member frames)" "0 freetimegs 181" "and comes back"
 same_frames "$work/a.spin" "$work/b.spin" "as what it was"
-# Turned by any angles, every frame is read back as it is.
+# Splats rotated by arbitrary angles are read back unchanged in every frame.
 for turn in 0,0,0 90,30,0; do
     run "$bin/spin-export" "$work/a.spin" -o "$work/turned-$turn.ftgs.ply" --rotate "$turn" --check --json
     is "$code $(python3 -c 'import json, sys
@@ -48,7 +49,7 @@ c = json.load(sys.stdin)["check"]
 print(c["frames"], all(c[k]["largest"] < 2e-4 for k in c if isinstance(c[k], dict)))' <"$work/out")" "0 181 True" \
         "turned by $turn it is read back as it is"
 done
-# That they are meant to be drawn antialiased.
+# The flag for antialiased splats.
 is_antialiased() {
     python3 -c 'import json, sys, zipfile
 print(json.load(zipfile.ZipFile(sys.argv[1]).open("meta.json")).get("antialias", False))' "$1"
@@ -76,7 +77,8 @@ ok $? "a frame rate that was written is not guessed"
 run "$bin/spin-export" "$work/third.spin" -o "$work/third.sogst.ply"
 grep -aq '^comment sogst.fps 10$' "$work/third.sogst.ply"
 ok $? "every third of 30 frames a second are 10, there and back"
-# Times are rounded to one of 256: what that does to opacities is said, and is what is read back.
+# Times are rounded to one of 256 values: the effect on opacities is reported, and equals what is
+# read back.
 run "$bin/spin-export" "$work/a.spin" -o "$work/a.sogst" --check --json
 said=$(sed -n 's/.*rounds times: .* is off by up to \(.*\)$/\1/p' "$work/err")
 python3 -c 'import json, sys
@@ -97,7 +99,8 @@ run "$bin/spin-import" fixtures/hostile/freetimegs/frames.ply -o "$work/many.spi
 is "$code $(member frames)" "0 65536" "of a million frames so many are taken"
 out_has "has 1000000 frames, of which 65536 are sampled" "and that is said"
 
-# The PLY for .sogst: paths of degree 2, a factor on covariances, SH of degree 1 that become degree 3 with zeros.
+# The PLY for .sogst: paths of degree 2, a factor on covariances, and SH of degree 1 padded with
+# zeros to degree 3.
 python3 - "$work/curved.ply" <<'P'
 import math, struct, sys
 names = ("x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2 vx vy vz t_center t_sigma "
@@ -111,7 +114,7 @@ with open(sys.argv[1], "wb") as f:
             1 + i % 3, i % 7 / 7, 0.1, 1, math.cos(2 * i), math.sin(3 * i), i % 4 / 2, 0.9 + i * 0.618 % 2.2, 0.1 + i % 6 / 20]
             + [math.sin(i * 9 + k) / 4 for k in range(9)] + [0.5, -4.9, i % 2 / 2])))
 P
-# As it was written, in all frames that are looked at.
+# Every frame that is compared equals what was written.
 as_written() { # NAME
     is "$code $(python3 -c 'import json, sys
 c = json.load(sys.stdin)["check"]
@@ -137,14 +140,14 @@ as_written "turned, half as fast, it is read back as it is"
 has_line "$work/turned.sogst.ply" "property float f_rest_" 0
 has_line "$work/turned.sogst.ply" 'comment sogst.time_max 4$' 1
 
-# Every tenth frame is shown a tenth as often, and the numbers of its frames know what they were.
+# Every tenth frame: the frame rate is a tenth, and frames keep their original numbers.
 run "$bin/spin-export" "$work/a.spin" --to ply -o "$work/tenth" --range 0:181:10
 is "$code $(sed -n 's/ *"fps": \([0-9.]*\),/\1/p' "$work/tenth/sequence.json")" "0 3" "30 frames a second, every tenth is 3"
 run "$bin/spin-import" "$work/tenth" -o "$work/tenth.spin"
 run "$bin/spin-export" "$work/tenth.spin" --to ply -o "$work/twentieth" --range 0:181:20
 is "$code $(sed -n 's/ *"fps": \([0-9.]*\),/\1/p' "$work/twentieth/sequence.json")" "0 1.5" "and every other of these 1.5"
 
-# Times of Realtime-4DGS are another unit.
+# Times of Realtime-4DGS have another unit.
 run "$bin/spin-import" "$run_in" --time-duration -0.5,4.5 -o "$work/r.spin"
 is "$code" 0 "a run of Realtime-4DGS"
 run "$bin/spin-export" "$work/r.spin" --to ftgs -o "$work/r.ftgs.ply"
@@ -163,7 +166,7 @@ ok $? "that show as many splats, and those too that the method itself hides"
 greater "$(echo "$mean" | awk '{ print $1 * 1.2 }')" "$(member splats_mean)"
 ok $? "which are few"
 
-# Where the data set's cameras see the splats, positions are off by so many pixels.
+# The error of positions in pixels, where cameras of the data set see the splats.
 stand_in "$work/data" "$clip/ims/0/000008.jpg"
 cameras "$work/data" 7 5
 run "$bin/spin-import" "$run_in" --time-duration 0,5 --data "$work/data" --data-from transforms:ending=.jpg \
@@ -174,7 +177,7 @@ out_has "of the splat's size at most, .* pixels of the data set's cameras" "--ch
 run "$bin/spin-export" "$work/r.spin" -o "$work/unseen.ftgs.ply" --check --json
 out_has '"place_pixels": null' "--check: no pixels without a data set"
 
-# What it cannot hold.
+# What the format cannot store.
 run "$bin/spin-import" "$run_in" --frames 3 -o "$work/frames.spin"
 run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.ftgs.ply"
 fails 1 spin-export "frames"

@@ -1,11 +1,12 @@
 #!/bin/sh
 # K: 4d tsog sogst export import
-# 4D splats out as TSOG and .sogst, and back: as near as the container's steps allow, laid out as its players ask.
+# 4D splats exported as TSOG and .sogst and imported again: within the quantisation of the
+# container, in the layout that its players require.
 . tests/cli/lib.sh
 
 run_in=fixtures/realtime4dgs/rot4d_noshfs
 
-# At most so far off, over all frames: python expressions of the check in a report.
+# Upper bounds of the errors over all frames: Python expressions of "check" in a report.
 within() { # NAME EXPRESSION
     python3 -c 'import json, sys
 c = json.load(open(sys.argv[1]))["check"]
@@ -14,7 +15,8 @@ sys.exit(0 if eval(sys.argv[2], at | {"check": c}) else print(at, {k: v["rms"] f
     ok $? "$1"
 }
 
-# The archive: meta.json first, all stored, no extra fields, and the offsets of streams as it says.
+# The archive: meta.json first, all members stored, no extra fields, and the stream offsets as
+# declared.
 laid_out() { # FILE NAME
     python3 - "$1" 2>"$work/err" <<'P'
 import json, struct, sys, zipfile
@@ -71,7 +73,7 @@ for to in tsog sogst; do
     nothing_at "$work/one.$to" "nothing was written"
 done
 
-# Times are those of the clip's part, and steps follow its length.
+# Times are relative to the exported part of the clip, and quantisation steps follow its length.
 run "$bin/spin-import" "$run_in" --time-duration -0.5,4.5 --range 30:61 -o "$work/part.spin"
 is "$code" 0 "a part of the clip"
 run "$bin/spin-export" "$work/part.spin" -o "$work/part.tsog" --fps 30 --check --json
@@ -80,7 +82,7 @@ within "with the same steps" 'place < 2e-3 and opacity < 0.003 and check["frames
 run "$bin/spin-import" "$work/part.tsog" --info
 out_has "frames  *31," "as a clip of 31 frames"
 
-# Splats that never fade stand beside short ones.
+# Splats that never fade, beside short-lived ones.
 run "$bin/spin-import" fixtures/hybrid4dgs/small/model -o "$work/h.spin"
 is "$code" 0 "a run of Hybrid 3D-4DGS"
 for to in tsog sogst; do
@@ -96,7 +98,7 @@ run "$bin/spin-export" "$work/n.spin" -o "$work/n.sogst" --segment 0 --check --j
 is "$code" 0 "and goes out in one piece"
 laid_out "$work/n.sogst" "laid out so"
 is "$(grep -c seg_000 "$work/n.sogst")" 0 "without segments"
-# Long clips: a TSOG has no segments, and a .sogst at most 999, which are longer by default.
+# Long clips: a TSOG has no segments, and a .sogst at most 999, whose default length grows.
 mkdir "$work/long"
 "$bin/spin-export" "$work/n.spin" --range 0:1 -o "$work/one.ply" --force >"$work/out" 2>"$work/err"
 for i in $(seq 1001); do ln "$work/one.ply" "$work/long/frame_$i.ply"; done
@@ -111,7 +113,8 @@ run "$bin/spin-export" "$work/hour.spin" -o "$work/hour.sogst" --fps 30 --force 
 is "$code" 2 "but not in 1200 segments"
 err_has "more than 999 segments" "as the error says"
 
-# Paths of degree 2; every eighth splat is a slow one of long before, which fades for fifty clips.
+# Paths of degree 2; every eighth splat is slow, centred long before the clip, and fades over fifty
+# clip lengths.
 {
     printf 'ply\nformat ascii 1.0\ncomment sogst.time_min 1\ncomment sogst.time_max 3\ncomment sogst.fps 30\n'
     echo 'element vertex 768'
@@ -142,7 +145,8 @@ is "$code" 0 "and as TSOG"
 err_has "paths of degree 2: they are approximated by degree 1, with errors of up to" "whose straight paths are fitted"
 within "where they are seen" 'check["place"]["rms"] < 1.2 and opacity < 0.01'
 
-# Frames: each splat in its own. A clip of 12 frames at 24 a second is shown for half a second.
+# Frames: each splat in its own frame only. A clip of 12 frames at 24 per second lasts half a
+# second.
 run "$bin/spin-import" "$run_in" --frames 12 -o "$work/frames.spin"
 run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.tsog" --fps 24 --check --json
 is "$code" 0 "frames go out as TSOG"
@@ -167,7 +171,7 @@ fails 1 spin-export "one frame is no clip"
 err_has "needs a clip of two or more frames" "and says so"
 nothing_at "$work/one.tsog" "nothing was written"
 
-# What cannot be held is said.
+# What the format cannot store is reported.
 run "$bin/spin-export" "$work/frames.spin" -o "$work/frames.sogst"
 fails 1 spin-export "frames are no 4D splats"
 err_has "'sogst' stores 4D splats, but this clip has frames" "by their name"

@@ -1,10 +1,10 @@
 #!/bin/sh
 # K: export decimate 4d tsog sogst html
-# --decimate: frames and 4D splats of which the cameras see least are left out, as many as a number, a share, a size or a
-# loss says, in every kind of format; what that loses is said.
+# --decimate drops the frames' splats, or 4D splats, that contribute least to the training views,
+# down to a number, a share, a file size or a loss, in every kind of format; the loss is reported.
 . tests/cli/lib.sh
 
-# Of the last report: the value of a python expression of d, "decimated", and r, all of it.
+# A value of the last report: a Python expression of d, "decimated", and r, the whole report.
 of() {
     python3 -c 'import json, sys
 r = json.load(open(sys.argv[1])); d = r["decimated"]; print(eval(sys.argv[2]))' "$work/out" "$1"
@@ -54,7 +54,7 @@ done
 run "$bin/spin-export" "$work/c.spin" -o "$work/page.html" --decimate 50%
 fails 1 spin-export "what is in the way is said"
 
-# Without the cameras it is opacity and size that counts; they see better.
+# Without cameras, splats are ranked by opacity and size; cameras rank them better.
 run "$bin/spin-import" "$clip/params.npz" -o "$work/blind.spin"
 run "$bin/spin-export" "$work/blind.spin" --to ply -o "$work/b" --decimate 500 --json
 is "$code $(of 'd["by"], d["cameras"]')" "0 ('opacity and size', 'all around')" "without cameras"
@@ -68,8 +68,8 @@ done
 awk "BEGIN { exit !($q > $b + 0.1) }"
 ok $? "500 that cameras see show the pictures better: $q, $b dB"
 
-# All training cameras of a frame are asked, and what none of them has in its picture counts too: it would be missing for who
-# looks from elsewhere. Camera 7 is one of twelve, or the only one.
+# All training cameras of a frame are used, and splats outside all of their images are ranked too: a
+# viewer that looks from elsewhere would miss them. Camera 7 is one of twelve, or the only one.
 for n in 12 1; do
     mkdir "$work/rig$n"
     python3 - "$clip" "$work/rig$n" $n 2>"$work/err" <<'P'
@@ -115,7 +115,7 @@ for name, rows in ('rig12', seen(7, whole) & ~seen(23, whole)), ('rig1', ~seen(7
 P
 ok $? "splats that one of twelve sees are kept, and so are those that the only one does not"
 
-# 4D splats: rows of the file, and frames that keep theirs.
+# 4D splats: rows of the file; frames of it are decimated one by one.
 run "$bin/spin-import" fixtures/realtime4dgs/rot4d_noshfs --time-duration -0.5,4.5 -o "$work/r.spin"
 is "$code" 0 "a run of Realtime-4DGS"
 for to in tsog sogst ftgs.ply; do
@@ -134,7 +134,7 @@ python3 - "$work/all" "$work/f" 2>"$work/err" <<'P'
 import glob, sys
 import numpy as np
 
-# The rows of every frame, told by their sizes, which do not change.
+# The rows of each frame, identified by their scales, which do not change.
 def frames(folder):
     for name in sorted(glob.glob(folder + '/*.ply')):
         head, data = open(name, 'rb').read().split(b'end_header\n', 1)

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: python
-# spin4d.py runs the commands, knows the cameras and writes PLY.
+# spin4d.py runs the commands, reads the cameras and writes PLY.
 . tests/cli/lib.sh
 root=$(pwd)
 bin=$(cd "$bin" && pwd)
@@ -74,7 +74,7 @@ views 24 18 [0, 15]
 cameras are those of the data set
 picture (90, 160, 3)" "what they give"
 
-# A frame as PLY is what spin-export writes.
+# A frame saved as PLY equals the file that spin-export writes.
 for version in retrained source; do
     [ $version = source ] && more=--source || more=
     "$bin/spin-export" "$work/b.spin" --to ply -o "$work/$version" --range 1:2 $more -q >/dev/null 2>&1

@@ -1,6 +1,7 @@
 #!/bin/sh
 # K: export ply 4d filters
-# spin-export --crop, --min-views, --floaters, --scale and --translate: which splats stay, where they are, how large.
+# spin-export --crop, --min-views, --floaters, --scale and --translate: which splats are kept, with
+# which positions and sizes.
 . tests/cli/lib.sh
 
 if ! python3 -c 'import numpy' 2>/dev/null; then
@@ -10,7 +11,8 @@ fi
 compare=${SPIN_BUILD:-build/release}/tests/tools/compare-images
 export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=exporters/python
 
-# Python that has ply(path): columns of a binary PLY by name, and the bundles of spin4d.
+# Python with ply(path), which returns the columns of a binary PLY by name, and the bundles of
+# spin4d.
 holds() { # NAME CODE ARGUMENT...
     name=$1 code_of=$2
     shift 2
@@ -28,7 +30,8 @@ P
     ok $? "$name"
 }
 
-# A grid of 4 x 4 x 4 a tenth apart, one small splat far from it, one far from it that reaches it.
+# A grid of 4 x 4 x 4 with a spacing of 0.1, a small splat far from it, and one far from it that is
+# large enough to reach it.
 {
     printf 'ply\nformat ascii 1.0\nelement vertex 66\n'
     printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
@@ -77,7 +80,7 @@ done
 export_grid never --min-views 2
 fails 2 spin-export "--min-views without a data set"
 
-# Of the cameras of court-mini: those splats stay that enough of the training ones of their frame see.
+# The cameras of court-mini: splats visible to enough training cameras of their frame are kept.
 run "$bin/spin-import" "$clip" --data "$clip" -o "$work/court.spin"
 run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/court"
 run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/seen" --min-views 6 --json
@@ -97,12 +100,14 @@ run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/never" --min-views 
 fails 2 spin-export "--min-views beyond the cameras"
 err_has "frame 0 has 6 training views" "it is said how many there are"
 
-# --decimate takes of what filters leave; floaters are those among all, and all of it moves at last.
+# --decimate applies to the splats that filters keep; floaters are measured among all splats; the
+# transform comes last.
 export_grid twenty --floaters 5 --decimate 20 --scale 2 --json
 is "$code $(member filtered) $(member splats_mean)" "0 1 20" "--decimate of what --floaters leaves"
 holds "is what is largest of that, moved" 'p = ply(sys.argv[1])
 assert len(p["x"]) == 20 and p["x"].max() < 1 and p["y"].max() == 8, p' "$work/twenty/frame_00000.ply"
-# A clip that begins without splats, far from the origin: page and images look where its splats will be.
+# A clip whose first frames are empty, far from the origin: page and images face the place where
+# splats will appear.
 mkdir "$work/late"
 sed 's/vertex 66/vertex 1/; /end_header/q' "$work/grid.ply" >"$work/late/0.ply"
 echo "-9 -9 -9 1 1 1 2 -5 -5 -5 1 0 0 0" >>"$work/late/0.ply"
@@ -119,7 +124,7 @@ out_has "\"unit\": \"in all\"" "counts rows of the clip, not of a frame"
 mkdir "$work/apart" && cp "$work/grid.ply" "$work/apart/0.ply"
 sed 's/vertex 66/vertex 65/; $ d' "$work/grid.ply" >"$work/apart/1.ply"
 run "$bin/spin-import" "$work/apart" -o "$work/apart.spin"
-# sequence.json: row i is the same splat in all frames if the same rows remain in each.
+# sequence.json declares persistent rows if the same rows are kept in every frame.
 run "$bin/spin-export" "$work/court.spin" --to ply -o "$work/part" --crop 0,0,0,1
 grep -q '"identity": false' "$work/part/sequence.json"
 ok $? "splats that move out of a sphere leave other rows in each frame"
@@ -133,7 +138,7 @@ rows = lambda p: {r.tobytes() for r in np.stack([p[k] for k in p], 1)}
 assert rows(b) < rows(a) and .3 * len(a["x"]) < len(b["x"]) <= .55 * len(a["x"]), (len(a["x"]), len(b["x"]))' \
     "$work/seen/frame_00002.ply" "$work/few/frame_00002.ply"
 
-# Cameras move with the scene: the same picture.
+# Cameras move with the scene, so the image is the same.
 for how in '' '--scale 3 --translate 1,2,-3'; do
     # shellcheck disable=SC2086
     run "$bin/spin-export" "$work/court.spin" --to images -o "$work/pictures$(echo "$how" | wc -w)" --range 2:3 $how
@@ -145,7 +150,8 @@ if [ -x "$compare" ]; then
     run "$compare" "$work/pictures0/cam_00_frame_00002.png" "$work/pictures4/cam_00_frame_00002.png"
     [ "$code" = 0 ] && [ "$(cut -d' ' -f1 "$work/out")" -le 2 ]
     ok $? "a scene that is scaled and moved, from its cameras"
-    # The near plane is scaled, too; of data sets in small units it follows from what the cameras see.
+    # The near plane is scaled too; for data sets in small units it is derived from the visible
+    # points.
     run "$bin/spin-export" "$work/court.spin" --to images -o "$work/tiny" --range 2:3 --scale 0.01
     run "$compare" "$work/pictures0/cam_00_frame_00002.png" "$work/tiny/cam_00_frame_00002.png"
     [ "$code" = 0 ] && [ "$(cut -d' ' -f1 "$work/out")" -le 2 ]
@@ -179,7 +185,8 @@ ok $? "a moved scene does not name its data set"
 grep -q '"identity": true' "$work/court/sequence.json" && grep -q '"identity": false' "$work/seen/sequence.json"
 ok $? "a filtered clip is not said to keep its rows"
 
-# 4D splats are judged as rows, where they are at the frame nearest to their own time.
+# 4D splats are filtered as rows, at their positions in the frame nearest to their own centre in
+# time.
 run "$bin/spin-import" fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply -o "$work/4d.spin"
 run "$bin/spin-export" "$work/4d.spin" -o "$work/part.ftgs.ply" --crop 0,-99,-99,99,99,99 --scale 2 --translate 0,1,0 --json
 is "$code" 0 "4D splats, cropped and moved"

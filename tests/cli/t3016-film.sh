@@ -1,9 +1,11 @@
 #!/bin/sh
 # K: export images image film exr depth path
-# spin-export --to images as films want it: EXR with alpha that composites right, depth, 16 bits, cameras from a file.
+# spin-export --to images for film work: EXR with alpha that composites correctly, depth, 16 bits,
+# cameras from a file.
 . tests/cli/lib.sh
 
-# OpenImageIO takes a fifth of a second to load: only for what is neither PNG nor JPEG, or a kind that libjpeg refuses.
+# OpenImageIO takes a fifth of a second to load: it is loaded only for formats other than PNG and
+# JPEG, or for kinds of JPEG that libjpeg refuses.
 shims_of() { # COMMAND...: what it loads for pictures
     rm -f "$work"/loads.*
     run env LD_DEBUG=libs LD_DEBUG_OUTPUT="$work/loads" "$@"
@@ -78,7 +80,7 @@ holds "16 bits are finer than 8, and the same picture" '
 a, b = png(sys.argv[1]), png(sys.argv[2])
 assert a.shape == b.shape and np.abs(a - b).max() < .51 / 255 and len(np.unique(b)) > 2 * len(np.unique(a))' "$work/eight/$of.png" "$work/black/$of.png"
 
-# What the header says of the colours and the rate, and what it does not say: the time of day.
+# The header's colour space and frame rate, and the absence of the time of day.
 draw rate --format exr --fps 29.97
 draw rate2 --format exr --fps 12.5 --transfer srgb
 holds "the header has the primaries, the curve and the rate, but no time" '
@@ -95,7 +97,7 @@ assert not [k for h in (a, b, c) for k in h if "date" in k.lower() or "utc" in k
 run "$bin/spin-export" "$work/court.spin" --to images --fps 24 -o "$work/never"
 fails 2 spin-export "--fps where no file has it"
 
-# Names by a pattern, from a number on, of one camera.
+# Names by a pattern, numbered from a given number, of one camera.
 names() { # WHAT WANT OPTION...
     what=$1 want=$2
     shift 2
@@ -119,7 +121,8 @@ done
 run "$bin/spin-export" "$work/court.spin" --to images --camera 77 -o "$work/never"
 fails 1 spin-export "a camera that is not there"
 
-# Without OpenImageIO, as in what `make portable` writes: no EXR. By OpenImageIO alone: the same pixels in PNG.
+# Without OpenImageIO, as in the package of `make portable`: no EXR. With OpenImageIO alone: the
+# same pixels in PNG.
 for without in IMAGE IMAGE_PLAIN; do
     run env SPIN_${without}_SHIM=/none "${SPIN_BUILD:-build/release}/tests/io/t-image"
     is "$code" 0 "what is tested of pictures, without SPIN_${without}_SHIM: $(grep -c '^ok' "$work/out") tests"
@@ -137,7 +140,7 @@ a, b = png(sys.argv[1]), png(sys.argv[2])
 assert np.array_equal(a, b), np.abs(a - b).max()' "$work/$kind/$of.png" "$work/oiio-$kind/$of.png"
 done
 
-# Our own reader takes an EXR as the picture on the screen that it is.
+# Our own reader converts an EXR to the image that a screen shows.
 compare=${SPIN_BUILD:-build/release}/tests/tools/compare-images
 if [ -x "$compare" ]; then
     run "$compare" "$work/half/$of.exr" "$work/eight/$of.png" "$work/light/$of.exr" "$work/eight/$of.png"
@@ -147,7 +150,8 @@ else
     skip "an EXR is read as the PNG is" "$compare is not built"
 fi
 
-# Depth of two walls, 5 and 7 before a camera from a file: nine tenths of the light stop at the first.
+# The depth of two walls, 5 and 7 in front of a camera from a file: the first absorbs nine tenths of
+# the light.
 {
     printf 'ply\nformat ascii 1.0\nelement vertex 2\n'
     printf 'property float %s\n' x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3
@@ -173,7 +177,7 @@ run "$bin/spin-export" "$work/walls.spin" --to images --path "$work/list.txt" --
 holds "of a scene of another size" '
 assert np.abs(exr(sys.argv[1])["ZMedian"] - 6).max() < 1e-5' "$work/walls2/path_frame_00000.exr"
 
-# One camera of a file for the whole clip; one splat of twice the brightness of white.
+# One camera from a file for the whole clip; one splat twice as bright as white.
 run "$bin/spin-export" "$work/walls.spin" --to images --camera "$work/list.txt" --size 64x48 --format exr --depth -o "$work/one"
 is "$code $(ls "$work/one" | tr '\n' ' ')" "0 camera_frame_00000.exr sequence.json " "a camera of a file"
 run cmp "$work/one/camera_frame_00000.exr" "$work/walls/path_frame_00000.exr"
@@ -218,7 +222,7 @@ nothing_at "$work/a page.bin" "nor its frames"
 run "$bin/spin-export" "$work/court.spin" --range 2:3 -o "$work/plain.html"
 is "$code $(grep -c og:image "$work/plain.html") $(find "$work" -name 'plain.*' | wc -l)" "0 0 1" "no poster unless asked for"
 
-# The same place by a file of nerfstudio, a list in JSON, and lists that are wrong.
+# The same pose from a file of nerfstudio and from a JSON list; malformed lists.
 cat >"$work/studio.json" <<'E'
 {"camera_type": "perspective", "render_height": 48, "render_width": 96, "fps": 12, "seconds": 1,
  "camera_path": [{"camera_to_world": [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, -5, 0, 0, 0, 1], "fov": 60, "aspect": 2},

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: long blender film images exr depth
-# docs/how-to/viewers.md, Blender: the path of its camera out, the pictures of splats back in, before and behind what it
-# renders.
+# The Blender section of docs/how-to/viewers.md: its camera path is exported, and the images of the
+# splats are composited in front of and behind what it renders.
 . tests/cli/lib.sh
 
 if ! command -v blender >/dev/null || ! blender --version | grep -q '^Blender [3-9]'; then
@@ -10,7 +10,8 @@ if ! command -v blender >/dev/null || ! blender --version | grep -q '^Blender [3
 fi
 run "$bin/spin-import" "$clip" --data "$clip" -o "$work/court.spin"
 
-# Camera 15 of the clip, two frames, the second a little aside; a red ball close before it, a green one far behind.
+# Camera 15 of the clip in two frames, shifted a little in the second; a red ball close to the
+# camera, a green one far behind the splats.
 cat >"$work/scene.py" <<'P'
 import json, math, sys
 import bpy

@@ -1,6 +1,7 @@
 #!/bin/sh
 # K: export import formats reproducible
-# Whatever is written twice, seconds apart, is the same bytes: no format holds the time of day. (A report holds measured speeds.)
+# Files written seconds apart are identical: no format stores the time of day. (Reports contain
+# measured speeds.)
 . tests/cli/lib.sh
 
 run "$bin/spin-import" "$clip" --data "$clip" -o "$work/clip.spin"

@@ -1,9 +1,10 @@
 #!/bin/sh
 # K: 4d 4dgs export import
-# 4D splats and frames out as .4dgs and back: by the rules of the format, within its steps, with every loss reported.
+# 4D splats and frames exported as .4dgs and imported again: valid by the specification, within its
+# quantisation, with every loss reported.
 . tests/cli/lib.sh
 
-# The largest errors over all frames: a Python expression of the check in the report.
+# The largest errors over all frames: a Python expression of "check" in the report.
 within() { # NAME EXPRESSION
     python3 -c 'import json, sys
 c = json.load(open(sys.argv[1]))["check"]
@@ -15,7 +16,8 @@ obeys() { # FILE CONTENTS
     is "$(python3 tests/tools/check_4dgs.py "$1" 2>&1 | tail -1)" "$2" "$(basename "$1"): obeys the rules for writers"
 }
 
-# The largest errors are half of each step, and for opacities what rounded times make of a window.
+# The largest errors are half a quantisation step; that of opacities follows from the rounding of
+# window times.
 for source in ftgs_ply/sh1_clamped/scene.ftgs.ply stglite/supersplat4d_sh1/scene.ply 4dgs/birth_sh2/scene.4dgs \
     4dgs/keyframe_chained/scene.4dgs; do
     name=$(dirname "$source" | tr / -)
@@ -42,7 +44,7 @@ obeys "$work/turned.4dgs" "400 splats, 8 chunks, 4 windows, SH degree 1, 4 s"
 run "$bin/spin-export" "$work/4dgs-birth_sh2.spin" -o "$work/up.4dgs" --up z --range 30:60 --fps 15
 obeys "$work/up.4dgs" "$(python3 tests/tools/check_4dgs.py "$work/up.4dgs" | sed 's/, [0-9.]* s$/, 2 s/')"
 
-# The mark for antialiasing.
+# The flag for antialiased splats.
 LC_ALL=C sed '0,/^comment ftgs_version/s//comment antialiased 1\n&/' fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply \
     >"$work/anti.ftgs.ply"
 for bundle in anti anti-back; do
@@ -54,8 +56,8 @@ print(json.load(zipfile.ZipFile(sys.argv[1]).open("meta.json"))["antialias"])' "
         "$bundle: marked for antialiasing"
 done
 
-# Frames become keyframes and deltas: of tracks, of frames without persistent rows, of SH that changes, and where most
-# splats are new.
+# Frames become keyframes and deltas: for tracks, for frames without persistent rows, for SH that
+# changes, and where most splats are new.
 frames() { # SOURCE CONTENTS OPTION...
     source=$1 contents=$2
     shift 2
@@ -80,7 +82,7 @@ run "$bin/spin-export" "$work/again.spin" --to ply -o "$work/again" --json
 is "$(sed -n 's/ *"fps": \([0-9.]*\),/\1/p' "$work/again/sequence.json") $(member splats_mean)" "30 1032" \
     "with the rate and the splats that were written"
 
-# Frames before the first splat, and none with any.
+# Empty frames before the first splat, and a clip without splats.
 python3 - "$work/late" <<'P'
 import os, struct, sys
 os.mkdir(sys.argv[1])

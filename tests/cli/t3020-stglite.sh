@@ -1,6 +1,7 @@
 #!/bin/sh
 # K: 4d stglite export import
-# 4D splats out as a PLY for SuperSplat-4D and OpenSplat4D, and back: without loss, for either viewer.
+# 4D splats exported as a PLY for SuperSplat-4D and OpenSplat4D and imported again: lossless, for
+# either viewer.
 . tests/cli/lib.sh
 
 exact() { # NAME
@@ -26,7 +27,8 @@ for source in ftgs_ply/sh1_clamped/scene.ftgs.ply stglite/supersplat4d_sh1/scene
 done
 is "$(header "$work/stglite-supersplat4d_sh1.stg.ply" cfg_args)" \
     "comment cfg_args: start=0 duration=2 fps=30 sh_degree=1" "the comment that SuperSplat-4D reads"
-# Both windows are the same: exp(-(d/s)^2) with s of trbf_scale, and exp(-d^2/2/s^2) with s of scale_t.
+# Both windows are equal: exp(-(d/s)^2) with s from trbf_scale, and exp(-d^2/2/s^2) with s from
+# scale_t.
 python3 - "$work/stglite-supersplat4d_sh1.stg.ply" <<'P'
 import math, struct, sys
 head, body = open(sys.argv[1], "rb").read().split(b"end_header\n", 1)

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: matrix 4d import export formats
-# Every importer to every exporter of splats and back. `sh tests/cli/t3021-matrix.sh update` writes the tables of
-# docs/formats.md.
+# Every importer combined with every exporter of splats, and imported again. `sh
+# tests/cli/t3021-matrix.sh update` writes the tables of docs/formats.md.
 . tests/cli/lib.sh
 . tests/runs.sh
 
@@ -10,7 +10,7 @@ if ! python3 -c 'import numpy' 2>/dev/null; then
     done_testing
 fi
 
-# A bundle of each importer's run, of frames at three times if it is defined at any time.
+# A bundle of each importer's run, with frames at three times if the method is defined at any time.
 runs=
 for name in $(importers_of_runs "$bin"); do
     in=fixtures/$(run_of "$name")
@@ -20,7 +20,7 @@ for name in $(importers_of_runs "$bin"); do
     runs="$runs $name=$work/$name.spin"
 done
 
-# Three clips: 4D splats to be drawn antialiased, three frames of them, and tracks.
+# Three clips: antialiased 4D splats, three frames of them, and tracks.
 LC_ALL=C sed '0,/^comment ftgs_version/s//comment antialiased 1\n&/' fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply \
     >"$work/rows.ftgs.ply"
 run "$bin/spin-import" "$work/rows.ftgs.ply" -o "$work/rows.spin"

@@ -1,9 +1,10 @@
 #!/bin/sh
 # K: usd export import usda usdz
-# USD out and back: the layers of value clips, numbers and times, packages, and what is refused.
+# USD, exported and imported again: the layers of value clips, numbers and times, packages, and
+# refused files.
 . tests/cli/lib.sh
 
-# The same stage again from what was read of the first one, but for the last digits of numbers.
+# Exporting the imported stage again gives the same stage, up to the last digits of numbers.
 round() { # INPUT NAME OPTION...
     input=$1 name=$2
     shift 2

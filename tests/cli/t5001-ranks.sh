@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: ranks mpi
-# Several processes share the work of one command, and their outputs are those of one.
+# Several processes share the work of one command, and write the same output as a single one.
 . tests/cli/lib.sh
 
 . tests/cli/ranks.sh
@@ -9,7 +9,7 @@ in=$work/in.spin
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
 is "$code" 0 "imports a clip"
 
-# Without what differs from run to run.
+# The report without values that differ from run to run.
 timeless() { grep -v '"fps\|"seconds' "$1"; }
 
 # ---- Evaluation
@@ -27,7 +27,7 @@ for n in 2 3; do
     ok $? "and so are the pictures"
 done
 
-# ---- Import and export: the files are those of one
+# ---- Import and export: the files equal those of a single process
 
 ranks 2 "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/in-2.spin" --range 0:5
 is "$code" 0 "2 ranks import"
@@ -42,9 +42,9 @@ for to in ply gltf; do
     ok $? "the same files"
 done
 
-# ---- Progress of rank 0: its views, and the frames of all
+# ---- Progress of rank 0: its own views, and the frames of all ranks
 
-# ends_whole WORDS NAME: the last line of progress has done all there was to do
+# ends_whole WORDS NAME: the last line of progress is complete
 ends_whole() {
     sed -n "s/^$1  \([0-9]*\)\/\([0-9]*\)  .*%.*/\1 \2/p" "$work/err" | sort -n | tail -n 1 >"$work/last"
     awk '$1 == $2 { found = 1 } END { exit !found }' "$work/last"

@@ -1,7 +1,8 @@
 #!/bin/sh
 # K: ranks mpi retrain test-ranks
-# Several processes train one clip: each draws its part of the images of a step. The result is that of one process but
-# for the order of sums, always the same for the same number of processes, also when it was stopped in between.
+# Several processes train one clip, each rendering its share of the images of an iteration. The
+# result equals that of a single process except for the order of sums, and is reproducible for one
+# number of processes, also after an interruption.
 . tests/cli/lib.sh
 . tests/cli/ranks.sh
 
@@ -11,7 +12,8 @@ run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$in" --range 0:5
 is "$code" 0 "imports a clip"
 
 psnr() { sed -n '/"test"/,/}/s/.*"psnr": \([0-9.]*\),*$/\1/p' "$work/out"; }
-# alike NAME N DB OPTION...: N processes twice, and one. Its test PSNR and theirs differ by at most DB.
+# alike NAME N DB OPTION...: trains with N processes twice, and with one. The PSNR of their test
+# views differs by at most DB.
 alike() {
     name=$1
     n=$2
@@ -61,10 +63,11 @@ err_has "^warning: an iteration has 2 images (--batch 2), so only 2 of 3 process
 ranks 3 "$bin/spin-retrain" "$in" --dry-run --device cpu --batch 3
 is "$(grep -c 'processes draw' "$work/err")" 0 "one of as many is not"
 
-# ---- Go on
+# ---- Resume
 
-# begin N OUTPUT SIGNAL RANK: N processes keep a state, and then a signal goes to one of them.
-begin() {
+# start_ranks N OUTPUT SIGNAL RANK: N processes write a checkpoint, then one of them gets the
+# signal.
+start_ranks() {
     rm -f "$work"/pid.* "$2".part
     $mpirun -n "$1" sh -c 'echo $$ >"$0.$OMPI_COMM_WORLD_RANK" && exec "$@"' "$work/pid" \
         "$bin/spin-retrain" "$in" -o "$2" -q --threads 1 $small $own --save-every 5 \
@@ -95,14 +98,14 @@ go_on() { # N OUTPUT NAME
 own='--residual points --iterations 120'
 ranks 2 "$bin/spin-retrain" "$in" -o "$work/whole.spin" -q --threads 1 $small $own
 is "$code" 0 "two processes without a stop"
-begin 2 "$work/signal.spin" INT 1
+start_ranks 2 "$work/signal.spin" INT 1
 is "$code" 130 "SIGINT to the second of two ends both"
 is "$(grep -c '^spin-retrain' "$work/err")" 1 "with one message"
 err_has "^spin-retrain: interrupted; the checkpoint of iteration [0-9]* is kept in '.*signal.spin.part': go on with --resume\$" "which says what happened"
 [ "$took" -lt 10 ]
 ok $? "within seconds ($took)"
 go_on 2 "$work/signal.spin" "interrupted"
-begin 2 "$work/kill.spin" KILL 1
+start_ranks 2 "$work/kill.spin" KILL 1
 [ "$code" != 0 ] && [ "$took" -lt 10 ]
 ok $? "a killed one ends all, within seconds ($took)"
 is "$(grep -c '^spin-retrain' "$work/err")" 0 "mpirun says so, and nobody else"
@@ -114,11 +117,11 @@ is "$code" 0 "with tracks, three processes without a stop"
 ranks 3 "$bin/spin-retrain" "$in" -o "$work/saved.spin" -q --threads 1 $small $own --save-every 5
 cmp -s "$work/whole.spin" "$work/saved.spin"
 ok $? "that keep states on their way learn the same"
-begin 3 "$work/tracks.spin" INT 0
+start_ranks 3 "$work/tracks.spin" INT 0
 is "$code" 130 "SIGINT to the first of three ends all"
 go_on 3 "$work/tracks.spin" "tracks"
 
-# ---- A disk that is full for one of them: no file beyond 512 bytes, or 20 KB
+# ---- A full disk for one of the processes: files of at most 512 bytes, or 20 KB
 
 # full RANK BLOCKS COMMAND...
 full() {

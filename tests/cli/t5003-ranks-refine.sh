@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: ranks mpi refine
-# Refined frames are shared by processes, and by runs, through a folder.
+# Processes, and separate runs, share refined frames through a folder.
 . tests/cli/lib.sh
 
 in=$work/in.spin
@@ -11,7 +11,7 @@ run "$bin/spin-retrain" "$in" -o "$work/one.spin" $explicit
 is "$code" 0 "one process refines the clip"
 err_has '^refining 5 of 5 frames' "all of it"
 
-# ---- A job array: each run has some of the frames, the last one takes them all
+# ---- A job array: each run refines some of the frames, the last one collects them
 
 for range in 1:3 3:5; do
     run "$bin/spin-retrain" "$in" -o "$work/part-$range.spin" $explicit --range $range --cache "$work/cache"

@@ -1,6 +1,7 @@
 #!/bin/sh
-# Several processes train on emulated GPUs: MPI sums gradients in page-locked memory, or in ordinary memory if none can be
-# page-locked, and the bundle is the same; the message if a process fails while others wait for its gradients.
+# Several processes train on emulated GPUs: MPI sums gradients in page-locked memory, or in ordinary
+# memory if none can be page-locked, and the bundle is the same. A message if a process fails while
+# others wait for its gradients.
 # K: ranks mpi cuda emu device retrain test-card
 . tests/cli/lib.sh
 . tests/cli/ranks.sh
@@ -23,7 +24,7 @@ retrain() {
     ranks "$n" "$bin/spin-retrain" "$in" -o "$out" --force --threads 1 -v --device cuda --deterministic --scale 0.1 \
         --iterations 3 "$@"
 }
-# Bytes that went by way of ordinary or pinned memory, all ranks together.
+# Bytes sent through ordinary or pinned memory, summed over the ranks.
 copied() { awk -v kind="$1" '{ for (i = 1; i < NF; i++) if ($i == kind) n += $(i + 1) } END { printf "%d\n", n }' "$work/copies"; }
 same() { # NAME FILE FILE
     cmp -s "$work/$2.spin" "$work/$3.spin"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: end
-# The bundled clip from a foreign run to PLY frames: retraining must make it look better.
+# The bundled clip from another program's run to PLY frames: retraining must improve its images.
 . tests/cli/lib.sh
 
 run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/court.spin" --json

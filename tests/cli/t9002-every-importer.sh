@@ -1,12 +1,14 @@
 #!/bin/sh
-# K: long import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs freetimegs retrain
+# K: long import export ply realtime4dgs 4dgaussian ed3dgs spacetimegs hybrid4dgs ex4dgs freetimegs
+# retrain
 # K: spz splat ksplat splat4d 4dgs sog tsog sogst gltf
-# A run of every importer in the list goes out as PLY; some that are defined at any time, two of splat files and some of
-# 4D splats are retrained too. All splat files are frames to a training, whatever their format.
+# A run of every importer in the list is exported as PLY; some that are defined at any time, two of
+# splat files and some of 4D splats are retrained too. To a training all splat files are frames,
+# whatever their format.
 . tests/cli/lib.sh
 . tests/runs.sh
 
-# Where a run lies: in the large fixtures, or in those of the repository.
+# Where a run is stored: in the large fixtures, or in those of the repository.
 place_of() { # PATH
     if [ -e "$fixtures/$1" ]; then
         echo "$fixtures/$1"
@@ -15,8 +17,8 @@ place_of() { # PATH
     fi
 }
 
-# Each file is as long as its header says, and its rows are floats that are numbers: of all, in `headers`, their rows, the
-# bytes of those, and the bytes that the file should have.
+# Each file has the length that its header implies, and its values are finite floats. `headers` has
+# a line for each file: its rows, their bytes, and the expected size of the file.
 plys_are_whole() { # NAME FILE...
     of=$1
     shift
@@ -24,14 +26,15 @@ plys_are_whole() { # NAME FILE...
         { bytes += length($0) + 1 } /^end_header$/ { print n, n * p * 4, n * p * 4 + bytes; nextfile }' "$@" >"$work/headers"
     ok $? "$of: rows of floats"
     is "$(stat -L -c %s "$@")" "$(cut -d ' ' -f 3 "$work/headers")" "$of: and as many bytes"
-    # In hexadecimal, which od writes in a tenth of the time: an exponent of ones.
+    # Nonfinite floats have an exponent of all ones, found in hexadecimal since od prints that ten
+    # times faster.
     is "$(while read -r rows bytes all; do
         tail -c "$bytes" "$1"
         shift
     done <"$work/headers" | od -An -v -t x4 | grep -c ' [7f]f[89a-f]')" 0 "$of: all of them numbers"
 }
 
-# As many splats as the bundle had, frame by frame, by way of the PLY reader.
+# Each frame has as many splats as in the bundle, counted by the PLY importer.
 goes_out() { # BUNDLE FRAMES NAME
     run "$bin/spin-export" "$1" --to ply -o "$work/$3" --json
     is "$code" 0 "$3: goes out as PLY"
@@ -72,10 +75,10 @@ while read -r name; do
     goes_out "$work/$name.spin" "$(member frames)" "$name"
 done <"$work/names"
 
-# ---- Retrained ------------------------------------------------------------------------------------
+# ---- Retrained -----------------------------------------------------------------------------------
 
-# The clip as its own method has it, rendered, is what the network is trained on. Any picture stands for
-# the data set until then.
+# The network is trained on renders of the source clip; until they exist, any image serves as data
+# set.
 retrained() { # IMPORTER RADIUS LAST_TIME [IMPORT_OPTIONS]
     in=$(place_of "$(run_of "$1")")
     data=$work/$1-data
@@ -108,7 +111,8 @@ retrained() { # IMPORTER RADIUS LAST_TIME [IMPORT_OPTIONS]
     greater "$(echo "$loss" | head -n 5 | awk '{ s += $1 } END { print s }')" \
         "$(echo "$loss" | tail -n 5 | awk '{ s += $1 } END { print s }')"
     ok $? "$1: the loss of the last five is below that of the first"
-    # Trained splats are exported alike whatever their source was: two methods, frames and two files of 4D splats suffice.
+    # Trained splats are exported alike whatever their source: two methods, frames and two files of
+    # 4D splats suffice.
     case $1 in realtime4dgs | 4dgaussian | spz | sogst | 4dgs) goes_out "$work/$1-c.spin" 3 "$1-retrained" ;; esac
 }
 
@@ -126,7 +130,7 @@ retrained tsog 60 1
 retrained splat4d 8 0.6 '--range 0:3 --pair order'
 retrained 4dgs 7 3.9
 
-# What was trained is frames, also where the source is 4D splats.
+# A trained clip consists of frames, even if its source is 4D splats.
 if [ -f "$work/freetimegs-c.spin" ]; then
     run "$bin/spin-export" "$work/freetimegs-c.spin" -o "$work/c.sogst"
     fails 1 spin-export "a trained clip as 4D splats"

@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: bench speed
-# The benchmark program links and times every stage; what the times are is not a test's to say.
+# The benchmark program links and times every stage; the times themselves are not tested.
 . tests/cli/lib.sh
 
 run "$SPIN_BUILD/tests/bench/bench" --gaussians 500 --table 12 --rounds 1 --json

@@ -1,8 +1,8 @@
 #!/bin/sh
 # K: long documents
-# Every example of README, docs and the manual pages: run on small fixtures, or named in examples.list with the reason
-# why not. Those of one document run in one folder, in the order in which they stand. Of all of them the options are
-# compared with those that the commands have.
+# Every example of README, docs and the manual pages is run on small fixtures, or is named in
+# examples.list with the reason why it is not. The examples of a document run in one folder, in
+# their order. All options in them must exist.
 . tests/cli/lib.sh
 root=$PWD
 bin=$(cd "$bin" && pwd)
@@ -10,7 +10,7 @@ blocks=$work/blocks
 mkdir "$blocks" "$work/place" "$work/path"
 documents="README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md man/*.[157] tests/viewers/*.md tests/bench/*.md)"
 
-# Those of --help as a document of their own.
+# The examples of --help, as a document of their own.
 for name in spin4d spin-import spin-retrain spin-eval spin-export; do
     "$bin/$name" --help | sed -n '/^Examples:/,/^$/s/^  \(spin[^ ]*\( [^ ]*\)*\)   *[^ ].*/    \1/p' >"$work/$name--help"
     is "$(wc -l <"$work/$name--help")" 3 "three examples in $name --help"
@@ -23,7 +23,7 @@ is "$(grep '^stray' "$work/index")" "" "every line that begins with a command is
 [ "$(grep -vc '^stray' "$work/index")" -gt 40 ]
 ok $? "finds the examples"
 
-# The three commands of a fresh machine. Continuous integration runs the last one as it stands there.
+# The three commands for a fresh machine. Continuous integration runs the last one literally.
 grep -q '^    make demo' README.md
 ok $? "README says how to see it work"
 is "$(grep -c '^    spin4d ' README.md)" 1 "README names one command for the main job"
@@ -42,11 +42,12 @@ for plugin in $("$bin/spin-export" --list | awk '/^[a-z0-9]/ { print $1 }'); do
     "$bin/spin-export" --to "$plugin" --help
 done | sed -n 's/^ *\(--[a-z0-9-]*\).*/\1/p' | sort -u >>"$work/spin-export.options"
 
-# An example as one line for each command: continued lines joined, comments and what follows && or | apart.
+# An example as one line per command: joins continued lines, and drops comments and everything after
+# && or |.
 commands() {
     sed -e ':a' -e '/\\$/{N;s/ *\\\n */ /;ba' -e '}' "$1" | sed -e '/^#/d' -e 's/  *# .*//' -e 's/ *$//' -e '/^$/d'
 }
-# Of lines "PLACE<tab>COMMAND-LINE" the options that their commands do not have.
+# Reads lines "PLACE<tab>COMMAND-LINE" and prints the options that their commands lack.
 wrong() {
     awk -F '\t' '
         FILENAME != "-" { command = FILENAME; gsub(/.*\/|\.options$/, "", command); has[command, $0]; next }
@@ -90,20 +91,20 @@ is "$(wrong <"$work/lines")" "" "examples have options that are there"
 [ "$failed" = 0 ]
 ok $? "the options, targets and scripts in examples are there"
 
-# Of commands inside a sentence too.
+# Commands inside sentences too.
 # shellcheck disable=SC2086
 grep -ohE '`(spin4d|spin-(import|retrain|eval|export)) [^`]*`' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
     sed 's/^/\t/' | wrong >"$work/strangers"
 is "$(cat "$work/strangers")" "" "commands in the text of documents have the options that they name"
 
-# And those named in the text, each in some command: `--word`, or Fl Fl word.
+# Options named in the text exist in some command: `--word`, or Fl Fl word.
 sort -u "$work"/spin*.options >"$work/all.options"
 # shellcheck disable=SC2086
 grep -ohE '`--[a-z0-9-]+' README.md CONTRIBUTING.md $(ls docs/*.md docs/*/*.md) | tr -d '`' | sort -u |
     grep -vxF -f "$work/all.options" | grep -vxE -e '--(mca|bind-to|expect-motion|max-frames|matrix|deterministic|alone|bound-)' >"$work/strangers"
 is "$(cat "$work/strangers")" "" "options named in the text of documents are there"
 
-# Links, and files of the documents that a sentence names.
+# Links, and files that a sentence names.
 for file in README.md CONTRIBUTING.md docs/*.md docs/*/*.md; do
     grep -oE '\]\([^)#:]+' "$file" | cut -c 3- | while read -r to; do
         [ -e "$(dirname "$file")/$to" ] || echo "$file: $to"
@@ -121,7 +122,7 @@ is "$(cat "$work/strangers")" "" "every picture of docs is in a document"
 
 # ---- Running -------------------------------------------------------------------------------------
 
-# What examples take: each name in them is the same small clip.
+# Inputs of the examples: every name in them stands for the same small clip.
 here=$work/place
 cp -r fixtures/court-mini "$here/court"
 for link in runs/ball data/ball data basketball court-hd run; do
@@ -202,7 +203,7 @@ esac
 SPIN4D
 chmod +x "$work"/path/*
 
-# lacks SCRIPT: what this machine has not and the example needs.
+# lacks SCRIPT: prints what the example needs and this machine lacks.
 lacks() {
     grep -q '^ *\(colmap\|ffmpeg\) ' "$1" && echo "footage for COLMAP"
     grep -q '^mpirun' "$1" && { command -v mpirun >/dev/null && [ -f "$bin/../lib/spin-mpi.so" ] || echo "Open MPI"; }
@@ -212,7 +213,7 @@ lacks() {
     grep -q '^import spin4d' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
 }
 
-# A copy of the place without what the examples of this document write.
+# A copy of the folder without the files that the examples of this document write.
 begin_document() { # DOCUMENT
     rm -rf "$work/fresh"
     cp -al "$here" "$work/fresh"

@@ -1,8 +1,8 @@
 #!/bin/sh
 # K: long figures info report eval retrain export sequence
-# The numbers that commands and the report page show are those of --json, and figures.py computes the main ones of --json
-# a second time, from the bundle, the images and the files.
-# $TAP_PART runs one alone: PART(imports) PART(retrains) PART(pages) PART(exports).
+# The numbers that commands and the report page show equal those of --json, and figures.py computes
+# the main ones of --json a second time, from the bundle, the images and the files. $TAP_PART
+# selects one part: PART(imports) PART(retrains) PART(pages) PART(exports).
 . tests/cli/lib.sh
 
 if ! python3 -c 'import numpy' 2>/dev/null; then

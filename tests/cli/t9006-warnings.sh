@@ -1,8 +1,9 @@
 #!/bin/sh
 # K: warnings
-# Every situation that is warned of: the exact lines, and how many there are. Others have theirs where the situation is
-# made: t-retrain (options without effect), t1020 (plug-ins), t2005 (the log, code paths), t2006 (nothing in view), t2016
-# (values that are not finite), t3003 (full disks), t5002 (idle processes), t-gltf (clips that are too large).
+# Every situation that causes a warning: the exact lines, and their number. The tests of these
+# situations cover others: t-retrain (options without effect), t1020 (plug-ins), t2005 (the log,
+# SIMD paths), t2006 (nothing in view), t2016 (nonfinite values), t3003 (full disks), t5002 (idle
+# processes), t-gltf (clips that are too large).
 . tests/cli/lib.sh
 
 if ! python3 -c 'import numpy' 2>/dev/null; then
@@ -10,7 +11,7 @@ if ! python3 -c 'import numpy' 2>/dev/null; then
     done_testing
 fi
 
-# warns NAME [LINE]...: the last run succeeded, and said these warnings and no others.
+# warns NAME [LINE]...: the last run succeeded with exactly these warnings.
 warns() {
     name=$1
     shift
@@ -18,7 +19,7 @@ warns() {
     is "$code" 0 "$name"
     is "$(grep '^warning: ' "$work/err")" "$(cat "$work/want")" "$name: $# warnings"
 }
-# figure EXPRESSION: of the JSON that the last run printed, j.
+# figure EXPRESSION: a value of j, the JSON that the last run printed.
 figure() { python3 -c 'import json, sys
 j = json.load(open(sys.argv[1]))
 print(eval(sys.argv[2]))' "$work/out" "$1"; }
@@ -72,7 +73,7 @@ for k in range(3):
     ply("far/%d.ply" % k, x=[0, 3000.0] if k else 1.0)
 ply("half/0.ply", n=2, scale=[0.05, 0.5])  # half of them small is not most
 
-# Zips of torch.
+# Zip files of torch.
 model = path("4dg")
 shutil.copytree(fixtures + "/4dgaussian/coarse_and_fine/model", model)
 for name in ("sum", "more"):
@@ -108,7 +109,7 @@ with zipfile.ZipFile(path("more", last + "deformation.pth"), "w") as z:
     for name, d in members:
         z.writestr(name, d + b"12345" * (name == small))
 
-# SpacetimeGaussians: a column of another name, and values that are not finite; no network.
+# SpacetimeGaussians: a renamed column, and nonfinite values; without a network.
 at = "point_cloud/iteration_12000/"
 for name in ("fork", "nan", "bare"):
     shutil.copytree(fixtures + "/spacetimegs/full_techni/model", path(name))
@@ -122,7 +123,7 @@ with open(path("nan", at + "point_cloud.ply"), "wb") as f:
     f.write(head + rows.tobytes())
 os.remove(path("bare", at + "point_cloud.pt"))
 
-# Deformable 3DGS that says it is of the other kind.
+# Deformable 3DGS whose cfg_args declares the other kind.
 shutil.copytree(fixtures + "/deformable3dgs/" + os.listdir(fixtures + "/deformable3dgs")[0] + "/model", path("kind"))
 cfg = open(path("kind/cfg_args")).read()
 print(cfg, file=open(path("kind/cfg_args"), "w"))
@@ -161,8 +162,8 @@ for name in os.listdir(path("renamed", "images")):
 shutil.copytree(fixtures + "/datasets4d/easyvolcap_mini/scene", path("uneven"))
 os.remove(path("uneven/images/01/000002.jpg"))
 
-# The clip with cameras that look away: all, and five of eight; that stand aside: all, a little less, and camera 12 in
-# frame 1 alone.
+# The clip with cameras turned away: all, and five of eight; and with cameras shifted aside: all of
+# them, all by a little less, and camera 12 in frame 1 only.
 for name in ("away", "five", "aside", "less", "apart"):
     os.makedirs(path(name))
     os.symlink(os.path.join(work, "data", "ims"), path(name, "ims"))
@@ -187,9 +188,9 @@ ok $? "makes the inputs"
     read -r second
 } <"$work/counts"
 
-# ---- Sources ---------------------------------------------------------------------------------------
+# ---- Sources -------------------------------------------------------------------------------------
 
-# of NAME ARGUMENTS...: what an import of the source of that name says.
+# of NAME ARGUMENTS...: the output of importing the source of that name.
 of() {
     name=$1
     shift
@@ -247,7 +248,7 @@ for kind in $kinds; do
 done
 warns "cfg_args of another kind" "$@"
 
-# ---- Data sets -------------------------------------------------------------------------------------
+# ---- Data sets -----------------------------------------------------------------------------------
 
 with() { run "$bin/spin-import" --info fixtures/splats/splat --data "$work/$1" --pair order; }
 with missing
@@ -269,9 +270,9 @@ run "$bin/spin-import" --info fixtures/splats/splat --data "$work/uneven" --rang
 warns "a camera with a frame less" "'$work/uneven/images/01' ends with frame 1 and '$work/uneven/images/00' with \
 frame 2: the clip ends with frame 1"
 
-# ---- Cameras against points ------------------------------------------------------------------------
+# ---- Cameras against points ----------------------------------------------------------------------
 
-# over DATA: points over its images, as JSON.
+# over DATA: renders of the points over its images, as JSON.
 over() { run "$bin/spin-import" --check-cameras "$work/over" --data "$work/$1" "$clip" --force --json; }
 # shares of the views that are drawn, in percent
 shares() { figure '"%.0f" % (100 * sum(c["'"$1"'"] for c in j["cameras"]) / len(j["cameras"]))'; }
@@ -295,7 +296,7 @@ apart=$(figure '"camera %d has %.0f %% of the points in front and %.0f %% inside
 warns "one camera apart" "$apart"
 is "${apart%% has*} $(echo "$apart" | grep -o 'in frame [0-9]*')" "camera 12 in frame 1" "and which"
 
-# ---- Retraining ------------------------------------------------------------------------------------
+# ---- Retraining ----------------------------------------------------------------------------------
 
 in=$work/in.spin
 run "$bin/spin-import" "$clip" --data "$work/data" -o "$in"
@@ -331,7 +332,7 @@ SPIN_PROGRESS=soon retrain --iterations 3 --eval-every 1
 is "$(grep -c "^warning: SPIN_PROGRESS='soon' is not a number of seconds; using 60$" "$work/err")" 1 \
     "SPIN_PROGRESS, once"
 
-# ---- Pictures of half the size of one camera ----------------------------------------------------------
+# ---- Images of half the size from one camera -----------------------------------------------------
 
 cp -R "$work/data" "$work/small"
 run "$bin/spin-export" "$in" --to images --size 80x45 --range 0:1 -o "$work/eighty"
@@ -343,7 +344,7 @@ such as 80 x 45 for 160 x 90 pixels of camera 0: use a smaller --scale to avoid 
 run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q --scale 0.5
 warns "at the size that it has"
 
-# ---- Exports ---------------------------------------------------------------------------------------
+# ---- Exports -------------------------------------------------------------------------------------
 
 export_to() { run "$bin/spin-export" "$1" --to "$2" -o "$work/$2" --force --device cpu; }
 for to in splat gltf usd; do
@@ -384,7 +385,7 @@ warns "which only pictures need"
 run "$bin/spin-export" "$in" --to ply --background white -o "$work/ply3"
 warns "a background of no picture" "--background has no effect: this export renders no images"
 
-# ---- Plug-ins --------------------------------------------------------------------------------------
+# ---- Plug-ins ------------------------------------------------------------------------------------
 
 places=$(for i in $(seq 1 66); do printf '%s:' "$work/none/$i/"; done)
 run env SPIN_PLUGIN_PATH="${places%:}" "$bin/spin-import" --list

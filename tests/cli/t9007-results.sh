@@ -1,14 +1,16 @@
 #!/bin/sh
 # K: results long
-# The rows of docs/results.md and the figures of docs/tutorial.md that anyone can repeat, from the bundled clip. On the code
-# path that they were measured on (AVX-512) they come out to the last digit; on others small differences grow as large as those
-# between seeds. RESULTS=all, which `make results` sets: every seed, and what was measured is printed.
+# The rows of docs/results.md and the figures of docs/tutorial.md that anyone can reproduce from the
+# bundled clip. On the SIMD path they were measured with (AVX-512) they agree to the last digit; on
+# others small differences grow as large as those between seeds. RESULTS=all, which `make results`
+# sets, runs every seed and prints the measurements.
 . tests/cli/lib.sh
 
 run "$bin/spin-import" fixtures/court-mini --data fixtures/court-mini -o "$work/mini.spin"
 is "$code" 0 "imports"
 
-# like GOT WANT SLACK NAME: rounded to the digits of WANT on AVX-512, else within SLACK
+# like GOT WANT SLACK NAME: equal when rounded to the digits of WANT on AVX-512, otherwise within
+# SLACK
 like() {
     got=$(awk -v got="$1" -v want="$2" -v slack="$3" -v same="$same" 'BEGIN {
         digits = want ~ /\./ ? length(want) - index(want, ".") : 0
@@ -17,7 +19,7 @@ like() {
     is "$got" "$2" "$4"
 }
 
-# figure EXPRESSION: of the JSON that the last run printed, j
+# figure EXPRESSION: a value of j, the JSON that the last run printed
 figure() { python3 -c 'import json, sys
 j = json.load(open(sys.argv[1]))
 print(eval(sys.argv[2]))' "$work/out" "$1"; }
@@ -55,7 +57,7 @@ for seed in 0 ${RESULTS:+1 2}; do
     [ "$path" = avx2 ] && same=1 && want=$2 || want=$1
     like "$(figure 'j["psnr"]')" "$want" 1.5 "the tutorial's ($path)"
 
-    # What the pictures of the documents show, by `make pictures`, and the text beside them.
+    # The images that `make pictures` makes for the documents, and the text beside them.
     shown() { sed -n "s/^$1 //p" docs/pictures.txt; }
     [ "$path" = "$(shown path)" ] && same=1 || same=
     like "$(figure 'j["psnr"]')" "$(shown psnr)" 1.5 "the report's picture: PSNR"

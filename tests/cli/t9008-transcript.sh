@@ -1,6 +1,6 @@
 #!/bin/sh
 # K: examples figures transcript
-# tests/clean-debian.md quotes what its commands print today. `make pictures` puts today's figures into it.
+# tests/clean-debian.md quotes the current output of its commands. `make pictures` updates it.
 . tests/cli/lib.sh
 if ! command -v python3 >/dev/null || [ ! -e "$(dirname "$bin")/lib/spin-image-plain.so" ]; then
     skip "a transcript" "no python3, or built without images"

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: fixtures
-# The golden tests pass on another set of fixtures of the same layout: they have no number of the first
-# set built in.
+# The golden tests pass with other fixtures of the same layout: they do not depend on numbers of the
+# usual fixtures.
 . tests/cli/lib.sh
 
 if ! python3 -c 'import numpy' 2>/dev/null; then

@@ -1,7 +1,7 @@
 #!/bin/sh
 # K: long documents colmap
-# docs/how-to/from-videos.md: its commands, in the order in which they stand, take films of court to a page. The films are
-# folders of images, and in place of ffmpeg a script copies these.
+# The commands of docs/how-to/from-videos.md, in their order, turn videos of court into a page. The
+# videos are folders of images, which a script in place of ffmpeg copies.
 . tests/cli/lib.sh
 scene=../shared/scenes/court
 if ! command -v colmap >/dev/null || [ ! -d "$scene/ims" ]; then
@@ -23,7 +23,7 @@ cat >"$work/path/ffmpeg" <<'FFMPEG'
 #!/bin/sh
 cp "$2"/*.png "$(dirname "$5")"
 FFMPEG
-# As the document advises for small images.
+# The advice of the document for small images.
 cat >"$work/path/colmap" <<COLMAP
 #!/bin/sh
 case \$1 in
