@@ -84,7 +84,7 @@ const { opt, args } = options();
 const log = (...a) => (opt.json ? console.error : console.log)(...a);
 const vec = (t) => t.split(',').map(Number);
 
-// what a viewer opens stands in its page: <meta name="opens" content="ply glb">
+// each viewer's page declares what it opens: <meta name="opens" content="ply glb">
 function meta(viewer, name) {
     const page = fs.readFileSync(pageOf(viewer, opt.pages), 'utf8');
     return new RegExp(`<meta name="${name}" content="([^"]*)"`).exec(page)?.[1] ?? '';
@@ -103,7 +103,7 @@ function matrix() {
 }
 if (opt.matrix) { matrix(); process.exit(0); }
 
-// ---- What to show -------------------------------------------------------------------------------
+// ---- Inputs -------------------------------------------------------------------------------------
 
 function selftest() {
     const s = fs.mkdtempSync(path.join(os.tmpdir(), 'viewer-sample-'));
@@ -140,7 +140,7 @@ function jobsOf(arg) {
     return [{ name, kind, files: [arg], cam, times: opt.times ? vec(opt.times) : own.length ? own : undefined, motion }];
 }
 
-// A camera before the bulk of the splats, in the axes of a PLY.
+// A camera in front of most of the splats, in the axes of a PLY.
 function fit(s, kind) {
     const turn = KINDS[kind].turn, q = (a, p) => Float32Array.from(a).sort()[Math.floor(p * (a.length - 1))];
     const a = turn(s.pos.map((c) => q(c, 0.03))), b = turn(s.pos.map((c) => q(c, 0.97)));
@@ -150,7 +150,7 @@ function fit(s, kind) {
     return { eye: [mid[0], mid[1], mid[2] - away], target: mid, up: [0, -1, 0] };
 }
 
-// Several meshes shown at once, as one cloud.
+// Merges several meshes that are visible at once into one cloud.
 function join(list) {
     if (list.length === 1) return list[0];
     const all = (f) => list.flatMap((s) => [...f(s)]);
@@ -162,10 +162,11 @@ function join(list) {
     };
 }
 
-// ---- What other programs say of the file ---------------------------------------------------------
+// ---- Checks by other programs -------------------------------------------------------------------
 
-// splat-transform reads the file: the count must be ours, nothing may be NaN or infinite, and it must say that this
-// is splat data. An opacity of exactly 1, which a byte of 255 stands for, is an infinite logit there and no fault.
+// splat-transform reads the file: it must count as many splats as we do, find no NaN or infinity,
+// and recognise splat data. An opacity of exactly 1, stored as byte 255, is an infinite logit there
+// and not a fault.
 function splatTransform(file, count, kind) {
     const cli = path.join(path.dirname(require.resolve('@playcanvas/splat-transform')), '../bin/cli.mjs');
     const t0 = Date.now(), r = spawnSync(process.execPath, [cli, '-q', file, '--stats', 'json', 'null'], { encoding: 'utf8', maxBuffer: 1 << 28 });
@@ -182,8 +183,9 @@ function splatTransform(file, count, kind) {
     return { problems, ms: Date.now() - t0, stats: j };
 }
 
-// gltf-validator 2.0.0-dev.3.10 does not know KHR_gaussian_splatting and calls its attribute names invalid
-// (KhronosGroup/glTF-Validator issue 252): those findings are dropped, and lib/splat.mjs looks at the extension instead.
+// gltf-validator 2.0.0-dev.3.10 does not know KHR_gaussian_splatting and rejects its attribute
+// names (KhronosGroup/glTF-Validator issue 252): these findings are dropped, and lib/splat.mjs
+// checks the extension instead.
 async function gltfValidator(file) {
     const r = await require('gltf-validator').validateBytes(new Uint8Array(fs.readFileSync(file)), { maxIssues: 100000 });
     const seen = {}, problems = [];
@@ -195,11 +197,11 @@ async function gltfValidator(file) {
     return { problems: [...new Set(problems)].slice(0, 12), seen, errors: r.issues.numErrors, warnings: r.issues.numWarnings };
 }
 
-// ---- One job --------------------------------------------------------------------------------------
+// ---- One job ------------------------------------------------------------------------------------
 
 let failed = 0;
 
-// Reads the files, looks at them, and has the tools look.
+// Reads the files, renders them, and runs the other programs on them.
 async function readFiles(job, entry, fail) {
     const clouds = [];
     for (const f of job.files) {
@@ -223,7 +225,7 @@ async function readFiles(job, entry, fail) {
     return clouds;
 }
 
-// The splats that the pictures are held to, and the axes they stand in.
+// The splats that the images are compared with, and the axes they are in.
 function wantedOf(job, clouds) {
     if (!opt.truth) {
         const shown = (t) => join(meshesAt(job.files[0], t).map((m) => readGlb(job.files[0], { mesh: m })));
@@ -239,14 +241,14 @@ function wantedOf(job, clouds) {
     return { wanted, kind: kindOf(names[0]) };
 }
 
-// Least agreement that is asked of a viewer's picture of this kind of file.
+// The PSNR that a viewer's image of this kind of file must reach.
 const known = opt.known ? JSON.parse(fs.readFileSync(opt.known, 'utf8')).jobs : [];
 function limitOf(kind, viewer) {
     const rows = known.filter((j) => j.kind === kind).flatMap((j) => j.viewers).filter((v) => v.viewer === viewer);
     return Math.min(Number(opt['min-psnr']), Math.min(...rows.flatMap((v) => v.psnr)) - 0.5);
 }
 
-// The best of the ways to widen small splats counts; the others are tried only below 38 dB.
+// The best of three ways to widen small splats counts; the other two are tried only below 38 dB.
 function agreement(shot, reference) {
     let best = [-1];
     for (const m of Object.keys(MODELS)) {

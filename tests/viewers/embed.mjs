@@ -1,7 +1,8 @@
 #!/usr/bin/env node
-// A page of another site that holds a clip in the three ways of docs/how-to/viewers.md: its own lines, with the clip's
-// address put in. Each must show a picture, cut no control off, leave the wheel to the page until it is touched, and do
-// what the page asks. The player is that of a package which `npm pack` made.
+// A page of another site that embeds a clip in the three ways of docs/how-to/viewers.md, with the
+// lines of that document and the clip's address inserted. Each way must show an image, hide no
+// control, let the wheel scroll the page until the clip has been touched, and follow the page's
+// commands. The player is that of a package made by `npm pack`.
 import fs from 'node:fs';
 import path from 'node:path';
 import { spawnSync } from 'node:child_process';
@@ -23,7 +24,7 @@ function ok(good, what) {
     console.log(`  ${good ? 'ok  ' : 'FAIL'} ${what}`);
 }
 
-// ---- The other site --------------------------------------------------------------------------------
+// ---- The other site -----------------------------------------------------------------------------
 
 const site = path.join(out, 'site');
 fs.rmSync(site, { recursive: true, force: true });
@@ -43,7 +44,7 @@ fs.writeFileSync(path.join(site, 'index.html'), `<!doctype html>
 <style>body { font: 16px/1.5 sans-serif; margin: 0 auto; max-width: 1100px } p, h2 { margin: 1em 12px }</style>
 ${text}${WAYS.map((way) => `<h2>${way}</h2>\n<div id="${way}">${ways[way]}</div>\n${text}`).join('')}</html>\n`);
 
-// ---- As a reader -----------------------------------------------------------------------------------
+// ---- The page in use ----------------------------------------------------------------------------
 
 const chrome = await launch(), problems = [];
 const inside = async (tab, way) => (await (await tab.$(`#${way} iframe`)).contentFrame());
@@ -54,7 +55,7 @@ async function picture(tab, way) {
     return decodePng(await tab.locator(`#${way} iframe`).screenshot());
 }
 
-// Controls that are cut off by the frame, or lie one over another.
+// Controls that the frame cuts off, or that overlap.
 async function cutOff(frame) {
     return frame.evaluate(() => {
         const parts = [...document.querySelectorAll('#bar button, #bar input, #bar select, #label, #name, #hint')].filter((e) => e.offsetWidth).map((e) => [e.id || e.textContent, e.getBoundingClientRect()]);
@@ -93,7 +94,7 @@ async function look(tab, way, width) {
     return { frame, first };
 }
 
-// What the page asks for is done, and the page is told.
+// The page's commands are followed, and the page receives events.
 async function ask(tab) {
     const { frame, first } = { frame: await inside(tab, 'element'), first: await picture(tab, 'element') };
     const told = await tab.evaluate(() => new Promise((done, no) => {

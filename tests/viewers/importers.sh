@@ -1,14 +1,15 @@
 # shellcheck shell=sh
-# A frame of every importer's run in the viewers; run.sh sources it for `make test-viewers IMPORTERS=1`, or
-# IMPORTERS='realtime4dgs points' for some of them.
+# Shows a frame of every importer's run in the viewers; run.sh sources it for `make test-viewers
+# IMPORTERS=1`, or IMPORTERS='realtime4dgs points' for some of them.
 #
-# The run goes import -> bundle -> PLY; the frame in the middle is drawn by every viewer and held to the
-# reference, with the camera that the bench fits to it. A run of positions only has no PLY before it is
-# retrained: 20 iterations on one stand-in picture from six made-up cameras give it attributes. What is
-# drawn then shows that each position arrives and that the file is sound, and says nothing of looks.
+# The run is imported into a bundle and exported as PLY; every viewer draws its middle frame, which
+# is compared with the reference for the camera that the bench fits to it. A run without attributes
+# cannot be exported before it is retrained: 20 iterations on one substitute image, with six
+# synthetic cameras, add them. The result shows that all positions arrive and that the file is
+# valid, and nothing about image quality.
 . "$root/tests/runs.sh"
 
-# Attributes by 20 iterations. The cameras stand far enough to see everything.
+# Adds attributes by 20 iterations. The cameras are far enough away to see everything.
 learn() { # NAME IN LAST_TIME
     rm -rf "$1-data"
     mkdir -p "$1-data"
@@ -21,7 +22,7 @@ learn() { # NAME IN LAST_TIME
         { fail "$1 does not retrain"; return 1; }
 }
 
-# A cloud of plain points with colours: a helix that turns, three frames.
+# A cloud of plain points with colours: a rotating helix, in three frames.
 plain_points() { # FOLDER
     rm -rf "$1"
     mkdir -p "$1"
@@ -38,7 +39,8 @@ plain_points() { # FOLDER
     done
 }
 
-# NAME.spin in the viewers; a row of the table in tests/viewers/measured.md goes to importers.rows.
+# Shows NAME.spin in the viewers, and adds its row of the table in tests/viewers/measured.md to
+# importers.rows.
 draw() { # NAME IMPORTER RUN DRAWN
     rm -rf "$1-ply"
     "$bin/spin-export" -q "$1.spin" --to ply -o "$1-ply" || { fail "$1.spin does not export"; return; }

@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""Write frames of a retrained bundle as PLY, SPLAT and SPZ 2 with NumPy alone, to calibrate the bench.
+"""Write frames of a retrained bundle as PLY, SPLAT and SPZ 2 with NumPy alone, to calibrate the
+bench.
 
 Usage: known-good.py BUNDLE.spin OUT FRAME...
 
 FRAME is a frame's number. Nothing of spin4d has a part in it: the network is decoded by
 tests/tools/check-export.py, which reads man/spin-bundle.5, and the formats are written from their
-descriptions. OUT/ply, OUT/splat and OUT/spz hold what was written. Needs numpy.
-"""
+descriptions. OUT/ply, OUT/splat and OUT/spz hold what was written. Needs numpy."""
 import gzip
 import importlib.util
 import json

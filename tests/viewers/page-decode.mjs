@@ -1,6 +1,6 @@
 #!/usr/bin/env node
-// Decodes what --to html wrote with the page's own worker, outside a browser: frames as PLY files, and how many
-// splats and frames it decodes in a second.
+// Decodes the output of --to html with the page's own worker, outside a browser: writes frames as
+// PLY files, and measures how many splats and frames it decodes per second.
 import fs from 'node:fs';
 import path from 'node:path';
 import { parseArgs } from 'node:util';
@@ -51,8 +51,8 @@ for (let k = 0; k < v.sh; k++) names.push(`f_rest_${k}`);
 names.push('opacity', 'scale_0', 'scale_1', 'scale_2', 'rot_0', 'rot_1', 'rot_2', 'rot_3');
 const scaled = (q, k) => q.map((x) => k * x), sum = (a, b) => a.map((x, i) => x + b[i]);
 
-// The values themselves, by the layout of exporters/html/format.md: of a splat `value(column)` is that of a column, q its
-// rotation.
+// The values by the layout of exporters/html/format.md: for one splat, value(column) returns a
+// column, q the rotation.
 function splatOf(value, q) {
     const opacity = Math.min(1 - 1e-7, Math.max(1e-7, value(6))), out = [0, 1, 2].map((c) => value(c) + clip.centre[c]);
     for (let c = 0; c < 3; c++) out.push((value(3 + c) - 0.5) / 0.28209479177387814);
@@ -70,7 +70,7 @@ function frameValues(g, frame) {
     });
 }
 
-// Of 4D splats at a frame.
+// Slices 4D splats at a frame.
 function rowValues(blocks, frame) {
     const r = v.rows, tick = frame * r.ticks, out = [];
     for (const b of blocks) for (let i = 0; i < b.n; i++) {
@@ -88,14 +88,14 @@ function rowValues(blocks, frame) {
     return out;
 }
 
-// Written, compared, or both.
+// Writes frames, compares them, or both.
 function usePly(file, list) {
     const head = `ply\nformat binary_little_endian 1.0\n${v.antialias ? "comment antialiased 1\n" : ""}element vertex ${list.length}\n${names.map((k) => `property float ${k}\n`).join('')}end_header\n`;
     if (opt.ply) fs.writeFileSync(path.join(opt.ply, file), Buffer.concat([Buffer.from(head), Buffer.from(new Float32Array(list.flat()).buffer)]));
     if (opt.like) compare(path.join(opt.like, file), list.flatMap((x) => x.slice(0, 3)), 2 * s.place);
 }
 
-// Fails unless each of the places [n][3] is within so much, on each axis, of a splat of the PLY.
+// Fails unless each position [n][3] is within this distance, on each axis, of a splat of the PLY.
 function compare(file, places, within) {
     const { count, pos } = readPly(file), cells = new Map(), cell = (x) => Math.floor(x / within);
     for (let i = 0; i < count; i++) {

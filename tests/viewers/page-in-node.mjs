@@ -1,6 +1,7 @@
 #!/usr/bin/env node
-// The page of --to html without a browser, in Node 18 or later: its worker's numbers against the splats that were exported,
-// its pictures against the CPU renderer of the bench, and what buttons, keys and fingers do. Prints TAP.
+// The page of --to html without a browser, in Node 18 or later: its worker's numbers against the
+// exported splats, its images against the CPU renderer of the bench, and the effect of buttons,
+// keys and touch. Prints TAP.
 //     node page-in-node.mjs FOLDER_OF_COMMANDS WORKING_FOLDER
 import { execFileSync } from 'node:child_process';
 import fs from 'node:fs';
@@ -33,22 +34,22 @@ async function until(test) {
     }
 }
 
-// ---- Vectors -----------------------------------------------------------------------------------------
+// ---- Vectors ------------------------------------------------------------------------------------
 
 const sub = (a, b) => a.map((v, i) => v - b[i]), dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0), size = (a) => Math.hypot(...a), unit = (a) => a.map((v) => v / size(a));
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const times = (a, b) => [a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3], a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2], a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1], a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]];
 const turnAbout = (axis, angle) => [Math.cos(angle / 2), ...unit(axis).map((v) => v * Math.sin(angle / 2))];
 const turned = (q, v) => times(times(q, [0, ...v]), [q[0], -q[1], -q[2], -q[3]]).slice(1);
-// Row by row, the six different numbers of a covariance.
+// The six independent elements of a covariance, row by row.
 function covariance({ rot, scale }) {
     const q = unit(rot), axes = [0, 1, 2].map((k) => turned(q, [0, 1, 2].map((c) => (c === k ? scale[k] : 0))));
     return [[0, 0], [0, 1], [0, 2], [1, 1], [1, 2], [2, 2]].map(([i, j]) => dot(axes.map((a) => a[i]), axes.map((a) => a[j])));
 }
 
-// ---- A clip ------------------------------------------------------------------------------------------
-// Splats that stand, move, turn, grow and fade; from frame 4 on some go and others come. Twice: with SH of degree 3,
-// and in other colours with SH of degree 1.
+// ---- A clip -------------------------------------------------------------------------------------
+// Splats that are static, move, rotate, grow and fade; in frame 4 some disappear and others appear.
+// Two versions: with SH of degree 3, and in other colours with SH of degree 1.
 
 let seed = 7;
 const random = () => { seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0; return seed / 2 ** 32; }, about = () => 2 * random() - 1;
@@ -75,27 +76,27 @@ clips.forEach((frames, k) => {
 const bounds = { place: 2e-4, colour: 0.25, scale: 0.2, rotation: 0.2, sh: 0.002 }, exact = Object.entries(bounds).flatMap(([k, v]) => [`--bound-${k}`, String(v)]);
 const html = (from, to, ...more) => { command('spin-export', '-q', from, '--to', 'html', '-o', to, '--key-every', '3', '--sh', '3', '--fps', '10', ...exact, ...more); return readPage(`${work}/${to}`); };
 const pages = [html('clip0.spin', 'a.html'), html('clip1.spin', 'b.html')], served = html('clip0.spin', 'served.html', '--split');
-// Both as one page with a version after and one before.
+// A page with a version before and one after.
 const two = { ...pages[0], texts: [pages[0].texts[0], pages[1].texts[0]], clip: { ...pages[0].clip, versions: [{ ...pages[0].clip.versions[0], name: 'after', label: 'After' }, { ...pages[1].clip.versions[0], name: 'before', label: 'Before' }] } };
 for (const key of ['size', 'centre', 'steps']) is(pages[1].clip[key], pages[0].clip[key], `both clips have one ${key}`);
 const { clip } = two, v0 = clip.versions[0], code = two.code('worker');
 is([clip.numbers, v0.first, v0.own.map((n) => n > 0)], [[10, 12, 14, 16, 18, 20, 22], [0, 0, 0, 3, 3, 3, 6], [false, false, false, true, true, true, false]], 'the clip has groups, and rows of single frames');
 ok(v0.still.every((n, f) => n > 30 && n <= v0.shared[f]) && v0.still[0] < v0.shared[0], 'and rows that stand still');
 
-// ---- The worker: numbers -----------------------------------------------------------------------------
+// ---- The worker: numbers ------------------------------------------------------------------------
 
 const NAMES = ['bytesOf', 'unfolded', 'columnsIn', 'half', 'cut', 'scaleOf', 'turnsOf', 'sorted', 'decoded', 'frameOf', 'frames', 'fetched', 'blockOf', 'draftOf', 'advance', 'movedTo'];
 const worker = (more = {}, given = two, changed = code) => { const w = workerOf(changed, NAMES, more); w.tell({ clip: given.clip, texts: given.texts, address: more.address ?? null }); return w; };
 const first = worker();
 
-// The splats of a frame as the shader has them, in world units; sh by channel.
+// The splats of a frame as passed to the shader, in world units; SH by channel.
 function splatsIn({ n, texels, place, sh, words, radius }, of = clip) {
     return Array.from({ length: n }, (_, i) => {
         const t = texels.subarray(8 * i, 8 * i + 8), both = (w) => [halfValue(w & 65535), halfValue(w >>> 16)];
         return { pos: [0, 1, 2].map((c) => place[8 * i + c] * of.size + of.centre[c]), colour: [t[3] & 65535, t[3] >>> 16, t[7] & 65535].map((v) => v / 65535 * 4 - 1), alpha: (t[7] >>> 16) / 65535, reach: radius[i] * of.size, covariance: [t[4], t[5], t[6]].flatMap(both).map((v) => v / 1024 * of.size ** 2), sh: [...sh.subarray(2 * words * i, 2 * words * (i + 1))].map(halfValue) };
     });
 }
-// What is not as it was exported; nothing when all is well.
+// The differences from the exported values; empty if there are none.
 function wrongIn(frame, wanted, within = 1.6 * bounds.place, slack = 0, given = clip) {
     const left = new Set(wanted);
     for (const s of splatsIn(frame, given)) {
@@ -119,7 +120,7 @@ for (const version of [0, 1]) {
 }
 ok(await first.frameOf(0, 5) === await first.frameOf(0, 5), 'a frame is decoded once');
 
-// Half precision: each number is itself; between two the nearer.
+// Half precision: every representable value is exact; others round to the nearest.
 let wrong = 0;
 for (let h = 0; h < 0x7bff; h++) {
     const x = halfValue(h), next = halfValue(h + 1);
@@ -133,7 +134,7 @@ near(halves.map((h) => Math.log(first.scaleOf(h))), halves.map((h) => h * 0.5 * 
 const step = clip.steps.rotation / 2, axes = [[0, 0, 0], [Math.PI / step, 0, 0], [0, 0, -Math.PI / 2 / step]], keys = Array.from({ length: 13 }, (_, c) => Int32Array.from(axes, (a) => (c < 10 ? 9 : a[c - 10])));
 near([...first.turnsOf(keys, 3)], [1, 0, 0, 0, 0, 1, 0, 0, Math.SQRT1_2, 0, 0, -Math.SQRT1_2], 0.01, 'rotations of none, a half and a quarter turn');
 
-// Columns by hand, and all that are cut off.
+// Columns made by hand, and all truncations of them.
 function column(bytes, n, read) {
     const [x, mean] = [new Int32Array(n), new Int32Array(n)], all = Uint8Array.from(bytes);
     read(first.columnsIn(all), x, mean);
@@ -148,20 +149,20 @@ is(column([17, 2, 2, 1, 0], 4, whole), [1, 2, 1, 1], 'steps from the one before'
 is(column([2, 0, 1, 2, 1, 0, 0], 3, whole), [128, -1, 1], 'numbers of two bytes');
 is(column([4, 255, 254, 255, 255, 255, 255, 255, 255], 2, whole), [-(2 ** 31), 2 ** 31 - 1], 'numbers of four bytes');
 is(column([0], 3, whole), [0, 0, 0], 'zeros');
-// Ten rows; 0, 2 and 9 change, by 1, -1 and 300: folded and less one 1, 0 and 599.
+// Ten rows; 0, 2 and 9 change, by 1, -1 and 300: zigzag-coded and less one 1, 0 and 599.
 const thrice = (reader, x, mean) => { for (let k = 0; k < 3; k++) reader.changes(x, mean, 10); };
 is(column([2, 5, 2, 1, 0, 87, 0, 0, 2, 0, 0], 10, thrice), [1, 0, -1, 0, 0, 0, 0, 0, 0, 300], 'changes, and twice none');
-// The means become 8, 8 and 2400 sixteenths; then 12 and 3600.
+// The positions become 8, 8 and 2400 sixteenths; then 12 and 3600.
 is(column([2, 5, 2, 1, 0, 87, 0, 0, 2, 16, 0], 10, thrice), [1, 0, 0, 0, 0, 0, 0, 0, 0, 150], 'and from the mean');
 is(column([2, 5, 2, 1, 0, 87, 0, 0, 2, 0, 17, 1, 0, 1], 10, thrice), [2, 0, -1, 0, 0, 0, 0, 0, 0, 225], 'with changes added');
 
-// Bytes as text: seven bits a character, five of which are written otherwise.
+// Bytes as text: seven bits a character; five characters are escaped.
 const bytes = Uint8Array.from({ length: 3000 }, () => 256 * random()), special = [0, 10, 13, 60, 127];
 const sevens = [...bytes].map((b) => b.toString(2).padStart(8, '0')).join('').match(/.{1,7}/g).map((s) => parseInt(s.padEnd(7, '0'), 2));
 is([...first.bytesOf(sevens.map((s) => (special.includes(s) ? `\x7f${special.indexOf(s)}` : String.fromCharCode(s))).join(''))].slice(0, 3000), [...bytes], 'seven bits a character');
 
-// ---- The worker: 4D splats ---------------------------------------------------------------------------
-// A clip of them is cut at any time. Three sources at whole frames, against what is exported as PLY.
+// ---- The worker: 4D splats ----------------------------------------------------------------------
+// They are sliced at any time. Three sources at whole frames, compared with PLY exports.
 
 const fixtures = new URL('../../fixtures/', import.meta.url).pathname, fourD = {};
 for (const [name, source] of [['lines', 'realtime4dgs/rot4d_noshfs'], ['cubes', 'ex4dgs/small'], ['turns', 'spacetimegs/full_techni']]) {
@@ -178,18 +179,18 @@ for (const [name, source] of [['lines', 'realtime4dgs/rot4d_noshfs'], ['cubes', 
     }
 }
 
-// Rows by hand, with all that rows may have, at times between frames.
+// Rows made by hand with every kind of attribute, at times between frames.
 const hand = {
     numbers: [0, 1, 2, 3, 4], size: 2, centre: [1, -1, 0.5], steps: { place: 0.01, colour: 0.02, opacity: 0.01, scale: 0.05, rotation: 0.02, sh: 0.03 },
     versions: [{ name: 'clip', degree: 1, sh: 9, splats: [3], from: [0], end: [65], at: [0], rows: { ticks: 16, degree: 3, octave: 10, middle: 0.1, plateaus: true, gate: 0.02, ratio: 0.05, period: 3, phase: 0.1, cosine: 0.01, cosine_sh: 0.02 } }]
 };
-// Columns of the three rows: a splat, its times and window, plateau, path, gate, turn, waves.
+// Columns of the three rows: position, times and window, plateau, path, gate, rotation, waves.
 const table = [[10, -20, 3], [5, 6, 7], [-4, 0, 300], [20, 30, 40], [25, 26, 27], [10, 44, 18], [80, 95, 60], [-60, -70, -50], [-65, -75, -40], [-90, -80, -45], [10, 0, -90], [20, 0, 30], [-30, 0, 15],
     ...Array.from({ length: 9 }, (_, c) => [c - 4, 3 - c, 2 * c]), [0, 16, 10], [65, 24, 50], [-12, 0, 5], [-9, 0, -3], [11, 20, 2], [-8, 0, 7], [3, -4, 0], [1, 2, 0], [-5, 7, 0], [2, 0, 1], [0, 1, 0], [4, -3, 0], [1, 1, 0], [0, -2, 0], [2, 0, 0], [10, 0, 35],
     [30, 0, -20], [-10, 0, 14], [5, 0, 40], [6, 0, -8], [7, 0, 33], ...Array.from({ length: 24 }, (_, c) => [3 - c, c % 5, c - 9])];
 {
     const packed = zlib.gzipSync(Buffer.concat(table.map((x, c) => {
-        // each way to tell a column, in turn
+        // each encoding of a column in turn
         const against = c % 3 === 1 ? x.map((v, i) => v - table[c - 1][i]) : x, steps = c % 2 ? against.map((v, i) => v - (i ? against[i - 1] : 0)) : against;
         return Buffer.from([2 | (c % 2 ? 16 : 0) | (c % 3 === 1 ? 32 : 0), ...[0, 8].flatMap((bit) => steps.map((v) => (v < 0 ? -2 * v - 1 : 2 * v) >> bit & 255))]);
     })));
@@ -220,7 +221,7 @@ const table = [[10, -20, 3], [5, 6, 7], [-4, 0, 300], [20, 30, 40], [25, 26, 27]
     ok(await w.frameOf(0, 2.5) === await w.frameOf(0, 2.5) && await w.frameOf(0, 2.4) !== await w.frameOf(0, 2.5), 'the last slice is kept');
 }
 
-// ---- The worker: splats of a .sogst file, as its reader gives them -------------------------------------
+// ---- The worker: splats that the reader of .sogst files returns ---------------------------------
 
 {
     const n = 40, many = (k, f) => Float32Array.from({ length: k * n }, f), moved = { ...fourD.lines.clip, fps: 4, centre: [1, -2, 0.5], size: 2, numbers: [0, 1, 2, 3], versions: [{ name: 'clip', degree: 1, sh: 9, splats: [], moves: true }] };
@@ -238,11 +239,11 @@ const table = [[10, -20, 3], [5, 6, 7], [-4, 0, 300], [20, 30, 40], [25, 26, 27]
     }
 }
 
-// ---- The worker: order -------------------------------------------------------------------------------
+// ---- The worker: sorting ------------------------------------------------------------------------
 
 const n = 2000, place = new Float32Array(8 * n).map(() => 4 * about()), radius = new Float32Array(n).map((_, i) => i % 7 * 0.05), forward = unit([1, 2, -0.5]), right = unit(cross(forward, [0, 0, 1]));
 const view = { eye: [0.3, -0.2, 0.1], right, down: cross(forward, right), forward, near: 0.2, slope: [0.9, 0.4] }, away = (i) => sub([...place.subarray(8 * i, 8 * i + 3)], view.eye);
-// How far a sphere's middle is outside of the four planes that hold 1.3 times the picture.
+// The distance of a sphere's centre outside the four planes that enclose 1.3 times the image.
 const outside = (i, wide) => Math.max(...[right, view.down].map((v, k) => (Math.abs(dot(away(i), v)) - wide * view.slope[k] * dot(away(i), forward)) / Math.hypot(1, wide * view.slope[k])));
 const depth = Array.from({ length: n }, (_, i) => dot(away(i), forward)), order = [...first.sorted({ n, place, radius }, view)], want = depth.flatMap((d, i) => (d >= 0.2 && outside(i, 1.3) <= radius[i] ? [i] : []));
 is([...order].sort((a, b) => a - b), want, 'all splats that are not before the near plane and may be in the picture, once');
@@ -252,9 +253,9 @@ const pair = { n: 2, place: new Float32Array(16).map((_, k) => (k === 2 ? 0.5 : 
 is([...first.sorted(pair, { ...ahead, near: 0.5 })], [1, 0], 'one at the near plane is in');
 is([[...first.sorted({ ...pair, n: 1 }, ahead)], [...first.sorted({ n, place, radius }, { ...view, near: 99 })]], [[0], []], 'one splat, and none');
 
-// ---- The worker: frames that are kept, and what is fetched ---------------------------------------------
+// ---- The worker: cached frames and range requests -----------------------------------------------
 
-// With room for three frames and a half.
+// The cache holds three frames and a half.
 const least = Math.min(...v0.splats) * (32 + 4 * 23), small = worker({}, two, code.replace('400e6', String(3.5 * least)));
 for (const f of [0, 1, 2]) await small.frameOf(0, f);
 await small.frameOf(0, 0);
@@ -281,14 +282,15 @@ await partly.w.blockOf(0, 1);
 is(partly.asked.slice(1), [[s0.at[1], s0.at[6] + s0.bytes[6]]], 'then all that follow, to a megabyte');
 for (let f = 0; f < FRAMES; f++) ok(Buffer.from(await partly.w.blockOf(0, f)).equals(zlib.gunzipSync(served.data.subarray(s0.at[f], s0.at[f] + s0.bytes[f]))), `block ${f} is that of the file`);
 is(partly.asked.length, 2, 'which is asked for no more');
-// Runs end before a megabyte, made smaller here, and where blocks do not lie side by side.
+// Merged requests end before a megabyte (smaller in this test), and between blocks that are not
+// adjacent.
 const [runs, apart] = [s0.bytes[1] + s0.bytes[2] + 1, 1e6].map((most, gap) => {
     const asked = [], given = { ...served, clip: { ...served.clip, versions: [gap ? { ...s0, at: s0.at.map((a, f) => (f > 2 ? a + 1 : a)) } : s0] } };
     return { asked, w: worker({ address: 'x', fetch: async (_, { headers }) => { const [from, to] = headers.Range.slice(6).split('-').map(Number); asked.push(to + 1); return new Response(served.data.subarray(from, to + 1), { status: 206 }); } }, given, code.replace('1e6', String(most))) };
 });
 for (const w of [runs, apart]) { await w.w.blockOf(0, 0); await w.w.blockOf(0, 1); }
 is([runs.asked[1], apart.asked[1]], [s0.at[3] + s0.bytes[3], s0.at[2] + s0.bytes[2]], 'in runs of so many bytes, side by side');
-// A server that sends all is asked once, for all versions.
+// A server that ignores ranges is asked once, for all versions.
 const twice = { ...served, clip: { ...served.clip, versions: [s0, { ...s0, name: 'other', at: [...s0.at].reverse(), bytes: [...s0.bytes].reverse() }] } }, every = server({ status: 200 }, twice);
 for (const [v, f] of [[0, 2], [1, 2], [1, 6]]) ok(Buffer.from(await every.w.blockOf(v, f)).equals(zlib.gunzipSync(served.data.subarray(...((at) => [at, at + served.clip.versions[0].bytes[v ? 6 - f : f]])(twice.clip.versions[v].at[f])))), `version ${v}, block ${f}`);
 is(every.asked.length, 1, 'from one answer');
@@ -303,7 +305,7 @@ for (const { w } of [partly, wholly]) {
     ok(draft.n === s0.draft.splats && why === '', 'the draft has splats of the first frame', why);
 }
 
-// What is asked for last is answered; a mistake does not end the work.
+// The latest request is answered; an error does not stop the worker.
 const said = [], ready = [], busy = worker({ post: (reply) => { said.push(reply); ready.push(busy.frames.has('0 5')); } });
 Object.assign(view, { ...ahead, eye: [0, 0, -3], near: 0.05 });
 const asks = (frame, more = {}) => busy.tell({ parts: [{ version: 0, data: true }], frame, ...view, ...more });
@@ -317,9 +319,9 @@ asks(3, { parts: [{ version: 1, data: false }] });
 await until(() => said.length > 3);
 is([said[3].frame, said[3].parts.map((p) => [p.version, p.texels, p.sh, p.order.length > 0])], [3, [[1, false, false, true]]], 'then the work goes on; an order without the splats');
 
-// ---- The page: pictures ------------------------------------------------------------------------------
+// ---- The page: images ---------------------------------------------------------------------------
 
-// Splats as the CPU renderer takes them.
+// Splats in the form of the CPU renderer.
 const forReference = (list, bands) => ({ count: list.length, bands, pos: [0, 1, 2].map((c) => list.map((s) => s.pos[c])), rot: [0, 1, 2, 3].map((c) => list.map((s) => s.rot[c])), scale: [0, 1, 2].map((c) => list.map((s) => s.scale[c])), alpha: list.map((s) => s.alpha), sh0: [0, 1, 2].map((c) => list.map((s) => s.sh0[c])), shN: Array.from({ length: (bands + 1) ** 2 - 1 }, (_, k) => [0, 1, 2].map((c) => list.map((s) => s.shN[k][c]))) });
 const truth = (page, list, bands, model = 'plain') => { const c = page.camera(); return render(forReference(list, bands), { ...c, bg: page.window.spin4d.clip.background }, model, 2 * Math.log(255)); };
 const like = (page, want, what, least = 47) => { const dB = psnr(page.gl.picture(), want); ok(dB >= least, `${what}: the picture`, `${dB.toFixed(1)} dB`); };
@@ -339,8 +341,7 @@ for (const degree of [2, 1, 0]) {
     const low = await opened({ clip: (c) => { c.versions[0].degree = degree; return c; } });
     like(low, truth(low, clips[0][0], degree), `SH of degree ${degree}`);
 }
-// Small, and more than a row of the textures has.
-// Where the shaders put the corners of one splat, with other uniforms.
+// The corners that the shaders compute for one splat, with other uniforms.
 function corners(gl, splat, more) {
     const [project, boxes] = gl.programs, fragment = project[gl.FRAGMENT_SHADER], vertex = boxes[gl.VERTEX_SHADER];
     Object.assign(fragment.uniforms, { ...project.values, splats: gl.sampler(0), harmonics: gl.sampler(1), order: () => [splat, 0, 0, 1], count: 1, ...more });
@@ -365,14 +366,14 @@ for (const antialias of [false, true]) {
     ok(drawn(at(0)).length > 250 && drawn(at(0)).every((k) => k === 4), 'splats before the camera have four corners');
     ok(drawn(at(nearest - clip.near - 0.01)).length === drawn(at(0)).length && drawn(at(nearest - clip.near + 0.01)).length < drawn(at(0)).length && drawn(at(99)).length === 0, 'those before the near plane none, though the order is of an older view');
 }
-// Straight ahead and along the axes: one that is wide, one that is high.
+// Straight ahead and along the axes: a wide splat and a high one.
 for (const [k, what] of [[0, 'wide'], [1, 'high']]) {
     const c = page.camera(), s = splatsIn(await first.decoded(0, 0)).findIndex((p) => size(sub(p.pos, some[k].pos)) < 1e-3), reach = Math.sqrt(2 * Math.log(255 * some[k].alpha));
     const ends = corners(page.gl, s, { eye: some[k].pos.map((v, i) => (v - 2 * (i === 2) - clip.centre[i]) / clip.size), turn: [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }), fragment = page.gl.programs[1][page.gl.FRAGMENT_SHADER];
     near([0, 1].map((i) => Math.max(...ends.map((e) => e[i])) * [c.width, c.height][i] / 2), [0, 1].map((i) => reach * Math.sqrt((c.focal * some[k].scale[i] / 2) ** 2 + 0.3)), 0.05, `a splat that is ${what} is drawn so`);
     is([fragment.run({ place: [0, 0], colour: [1, 1, 1, 1] }).pixel[3], fragment.run({ place: [3.4, 0], colour: [1, 1, 1, 1] })], [0.99, null], 'nothing hides all behind it; rims end at 1/255');
 }
-// More splats than are drawn in one go.
+// More splats than one draw call takes.
 {
     const many = Array.from({ length: 5 * 11 }, (_, k) => clips[0][0].map((s) => ({ ...s, pos: [s.pos[0], Math.fround(s.pos[1] + 0.02 * (k % 11 - 5)), Math.fround(s.pos[2] + 0.02 * (Math.floor(k / 11) - 2))], scale: s.scale.map((v) => 0.05 * v), alpha: 0.5 * s.alpha }))).flat();
     fs.mkdirSync(`${work}/many`);
@@ -381,29 +382,30 @@ for (const [k, what] of [[0, 'wide'], [1, 'high']]) {
     const large = html('many.spin', 'many.html'), p = await openPage(large, { width: 32, height: 20 }).settle();
     ok(p.replies.at(-1).parts[0].order.length > 16384, 'more than 16384 splats');
     like(p, truth(p, many, 0), 'all of them', 44);
-    // After a version of few one of many: their ellipses need more room.
+    // A version with few splats, then one with many: their ellipses need a larger texture.
     const both = await openPage({ ...large, clip: { ...large.clip, versions: [{ ...dots.clip.versions[0], name: 'few' }, { ...large.clip.versions[0], name: 'many' }] }, texts: [dots.texts[0], large.texts[0]] }, { width: 16, height: 10 }).settle(), held = both.gl.textures;
     both.key('b');
     await both.settle();
     is([both.root.dataset.shown.split(' ')[0], both.replies.at(-1).parts[0].order.length > 2048, both.gl.textures - held], ['many', true, 2], 'which is made once, and what was too small is given back');
 }
-// Other windows: the whole picture of the first camera is in view.
+// Other window shapes: the whole image of the first camera is visible.
 for (const [width, height, ratio, fovy = clip.fovy] of [[30, 50, 1], [30, 50, 1, clip.fovy / 4], [30, 50, 1, clip.fovy / 2], [20, 80, 1, clip.fovy / 4], [10, 80, 1, clip.fovy / 8], [20, 12, 3], [70, 20, 1]]) {
     const p = await opened({ width, height, ratio, clip: (of) => ({ ...of, fovy }) }), c = p.camera(), k = Math.min(ratio, 2), fovx = 2 * Math.atan(c.width / 2 / c.focal), wide = 2 * Math.atan(Math.tan(fovy * Math.PI / 360) * clip.aspect);
     is([c.width, c.height], [k * width, k * height], `${width} x ${height}, ${ratio} pixels each`);
-    // Of a high window as much as leaves a tenth of what is before its middle above and below.
+    // In a tall window, a tenth of the content in front of its centre remains above and below.
     const high = clips[0][0].map((s) => sub(s.pos, c.eye)).filter((d) => dot(d, c.forward) > clip.near && Math.abs(dot(d, c.right) / dot(d, c.forward)) < 0.5 * Math.tan(wide / 2)).map((d) => Math.abs(dot(d, unit(cross(c.forward, c.right)))) / dot(d, c.forward)).sort((a, b) => a - b), tall = Math.max(Math.tan(fovy * Math.PI / 360), high[Math.floor(0.9 * high.length)]);
     ok(Math.min(c.fovy - fovy, width > height ? fovx - wide : 0) > -1e-6 && (width > height ? Math.abs(c.fovy - fovy) < 1e-6 || Math.abs(fovx - wide) < 1e-6 : Math.abs(c.height / 2 / c.focal - Math.min(Math.max(tall, c.height / c.width * (clip.keep ?? 0)), c.height / c.width * Math.tan(wide / 2))) < 2e-3), 'all of the first picture, and no more than that', `${c.fovy} ${fovx} ${tall}`);
     like(p, truth(p, clips[0][0], 3), 'there', 45);
 }
-// Within the scene, so that the near plane cuts and splats reach beside the camera; other axes.
+// From inside the scene, so that the near plane cuts and splats reach beside the camera; other
+// axes.
 for (const [what, eyeAt, up] of [['amid the splats', [3, -1, 2], [0, -1, 0]], ['up is z', [1, -2, 2.5], [0, 0, 2]], ['up leans', [4, 0.5, 1], [1, -2, 0.3]]]) {
     const p = await opened({ clip: (c) => ({ ...c, eye: eyeAt, target: [3.1, -0.9, 2.3], up }) });
     near([p.camera().eye, p.camera().up].flat(), [eyeAt, unit(up)].flat(), 1e-6, `${what}: the eye`);
     like(p, truth(p, clips[0][0], 3), what);
 }
 
-// ---- The page: frames and versions -------------------------------------------------------------------
+// ---- The page: frames and versions --------------------------------------------------------------
 
 const at = (p, f) => `${p.root.dataset.shown} | ${p.$('label').textContent} | ${p.$('label').title} | ${p.$('scrub').value}` === `after ${10 + 2 * f} | Frame ${f + 1} of 7 | Number ${10 + 2 * f} | ${f}`;
 is([page.$('name').textContent, two.html.match(/<title>(.*)<.title>/)[1], page.$('scrub').max, page.$('play').hidden, page.$('speed').hidden, page.$('versions').hidden, page.$('wipe').hidden, page.$('full').hidden, page.$('message').textContent], ['a', 'a', 6, false, false, false, true, false, ''], 'the page as it is opened');
@@ -450,7 +452,7 @@ ok(at(page, 5) && page.$('play').textContent === 'Play', 'keys of the slider, a 
     is(page.root.dataset.shown, 'before 20', 'by its button');
     page.$('versions').children[0].onclick();
 }
-// Both: before on the left of the line, after on its right.
+// Both versions: before to the left of the line, after to its right.
 page.key('c');
 await page.settle();
 is([page.root.dataset.shown, page.$('wipe').hidden, page.$('versions').children[2].getAttribute('aria-pressed'), page.$('wipe').style.left, page.$('wipe').getAttribute('aria-valuenow')], ['wipe 20', false, 'true', '50%', '50'], 'the wipe');
@@ -475,7 +477,7 @@ page.key('b');
 is([page.$('wipe').hidden, page.$('versions').children[1].getAttribute('aria-pressed')], [true, 'true'], 'a version ends it');
 page.key('b');
 
-// ---- The page: time ----------------------------------------------------------------------------------
+// ---- The page: time -----------------------------------------------------------------------------
 
 // 10 frames a second: a hundred milliseconds each.
 const plays = await opened({ width: 16, height: 10 });
@@ -502,7 +504,7 @@ is((await opened({ width: 16, height: 10, media: [] })).$('play').textContent, '
     is([still.$('scrub').hidden, still.$('speed').hidden, still.$('versions').hidden, still.sent.at(-1).next, still.key(' '), still.$('play').textContent, still.key('w'), (still.key('c'), still.$('wipe').hidden), still.$('versions').children.length], [true, true, true, undefined, true, 'Play', true, true, 1], 'a still has no time and nothing to compare');
 }
 
-// Of 4D splats all times may be seen, those between frames as well.
+// 4D splats can be shown at any time, between frames too.
 {
     const p = await openPage(fourD.lines, { width: 16, height: 10 }).settle(), said = () => [p.root.dataset.shown, p.$('label').textContent, p.$('label').title];
     is([p.$('scrub').step, plays.$('scrub').step, said()], [0.1, 1, ['clip 0', 'Frame 1 of 61', 'Number 0']], 'the slider has steps between frames');
@@ -540,7 +542,7 @@ is((await opened({ width: 16, height: 10, media: [] })).$('play').textContent, '
     ok(/^clip 0\.\d+$/.test(said()[0]), 'then it begins again', said()[0]);
 }
 
-// ---- The page: hands ---------------------------------------------------------------------------------
+// ---- The page: pointer, keys and touch ----------------------------------------------------------
 
 const canvas = page.$('view');
 let moves = 0;
@@ -550,7 +552,7 @@ function drag(from, to, more = {}) {
     canvas.fire('pointermove', { pointerId: id, clientX: to[0], clientY: to[1], buttons: 1, ...more });
     canvas.fire('pointerup', { pointerId: id });
 }
-// Where a place is in the picture, in pixels.
+// The position of a point in the image, in pixels.
 const seen = (c, p) => { const d = sub(p, c.eye), z = dot(d, c.forward); return [c.width / 2 + c.focal * dot(d, c.right) / z, c.height / 2 + c.focal * dot(d, c.down) / z]; };
 page.key('r');
 {
@@ -602,7 +604,7 @@ page.key('r');
     canvas.fire('pointermove', { pointerId: 77, clientX: 30, clientY: 30, buttons: 0 });
     near(page.camera().eye, clip.eye, 1e-6, 'a pointer that is not down does nothing');
     ok(canvas.fire('contextmenu'), 'the right button has no menu');
-    // Keys that fly: half the way to the target in a second, whatever the screen's rate.
+    // Keys that fly: half of the way to the target per second, at any frame rate.
     const p = await opened({ width: 16, height: 10 }), home4 = p.camera(), way = 0.5 * size(sub(clip.eye, clip.target));
     const flown = (key, ms) => {
         const from = p.camera();
@@ -631,7 +633,7 @@ page.key('r');
     p.key('w');
     for (let k = 0; k < 400; k++) p.tick(50);
     near(size(sub(p.camera().target, clip.target)), clip.size, 1e-6, 'no farther than the scene reaches');
-    // Near the target the eye hardly moves when it turns.
+    // Close to the target, orbiting hardly moves the eye.
     const close = await opened({ width: 16, height: 10, clip: (c) => ({ ...c, reach: [0.001, 1] }) });
     close.$('view').fire('wheel', { deltaY: -1e5 });
     await close.settle();
@@ -682,7 +684,8 @@ page.key('r');
     near([size(sub(narrow.camera().eye, clip.target)), size(sub(back.eye, clip.target))], [enough, start], 1e-6, 'by a narrow lens from farther than the cameras stood');
     ok(enough > start, 'which is farther');
 
-    // Two fingers: twice as far apart is half the distance, and their middle moves the target.
+    // Two fingers: spreading them to twice the distance halves the distance to the target, and
+    // their midpoint moves the target.
     canvas.fire('pointerdown', { pointerId: 101, clientX: 20, clientY: 20 });
     canvas.fire('pointerdown', { pointerId: 102, clientX: 30, clientY: 20 });
     canvas.fire('pointermove', { pointerId: 102, clientX: 32, clientY: 20 });
@@ -693,7 +696,7 @@ page.key('r');
     page.key('r');
 }
 
-// ---- The page: words ---------------------------------------------------------------------------------
+// ---- The page: text -----------------------------------------------------------------------------
 
 {
     const p = await opened({ width: 16, height: 10, full: false }), title = p.$('title');
@@ -722,7 +725,7 @@ page.key('r');
     ok(torn.$('message').textContent.startsWith('The clip cannot be read: '), 'a page that is torn', torn.$('message').textContent);
 }
 
-// ---- The page: in another, and as its address asks --------------------------------------------------------
+// ---- The page: embedded, and with options in its address ----------------------------------------
 
 {
     const in16 = (more) => opened({ width: 16, height: 10, ...more }), here = 'http://there/some/page.html';
@@ -767,7 +770,7 @@ page.key('r');
     const low = await in16({ height: 239 }), lone = await in16({ height: 241 });
     for (const q of [low, lone]) { q.tick(3100); await q.settle(); }
     is([low.root.classList.contains('rest'), lone.root.classList.contains('rest')], [true, false], 'from a low picture they go when it stands still, too');
-    // By a script, and by messages from the page around.
+    // By a script, and by messages from the embedding page.
     const mine = await in16({}), api = mine.window.spin4d;
     is(api.state, { play: false, frame: 1, frames: 7, speed: 1, version: 'after', ready: true }, 'what a script is told');
     api.set({ frame: 4, version: 'before', speed: 0.25 });
@@ -823,7 +826,7 @@ page.key('r');
     denied.key('V');
     await until(() => denied.$('message').textContent);
     ok(denied.$('message').textContent.includes('?x=&view='), 'where copying is not allowed the address is shown', denied.$('message').textContent);
-    // Keys, and the button of a clip that waits in another page.
+    // Keys, and the button of an embedded clip that waits to be started.
     denied.key('End');
     is(denied.$('label').textContent, 'Frame 7 of 7', 'End');
     denied.key('Home');
@@ -837,7 +840,7 @@ page.key('r');
     is([none.html.match(/<title>(.*)<.title>/)[1], openPage(none).$('title').hidden], ['named', true], 'or none');
 }
 
-// ---- The page: with its data on a server -----------------------------------------------------------------
+// ---- The page: with its data on a server --------------------------------------------------------
 
 {
     const p = openPage(served, { media: [] });
@@ -858,7 +861,8 @@ page.key('r');
     p.tick(250);
     is(p.$('label').textContent, 'Frame 3 of 7', 'and now it plays');
 }
-// Whoever asks for another frame, or for both versions, before the draft is there gets no draft.
+// A request for another frame, or for both versions, that comes before the draft suppresses the
+// draft.
 for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['both versions', (p) => p.key('c')]]) {
     const p = openPage({ ...served, clip: { ...served.clip, versions: [s0, { ...s0, name: 'other' }] } });
     does(p);
@@ -866,7 +870,7 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     await new Promise(setImmediate);
     is(p.sent[1].draft, false, `no draft of ${what}`);
 }
-// More splats than a row of the texture has.
+// More splats than a row of the texture holds.
 {
     const p = await opened({ width: 16, height: 10 }), words = p.gl.units[1].data, t = p.gl.units[0];
     is([t.width, t.height, p.gl.units[1].height > 3, words.some((v, i) => v && i > 3 * 2048)], [2048, 1, true, true], 'textures as long as needed');
@@ -875,11 +879,11 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     is(p.gl.textures, 5, 'which are used again');
 }
 
-// ---- .sogst files that lie: exporters/player/sogst.js -----------------------------------------------------
+// ---- Malformed .sogst files: exporters/player/sogst.js ------------------------------------------
 
 {
     const code3 = fs.readFileSync(new URL('../../exporters/player/sogst.js', import.meta.url), 'utf8'), fixture = (name) => new URL(`../../fixtures/sogst/${name}/scene.sogst`, import.meta.url);
-    // Members of a ZIP whose entries are stored, and such a ZIP.
+    // The members of a ZIP whose entries are stored, and how to write one.
     const membersOf = (file) => {
         const bytes = fs.readFileSync(file), members = new Map();
         for (let at = bytes.readUInt32LE(bytes.length - 6), n = bytes.readUInt16LE(bytes.length - 12); n > 0; n--) {
@@ -912,7 +916,7 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
         return new Uint8Array(Buffer.concat([...parts, ...directory, end]));
     };
     const sizesOf = (webp) => { const v = webp.readUInt32LE(21); return { width: 1 + (v & 0x3fff), height: 1 + (v >>> 14 & 0x3fff) }; };
-    // Says { error } or { frames, n, decoded }, of pictures whose bytes all are 252.
+    // Returns { error } or { frames, n, decoded }, for images whose bytes are all 252.
     const read = async (name, change = () => {}, address = 'http://there/view.html?src=c.sogst') => {
         const members = membersOf(fixture(name)), meta = JSON.parse(members.get('meta.json'));
         delete meta.shN;
@@ -946,7 +950,7 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     for (const bad of SCHEMES) ok((await read('no_segments', () => {}, `http://there/view.html?src=${encodeURIComponent(bad)}`)).error, `a clip at ${JSON.stringify(bad)} is refused`);
 }
 
-// ---- The player of other pages: exporters/player --------------------------------------------------------
+// ---- The player for other pages: exporters/player -----------------------------------------------
 
 {
     const folder = new URL('../../exporters/player/', import.meta.url), about = JSON.parse(fs.readFileSync(new URL('package.json', folder))), version = fs.readFileSync(new URL('../../src/spin.h', import.meta.url), 'utf8').match(/SPIN_VERSION "(.*)"/)[1];

@@ -1,8 +1,9 @@
 #!/usr/bin/env node
-// Opens an exported page from the disk in Chromium and uses it as a person would: plays, scrubs, switches
-// before and after, turns, zooms. Every step must change the picture; nothing may be logged as an error
-// and nothing may be asked of a network; a page of --split is served, and may ask for its own two files. At any
-// size no control may be cut off. With --truth the first picture is held to the PLYs of the clip.
+// Opens an exported page from the disk in Chromium and uses it as a person would: plays, scrubs,
+// switches between before and after, rotates, zooms. Every step must change the image; no error may
+// be logged, and no network request made, except that a page of --split, which is served, may
+// request its own two files. No control may be cut off at any window size. With --truth the first
+// image is compared with the PLYs of the clip.
 import fs from 'node:fs';
 import path from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -48,7 +49,7 @@ await tab.emulateMedia({ reducedMotion: 'reduce' }); // or it plays by itself
 tab.on('console', (m) => { if (['error', 'warning'].includes(m.type())) problems.push(`console: ${m.text()}`); });
 tab.on('pageerror', (e) => problems.push(`exception: ${e.message}`));
 const folder = path.resolve(path.dirname(args[0])), data = `${path.basename(args[0], '.html')}.bin`;
-// Of a served page's data one answer is sent, and no more before the first picture is there.
+// Only one response with a served page's data is sent before the first image is shown.
 let asked = 0, firstRead = 0, goOn;
 const pictureIsThere = new Promise((ok) => { goOn = ok; });
 const ask = async (p) => { if (p.endsWith('.bin') && ++asked > 1) await pictureIsThere; };
@@ -59,7 +60,7 @@ tab.on('request', (r) => { if (!/^(file|blob|data):/.test(r.url()) && !(split &&
 const shown = () => tab.evaluate(() => document.documentElement.dataset.shown);
 const draws = () => tab.evaluate(() => Number(document.documentElement.dataset.draws || 0));
 const until = (test, arg) => tab.waitForFunction(test, arg, { timeout: LONG });
-// A picture of the canvas alone, once it has been drawn for what was asked last.
+// An image of the canvas alone, after the latest request has been drawn.
 async function picture(name) {
     await tab.waitForTimeout(400);
     const shot = decodePng(await tab.locator('#view').screenshot({ style: '#bar, #message, #title, #wipe { display: none }' }));
@@ -76,7 +77,7 @@ function held(shot, cam) {
     ok(dB >= Number(opt['min-psnr']), `the picture is that of ${files[0]}: ${dB.toFixed(1)} dB (${model})`);
 }
 
-// All controls within the window, none over another.
+// All controls are inside the window, and none overlap.
 async function layout() {
     const boxes = await tab.evaluate(() => [...document.querySelectorAll('#bar button, #bar input, #bar select, #label, #name, #hint')].filter((e) => e.offsetWidth).map((e) => { const r = e.getBoundingClientRect(); return { name: e.id || e.textContent, left: r.left, right: r.right, top: r.top, bottom: r.bottom, wide: e.scrollWidth > e.clientWidth + 1 && e.tagName !== 'INPUT' && e.tagName !== 'SELECT' }; }));
     const out = boxes.filter((b) => b.left < 0 || b.right > width || b.top < 0 || b.bottom > height || b.wide);
@@ -84,7 +85,7 @@ async function layout() {
     ok(boxes.length >= 5 && out.length === 0 && over.length === 0, `nothing is cut off at ${width} x ${height}: ${boxes.length} parts ${[...out.map((b) => b.name), ...over].join(', ')}`);
 }
 
-// Whoever does not ask for less motion sees it play at once.
+// Unless the user prefers reduced motion, the clip plays at once.
 async function playsByItself(url) {
     const other = await chrome.context.newPage();
     await other.emulateMedia({ reducedMotion: 'no-preference' });
@@ -96,14 +97,14 @@ async function playsByItself(url) {
     await other.close();
 }
 
-// The part of a picture from x = left to right, as far as the line itself does not cover it.
+// The part of an image from x = left to right, without the pixels that the line covers.
 function part(shot, left, right) {
     const from = Math.round(left * shot.width), n = Math.round(right * shot.width) - from, rgb = new Uint8Array(n * shot.height * 3);
     for (let y = 0; y < shot.height; y++) rgb.set(shot.rgb.subarray((y * shot.width + from) * 3, (y * shot.width + from + n) * 3), y * n * 3);
     return { width: n, height: shot.height, rgb };
 }
 
-// Before on the left of the line, after on its right, wherever the line is.
+// Before to the left of the line, after to its right, wherever the line is.
 async function wipe(first, versions) {
     await tab.click(`[data-version=${versions[1]}]`);
     await until((v) => document.documentElement.dataset.shown.startsWith(v), versions[1]);

@@ -1,5 +1,5 @@
 #!/usr/bin/env node
-// What the player of TSOG and .ftgs.ply reads, as arrays of floats: player-4d.py says the rest.
+// Prints what the player of TSOG and .ftgs.ply reads, as arrays of floats: see player-4d.py.
 import fs from 'node:fs';
 import path from 'node:path';
 import { pathToFileURL } from 'node:url';
@@ -7,7 +7,7 @@ import { pathToFileURL } from 'node:url';
 const [player, file, pictures, out] = process.argv.slice(2);
 const module = (name) => import(pathToFileURL(path.join(player, name)).href);
 
-// A picture as dwebp -pam wrote it.
+// An image written by dwebp -pam.
 function picture(name) {
     const bytes = fs.readFileSync(path.join(pictures, `${name}.pam`)), head = bytes.subarray(0, 200).toString('latin1');
     const number = (key) => Number(new RegExp(`${key} (\\d+)`).exec(head)[1]);

@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
-"""player-4d.py BIN PLAYER FILE...: what the player of TSOG and .ftgs.ply makes of files, beside what spin-import does.
+"""player-4d.py BIN PLAYER FILE...: compares how the player of TSOG and .ftgs.ply reads files with
+how spin-import reads them.
 
-PLAYER is a checkout of OpsiClear-4DGS/ftgs-player (AGPL, and so not fetched here), whose readers run in Node; pictures
-are decoded by dwebp of Debian's package webp. Needs NumPy. Fails when a value is off by more than float rounding."""
+PLAYER is a checkout of OpsiClear-4DGS/ftgs-player (AGPL, and so not fetched here), whose readers
+run in Node; dwebp of Debian's package webp decodes the images. Needs NumPy. Fails if a value
+differs by more than float rounding."""
 import json
 import os
 import subprocess

@@ -1,18 +1,20 @@
 #!/bin/sh
-# run.sh BIN_DIR [short]: export samples in every format and open them in real viewers.
-# run.sh BIN_DIR speed [OPTION...]: pictures a second of the page beside SuperSplat's viewer (speed.mjs).
+# run.sh BIN_DIR [short]: exports samples in every format and opens them in real viewers.
+# run.sh BIN_DIR speed [OPTION...]: images per second of the page beside SuperSplat's viewer
+# (speed.mjs).
 #
-# Samples: a short retraining of the bundled clip; the bundled Dynamic 3D Gaussians run; where the large
-# fixtures are at hand (SPIN_FIXTURES, else ../shared/fixtures), a 4DGaussians and a Realtime-4DGS run;
-# and the bundle named in BUNDLE, with the camera in CAMERA (options of bench.mjs) and the frames in RANGE
-# (A:B:STEP). With `short` the first only, in small pictures. With IMPORTERS=1 instead of all that a PLY of
-# every importer's run (importers.sh).
+# Samples: a short retraining of the bundled clip; the bundled Dynamic 3D Gaussians run; if the
+# large fixtures are available (SPIN_FIXTURES, else ../shared/fixtures), a 4DGaussians and a
+# Realtime-4DGS run; and the bundle named in BUNDLE, with the camera in CAMERA (options of
+# bench.mjs) and the frames in RANGE (A:B:STEP). `short` uses only the first sample, in small
+# images. IMPORTERS=1 uses a PLY of every importer's run instead (importers.sh).
 #
-# The frames of BUNDLE are also written by NumPy and splat-transform, where Python has NumPy, and what these
-# known-good files reach in a viewer is the limit where it is below the bench's own: a scene whose splats
-# reach beside and behind the camera is drawn by each viewer in its own way.
+# If Python has NumPy, the frames of BUNDLE are also written by NumPy and by splat-transform. Where
+# these known-good files score below the bench's limit in a viewer, their score is the limit, since
+# viewers differ in how they draw splats that reach beside and behind the camera.
 #
-# What is missing (Node, Chromium, the packages and no network to fetch them) skips everything, by name.
+# If Node, Chromium, or the packages and a network to fetch them are missing, everything is skipped
+# with a message that names what is missing.
 bin=$(cd "${1:-build/release/bin}" && pwd) || exit 1
 short=${2:-}
 root=$(cd "$(dirname "$0")/../.." && pwd)
@@ -32,7 +34,7 @@ fail() {
     failed=1
 }
 
-# ---- What it needs ---------------------------------------------------------------------------------
+# ---- Requirements --------------------------------------------------------------------------------
 
 command -v node >/dev/null 2>&1 || skip "no Node (Debian: nodejs npm)"
 [ "$(node -p 'process.versions.node.split(".")[0]')" -ge 20 ] ||
@@ -51,9 +53,9 @@ if [ ! -d "$here/node_modules/playwright-core" ] || [ ! -d "$here/node_modules/@
     }
 fi
 
-# ---- Samples ---------------------------------------------------------------------------------------
+# ---- Samples -------------------------------------------------------------------------------------
 
-# export_all SAMPLE: SAMPLE.spin in every format, in folders of SAMPLE/.
+# export_all SAMPLE: exports SAMPLE.spin in every format, to folders of SAMPLE/.
 export_all() {
     range=
     [ -n "${RANGE:-}" ] && [ "$1.spin" = "$(basename "$bundle")" ] && range="--range $RANGE"
@@ -72,8 +74,9 @@ export_all() {
         { fail "$1.spin does not export to one GLB"; return 1; }
 }
 
-# use_page SAMPLE [OPTION...]: the clip as one page, opened from the disk and used by clicks. Its first
-# picture is held to the PLY of the same frame, at the SH degree that a page has unless told otherwise.
+# use_page SAMPLE [OPTION...]: exports the clip as one page, opens it from the disk and clicks
+# through it. Its first image is compared with the PLY of the same frame, at the page's default SH
+# degree.
 use_page() {
     sample=$1
     shift
@@ -95,15 +98,15 @@ use_page() {
     node "$here/page-decode.mjs" --like "$sample/truth" "$sample/page.html" || fail "$sample: the page's worker fails"
 }
 
-# python: one that has NumPy.
+# A Python that has NumPy.
 python() {
     for p in python3 /usr/bin/python3; do
         "$p" -c 'import numpy' 2>/dev/null && { echo "$p"; return; }
     done
 }
 
-# calibrate SAMPLE OPTION...: the frames in SAMPLE/ply once more, by others, in SAMPLE-known; what they reach
-# in SAMPLE-known-shots/report.json.
+# calibrate SAMPLE OPTION...: the frames of SAMPLE/ply written by other programs to SAMPLE-known;
+# their scores in the viewers go to SAMPLE-known-shots/report.json.
 calibrate() {
     sample=$1
     shift
@@ -127,7 +130,7 @@ calibrate() {
         "$sample-known/compressed-ply" "$sample-known/spz" "$sample-known/splat" "$sample-known/gltf"
 }
 
-# show SAMPLE [OPTION...]: everything that was exported, in every viewer that opens it.
+# show SAMPLE [OPTION...]: shows every export in every viewer that opens it.
 show() {
     sample=$1
     shift
@@ -146,7 +149,7 @@ show() {
     use_page "$sample"
 }
 
-# import SAMPLE OPTION...: into SAMPLE.spin
+# import SAMPLE OPTION...: imports to SAMPLE.spin
 import() {
     sample=$1
     shift
@@ -154,7 +157,8 @@ import() {
     "$bin/spin-import" -q "$@" -o "$sample.spin" || { fail "$sample does not import"; return 1; }
 }
 
-# still_4d SAMPLE: its 4D splats as TSOG and .sogst, at their own times, by splat-transform.
+# still_4d SAMPLE: compares its 4D splats as TSOG and .sogst, each at its own time, with
+# splat-transform.
 still_4d() {
     python=$(python)
     [ -n "$python" ] || { echo "viewers: skipped: 4D splats of $1: no NumPy"; return; }
@@ -205,8 +209,8 @@ import mini-source --from d3dgs "$clip" --data "$clip" &&
     echo "the pages beside docs/how-to/viewers.md" &&
     { node "$here/snippets.mjs" mini mini-shots || fail "mini: a page of the documents does not show the clip"; }
 
-# Splats that are meant to be drawn antialiased: the page does, as the PLY says. They are small and so is
-# the window, so that it matters: a plain picture would agree to 38 dB.
+# Antialiased splats: the page draws them as the PLY declares. The splats and the window are small,
+# so that antialiasing matters: without it the image would still agree to 38 dB.
 rm -rf anti anti.spin
 echo
 echo "== anti"
@@ -217,7 +221,7 @@ else
     fail "antialiased splats cannot be made"
 fi
 
-# Frames with rows of their own, which no other frame shares.
+# Frames whose rows are not shared with any other frame.
 echo
 echo "== varied"
 import varied --from ply "$root/fixtures/ply/inria_sh0_varN" && mkdir -p varied &&

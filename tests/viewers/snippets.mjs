@@ -1,6 +1,7 @@
 #!/usr/bin/env node
-// Runs the pages beside docs/how-to/viewers.md as they stand there: each must show a frame of the clip as the reference does,
-// and then another. What they ask the network for comes from the packages of this bench, of the same versions.
+// Runs the pages beside docs/how-to/viewers.md unchanged: each must show a frame of the clip as the
+// reference does, and then another frame. Their network requests are answered from the packages of
+// this bench, in the same versions.
 import fs from 'node:fs';
 import path from 'node:path';
 import { launch } from './lib/chrome.mjs';
@@ -34,7 +35,7 @@ function fromPackages(route, problems) {
     return route.abort();
 }
 
-// Frames that it showed; what went wrong.
+// The frames shown, and the errors.
 async function watch(chrome, base, name) {
     const tab = await chrome.context.newPage(), problems = [], seen = new Map();
     tab.on('console', (m) => { if (m.type() === 'error') problems.push(`console: ${m.text()}`); });

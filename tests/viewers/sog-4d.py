@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""sog-4d.py BIN CLI FILE: what a TSOG or .sogst of one piece says of its splats at their own times, read by others.
+"""sog-4d.py BIN CLI FILE: checks the splats of a TSOG or one-segment .sogst, each at its own time,
+with another reader.
 
-Without its times such a file is a SOG, which splat-transform reads: what it makes of that is what spin-import makes of
-the file."""
+Without its times such a file is a SOG, which splat-transform reads; spin-import must read the same
+values from the file."""
 import json
 import os
 import subprocess
@@ -21,7 +22,7 @@ STILL = ("means", "scales", "quats", "sh0", "shN")
 
 
 def strip(path, to):
-    """The file as a SOG of version 2."""
+    """Rewrites the file as a SOG of version 2."""
     with zipfile.ZipFile(path) as old, zipfile.ZipFile(to, "w") as new:
         meta = json.loads(old.read("meta.json"))
         still = {key: meta[key] for key in STILL if key in meta}

@@ -1,5 +1,6 @@
 #!/usr/bin/env node
-// A .sogst file as the source of <spin-clip>: frames of it are held to PLYs of the same times by the reference.
+// A .sogst file as the source of <spin-clip>: its frames are compared with PLYs of the same times,
+// drawn by the reference.
 import fs from 'node:fs';
 import path from 'node:path';
 import { launch } from './lib/chrome.mjs';

@@ -1,6 +1,7 @@
 #!/usr/bin/env node
-// Pictures a second of the page beside SuperSplat's viewer: the same splats, view and size, in the same browser on the
-// same processor, one after the other, in rounds. A hand turns both to and fro, by the same pixels in every picture.
+// Images per second of the page beside SuperSplat's viewer: the same splats, view and size, in the
+// same browser on the same processor, alternately, in rounds. A simulated pointer rotates both to
+// and fro by the same pixels in every image.
 import fs from 'node:fs';
 import path from 'node:path';
 import { spawnSync } from 'node:child_process';
@@ -33,7 +34,7 @@ const here = path.dirname(new URL(import.meta.url).pathname), [width, height] = 
 fs.mkdirSync(opt.out, { recursive: true });
 let failed = 0;
 
-// ---- A scene: a room of three walls with balls in it, soft and hard splats on its surfaces ---------
+// ---- A scene: a room with three walls and balls in it, with soft and hard splats on the surfaces 
 
 let seed = 1;
 const rnd = () => { seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0; return seed / 2 ** 32; };
@@ -70,9 +71,10 @@ function room(n) {
     });
 }
 
-// ---- One measurement --------------------------------------------------------------------------------
+// ---- One measurement ----------------------------------------------------------------------------
 
-// In the page, before anything else: counts the pictures in which something is drawn, and moves the hand.
+// Runs in the page before its own scripts: counts the frames in which something is drawn, and moves
+// the pointer.
 function watch() {
     const contexts = new Set(), get = HTMLCanvasElement.prototype.getContext;
     let drawn = false;
@@ -85,7 +87,7 @@ function watch() {
         const does = WebGL2RenderingContext.prototype[name];
         WebGL2RenderingContext.prototype[name] = function (...a) { drawn = true; return does.apply(this, a); };
     }
-    // The clock stops when the processor has drawn all of them.
+    // The clock stops when the GPU process has finished all of them.
     const finish = () => contexts.forEach((gl) => gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4)));
     window.firstFrame = () => { window.hasDrawn = true; }; // SuperSplat's viewer calls it
     window.turn = (seconds, x, y) => new Promise((done) => {
@@ -137,7 +139,7 @@ async function open(chrome, url, ready, name) {
     return { tab, picture };
 }
 
-// Pictures, and seconds of the clock and of the processor, in one turn.
+// Images, seconds of the clock and seconds of the processor in one round.
 async function turn(tab) {
     await tab.bringToFront();
     const used = processorSeconds(), { pictures, seconds } = await tab.evaluate(([s, x, y]) => window.turn(s, x, y), [Number(opt.seconds), width / 2, height / 2]);
@@ -159,7 +161,8 @@ function command(...line) {
     if (done.status !== 0) throw new Error(`${line.join(' ')}: ${done.stderr}`);
 }
 
-// The same splats for both, and the page's first view as SuperSplat's, which turns a file half about z.
+// The same splats for both, and the page's first view converted for SuperSplat, which rotates a
+// file by half a turn about z.
 async function files(n, chrome) {
     const stem = path.join(opt.out, `speed-${n}`);
     if (!opt.ply) { fs.mkdirSync(`${stem}-ply`, { recursive: true }); writePly(`${stem}-ply/frame_00000.ply`, room(n), 1); }

@@ -1,5 +1,6 @@
 #!/usr/bin/env node
-// The page of `make web` as its user meets it: opened from the disk, given a run, looked at, saved. It may ask for nothing.
+// Uses the page of `make web` as a person would: opens it from the disk, gives it a run, views and
+// saves the result. It may make no network request.
 import fs from 'node:fs';
 import path from 'node:path';
 import { execFileSync } from 'node:child_process';

@@ -1,26 +1,27 @@
-// A page of --to html without a browser: as much of a document, of a worker and of WebGL 2 as it uses. What a real one
-// refuses is an error here. Its shaders run by glsl.mjs; the picture is in `page.gl.picture()`.
+// A page of --to html without a browser: as much of a document, a worker and WebGL 2 as it uses.
+// Whatever a real browser refuses is an error here. glsl.mjs runs its shaders; page.gl.picture()
+// returns the image.
 import fs from 'node:fs';
 import path from 'node:path';
 import { compile } from './glsl.mjs';
 
-// What lies in a page's file: { clip, texts of the blocks or null, code(id) of a script }.
+// The parts of a page's file: { clip, texts of the blocks or null, code(id) of a script }.
 export function readPage(file) {
     const html = fs.readFileSync(file, 'utf8');
     const script = (id) => html.match(new RegExp(`id="${id}">([^<]*)</script>`))?.[1];
-    // Code has a "<" of its own; data has none.
+    // Code may contain "<", data never does.
     const code = (id) => html.match(new RegExp(`id="${id}"[^>]*>\n([\\s\\S]*?)</script>`))[1];
     const clip = JSON.parse(script('clip'));
     const data = clip.data && fs.readFileSync(path.join(path.dirname(file), clip.data));
     return { html, clip, code, script: () => html.match(/<script>\n([\s\S]*?)<\/script>/)[1], data, texts: data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => script(`v${i}f${f}`))) };
 }
 
-// The functions `names` of the page's worker; post takes what it says.
+// The functions `names` of the page's worker; post receives its messages.
 export function workerOf(code, names, { fetch = null, post = () => {} } = {}) {
     return new Function('fetch', 'postMessage', `let onmessage; ${code}; return { tell: (data) => onmessage({ data }), ${names} };`)(fetch, post);
 }
 
-// ---- A document ------------------------------------------------------------------------------------
+// ---- A document ---------------------------------------------------------------------------------
 
 class Element {
     constructor(page, tagName, id = '') {
@@ -36,7 +37,7 @@ class Element {
     hasPointerCapture(id) { return this.captured.has(id); }
     getContext(kind) { return kind === 'webgl2' ? this.page.gl : null; }
     requestFullscreen() { this.page.document.fullscreenElement = this; return this.page.refuseFull ? Promise.reject(new Error('no')) : Promise.resolve(); }
-    // An event as the browser makes it; says whether the page took it.
+    // Dispatches an event like a browser's; returns whether the page handled it.
     fire(type, event = {}) {
         let taken = false;
         const e = { target: this, preventDefault() { taken = true; }, stopPropagation() {}, ...event };
@@ -46,8 +47,9 @@ class Element {
     }
 }
 
-// options: width and height of the window, ratio of its pixels, media (what matchMedia finds true), full (whether a
-// full screen may be had), address, embedded (in another page), worker (another one), blocks (further texts), clip(c) to change what the page knows.
+// options: width and height of the window, ratio of its pixels, media (the queries that matchMedia
+// finds true), full (whether full screen is available), address, embedded (in another page), worker
+// (a replacement), blocks (more texts), clip(c) to change the page's description of the clip.
 export function openPage(file, options = {}) {
     const { html, clip, texts, code, script, data } = typeof file === 'string' ? readPage(file) : file, o = { width: 64, height: 40, ratio: 1, media: ['reduced-motion'], ...options };
     const page = { elements: {}, later: [], frames: [], pending: 0, sent: [], asked: [], problems: [], refuseFull: o.refuseFull };
@@ -95,12 +97,12 @@ export function openPage(file, options = {}) {
     page.$ = (id) => page.elements[id];
     page.root = root;
     page.now = 0;
-    // One frame of the screen, `ms` after the one before.
+    // Advances one animation frame, `ms` after the previous one.
     page.tick = (ms = 16) => {
         page.now += ms;
         for (const f of page.frames.splice(0)) f(page.now);
     };
-    // Until nothing is asked for and all is drawn.
+    // Waits until there are no pending requests and everything is drawn.
     page.settle = async (ms = 0) => {
         for (let quiet = 0, k = 0; quiet < 2; k++) {
             if (k > 1e5) throw new Error('the page does not come to rest');
@@ -116,7 +118,7 @@ export function openPage(file, options = {}) {
     return page;
 }
 
-// ---- WebGL 2 ----------------------------------------------------------------------------------------
+// ---- WebGL 2 ------------------------------------------------------------------------------------
 
 const NAMES = ['VERTEX_SHADER', 'FRAGMENT_SHADER', 'COMPILE_STATUS', 'LINK_STATUS', 'BLEND', 'ONE', 'ONE_MINUS_SRC_ALPHA', 'TEXTURE_2D', 'TEXTURE_MIN_FILTER', 'TEXTURE_MAG_FILTER', 'NEAREST', 'RGBA32UI',
     'R32UI', 'RG32UI', 'RGBA_INTEGER', 'RED_INTEGER', 'UNSIGNED_INT', 'UNSIGNED_SHORT', 'ELEMENT_ARRAY_BUFFER', 'STATIC_DRAW', 'TRIANGLES', 'SCISSOR_TEST', 'COLOR_BUFFER_BIT', 'FRAMEBUFFER', 'COLOR_ATTACHMENT0', 'COLOR_ATTACHMENT1'];
@@ -183,7 +185,7 @@ class Gl {
         must(data.length >= n && layout === (t.lanes === 4 ? this.RGBA_INTEGER : this.RED_INTEGER), 'too few numbers for the texture');
         t.data.set(data.subarray(0, n), y * t.width * t.lanes);
     }
-    // Of a texture that is not fit for reading all is zero.
+    // A texture that is incomplete reads as zero.
     sampler(unit) {
         const t = this.units[unit], fit = t?.data && t.filters[this.TEXTURE_MIN_FILTER] === this.NEAREST && t.filters[this.TEXTURE_MAG_FILTER] === this.NEAREST;
         return (x, y) => {
@@ -201,7 +203,8 @@ class Gl {
         this.pixels = { width, height, rgb: new Float64Array(3 * width * height).map((_, i) => this.colour[i % 3]) };
         this.todo = [];
     }
-    // The uniforms of the program that is used, with what its samplers read; not one of `never`.
+    // The uniforms of the current program, with the textures of its samplers, none of which may be
+    // in `never`.
     inputs(shader, never = []) {
         const u = Object.fromEntries(shader.names.uniform.map((name) => [name, this.program.values[name] ?? 0]));
         for (const name of shader.names.uniform.filter((n) => SAMPLERS.includes(n))) {
@@ -210,7 +213,8 @@ class Gl {
         }
         return u;
     }
-    // Of the page's programs the first: a number of each texel of the textures behind the picture.
+    // The first of the page's programs: computes a value for each texel of the textures that the
+    // image is drawn from.
     drawArrays(mode, first, corners) {
         must(mode === this.TRIANGLES && first === 0 && corners === 3 && this.frame, 'another way to draw');
         must(!this.on.has(this.BLEND) && !this.on.has(this.SCISSOR_TEST), 'blends numbers, or a part of them');
@@ -228,7 +232,7 @@ class Gl {
             }
         });
     }
-    // The second: two triangles a splat.
+    // The second program: two triangles per splat.
     drawElements(mode, count, type, offset) {
         const list = this.buffer.data, { width, height } = this.canvas;
         must(mode === this.TRIANGLES && type === this.UNSIGNED_SHORT && offset === 0 && !this.frame && list instanceof Uint16Array, 'another way to draw');
@@ -245,7 +249,8 @@ class Gl {
             }
         });
     }
-    // Four corners are a parallelogram here, with the place linear in it and the colour that of the last corner.
+    // The four corners form a parallelogram here, across which the position is linear and the
+    // colour is that of the last corner.
     quad([a, b, c, d], [x0, , wide], fragment) {
         const { width: W, height: H, rgb } = this.pixels, ends = [a, b, c, d].map((p) => p.gl_Position);
         if (ends.every((p) => p[2] > p[3])) return;
@@ -267,7 +272,7 @@ class Gl {
             }
         }
     }
-    // What the canvas shows, for psnr(); only now is it drawn.
+    // The contents of the canvas, for psnr(); drawing is deferred until here.
     picture() {
         for (const draw of this.todo.splice(0)) draw();
         const { width, height, rgb } = this.pixels;

@@ -1,6 +1,6 @@
-// Reads the small formats into the form of splat.mjs: .splat, compressed PLY, SPZ 2 to 4. Written
-// from the formats' descriptions and apart from the exporters under test. Strict: a length that does
-// not fit, a name out of order or a value outside its range is an error.
+// Reads the compact formats into the form of splat.mjs: .splat, compressed PLY, SPZ 2 to 4. Written
+// from the formats' descriptions, independently of the exporters under test. Strict: a wrong
+// length, a name out of order or a value outside its range is an error.
 import fs from 'node:fs';
 import os from 'node:os';
 import path from 'node:path';
@@ -22,7 +22,7 @@ function blank(file, bytes, count, bands) {
     };
 }
 
-// 32 bytes a splat: place 3 f32, linear scale 3 f32, r g b a, rotation w x y z as q * 128 + 128.
+// 32 bytes a splat: position 3 f32, linear scale 3 f32, r g b a, rotation w x y z as q * 128 + 128.
 export function readSplat(file) {
     const b = fs.readFileSync(file);
     if (!b.length || b.length % 32) throw new Error(`${file}: ${b.length} bytes is no multiple of 32`);
@@ -67,7 +67,8 @@ function compressedHeader(file, b) {
     return { start: end + 11, count: vertex.count, chunks: chunk.count, rest, bands };
 }
 
-// Chunks of 256: ranges, then 11-10-11 bits of place and scale, 2-10-10-10 of rotation, 4 x 8 of colour.
+// Chunks of 256: ranges, then 11-10-11 bits of position and scale, 2-10-10-10 of rotation, 4 x 8 of
+// colour.
 export function readCompressedPly(file) {
     const b = fs.readFileSync(file), h = compressedHeader(file, b);
     const vertices = h.start + 72 * h.chunks, shs = vertices + 16 * h.count;
@@ -95,7 +96,8 @@ export function readCompressedPly(file) {
     return s;
 }
 
-// The four values of a rotation in x y z w order, the largest left out (version 3), or w left out (2).
+// The four components of a rotation in x y z w order, where the largest (version 3) or w (version
+// 2) is omitted.
 function spzRotation(b, at, version) {
     const q = [0, 0, 0, 0];
     if (version === 2) {
@@ -119,9 +121,9 @@ function spzRotation(b, at, version) {
 const zstd = new ZSTDDecoder();
 await zstd.init();
 
-// Version 4: 16 bytes that are the older versions' header, the table of contents (its place is in the next word: for
-// each stream that is not empty its bytes packed and unpacked), the streams, each a frame of zstd. Out comes what a
-// gzip of version 3 holds.
+// Version 4: the 16-byte header of older versions, a table of contents (the next word holds its
+// offset: for each non-empty stream its packed and unpacked size), and the streams, each a zstd
+// frame. Returns the unpacked contents of a version 3 file.
 function unpackSpz4(file, b) {
     const number = (at) => Number(b.readBigUInt64LE(at));
     let at = b.readUInt32LE(16) + 16 * b[15];
@@ -136,8 +138,8 @@ function unpackSpz4(file, b) {
     return Buffer.concat(parts);
 }
 
-// gzip of a header of 16 bytes and one stream after the other: places, alphas, colours, scales,
-// rotations, SH.
+// gzip of a 16-byte header followed by the streams: positions, alphas, colours, scales, rotations,
+// SH.
 export function readSpz(file) {
     const packed = fs.readFileSync(file), four = packed.readUInt32LE(0) === 0x5053474e;
     const b = four ? unpackSpz4(file, packed) : zlib.gunzipSync(packed), version = b.readUInt32LE(4), count = b.readUInt32LE(8);
@@ -163,7 +165,7 @@ export function readSpz(file) {
     return s;
 }
 
-// Node decodes no WebP: the format's own tool makes a PLY of it.
+// Node cannot decode WebP: the tool of the format's authors converts the file to PLY.
 export function readSog(file) {
     const at = createRequire(import.meta.url).resolve('@playcanvas/splat-transform');
     const cli = path.join(path.dirname(at), '../bin/cli.mjs');

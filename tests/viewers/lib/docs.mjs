@@ -1,9 +1,9 @@
-// The lines that docs/how-to/viewers.md gives to put into a page.
+// The lines that docs/how-to/viewers.md offers for embedding.
 import fs from 'node:fs';
 
 const NAME = /^<!-- (\w+) -->$/;
 
-// By the name in the comment before a block: { iframe: '<iframe ...', ... }
+// Keyed by the name in the comment before a block: { iframe: '<iframe ...', ... }
 export function snippets() {
     const lines = fs.readFileSync(new URL('../../../docs/how-to/viewers.md', import.meta.url), 'utf8').split('\n'), found = {};
     lines.forEach((line, i) => {

@@ -1,8 +1,9 @@
-// Runs the page's shaders in Node: as much of GLSL ES 3.00 as they use becomes JavaScript. Numbers are numbers,
-// vectors arrays, matrices arrays of columns; integers are taken to be unsigned in shifts.
+// Runs the page's shaders in Node: translates the part of GLSL ES 3.00 that they use to JavaScript.
+// Numbers are numbers, vectors are arrays, matrices are arrays of columns; shifts treat integers as
+// unsigned.
 const TYPES = /^(void|bool|int|uint|float|[iu]?vec[234]|mat3)$/, LANES = 'xyzwrgba';
 
-// With the operators that bind least first.
+// Operators in ascending order of precedence.
 const BINARY = [['||'], ['&&'], ['|'], ['^'], ['&'], ['==', '!='], ['<', '>', '<=', '>='], ['<<', '>>'], ['+', '-'], ['*', '/']];
 
 const SCALAR = {
@@ -10,7 +11,7 @@ const SCALAR = {
     '|': (a, b) => (a | b) >>> 0, '^': (a, b) => (a ^ b) >>> 0, '<': (a, b) => a < b, '>': (a, b) => a > b, '<=': (a, b) => a <= b, '>=': (a, b) => a >= b, '==': (a, b) => a === b, '!=': (a, b) => a !== b
 };
 const isMatrix = (a) => Array.isArray(a) && Array.isArray(a[0]);
-// f of each component of one, two or three.
+// Applies f to each component of one, two or three arguments.
 function each(f, a, b, c) {
     const vector = [a, b, c].find((v) => typeof v === 'object');
     if (!vector) return f(a, b, c);
@@ -34,13 +35,13 @@ function halfValue(h) {
     const e = h >> 10 & 31, m = h & 1023, sign = h & 0x8000 ? -1 : 1;
     return sign * (e === 0 ? m * 2 ** -24 : e === 31 ? (m ? NaN : Infinity) : (1 + m / 1024) * 2 ** (e - 15));
 }
-// The nearest half; of two that are as near the even one.
+// Rounds to the nearest half-precision value, ties to even.
 function halfOf(x) {
     const sign = x < 0 || Object.is(x, -0) ? 0x8000 : 0, size = Math.abs(x), e = Math.max(-14, Math.floor(Math.log2(size || 2 ** -24))), m = size / 2 ** (e - 10), down = Math.floor(m);
     const whole = m - down > 0.5 || (m - down === 0.5 && down % 2) ? down + 1 : down;
     return size >= 65520 ? sign | 0x7c00 : sign | (e + 14) * 1024 + whole;
 }
-// float(), ivec2(), mat3() and so on.
+// Constructors such as float(), ivec2() and mat3().
 function maker(type) {
     const n = type === 'mat3' ? 9 : Number(type.at(-1)) || 1, one = /^[iu]/.test(type) ? Math.trunc : Number;
     if (n === 1) return one;
@@ -69,7 +70,8 @@ export const builtin = {
 };
 export { halfValue };
 
-// A program: uniforms by name, then run({ inputs }) gives the outputs, or null where it discards.
+// A program: uniforms by name; run({ inputs }) returns the outputs, or null if the fragment is
+// discarded.
 export function compile(source) {
     const tokens = source.replace(/^#.*$/gm, '').replace(/\/\/.*$/gm, '').match(/[A-Za-z_]\w*|(?:\d+\.\d*|\.\d+|\d+)(?:[eE][-+]?\d+)?[uf]?|[-+*/]=|<<|>>|[<>=!]=|&&|\|\||\S/g);
     const names = { in: ['gl_VertexID', 'gl_FragCoord'], out: ['gl_Position'], uniform: [] }, functions = new Set();

@@ -1,11 +1,12 @@
-// The formats that the bench knows: how they are named, read, and how their axes stand to a PLY's.
+// The formats that the bench knows: their names, their readers, and the relation of their axes to
+// those of a PLY.
 import fs from 'node:fs';
 import path from 'node:path';
 import { readGlb, readPly } from './splat.mjs';
 import { readCompressedPly, readSog, readSplat, readSpz } from './compact.mjs';
 
-// A camera is given in the axes of a 3DGS PLY (x right, y down, z away). glTF stands half a turn about
-// z from there; the others keep the PLY's axes.
+// A camera is given in the axes of a 3DGS PLY (x right, y down, z forward). glTF is rotated from
+// these by half a turn about z; the others keep them.
 const same = (v) => v;
 const aboutZ = ([x, y, z]) => [-x, -y, z];
 

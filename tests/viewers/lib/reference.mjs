@@ -1,5 +1,6 @@
-// A small CPU splat renderer written from the published maths (EWA projection, 3-sigma cut, depth sort,
-// front-to-back blending, SH to degree 3). Slow and simple: the yardstick the real viewers are held to.
+// A small CPU splat renderer written from the published mathematics (EWA projection, 3-sigma cut,
+// depth sort, front-to-back blending, SH up to degree 3). Slow and simple: the reference for real
+// viewers.
 const C1 = 0.4886025119029199;
 const C2 = [1.092548430592079, -1.092548430592079, 0.31539156525252005, -1.092548430592079, 0.5462742152960396];
 const C3 = [-0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154, -0.4570457994644658, 1.445305721320277, -0.5900435899266435];
@@ -20,12 +21,14 @@ function basis(x, y, z, bands) {
     return b;
 }
 
-// Viewers widen small splats in three ways; all are in use, and far from the camera they look different:
-// 'plain': 0.3 pixel^2 added to the screen covariance, as in the original rasteriser; 'thin': a quarter of that
-// (viewers that do the sum in half pixels); 'even': 0.3 with the opacity lowered to keep the splat's total.
+// Viewers widen small splats in three ways; all of them are in use, and they differ visibly far
+// from the camera: 'plain' adds 0.3 pixel^2 to the screen covariance, as in the original
+// rasteriser; 'thin' adds a quarter of that (viewers that compute in half pixels); 'even' adds 0.3
+// and lowers the opacity so that the splat's integral stays the same.
 export const MODELS = { plain: [0.3, false], thin: [0.075, false], even: [0.3, true] };
 
-// cam: { eye, target, up, fovy (degrees), width, height, bg:[r,g,b] }; reach: the square of where a splat ends, in sigma
+// cam: { eye, target, up, fovy (degrees), width, height, bg:[r,g,b] }; reach: the squared extent of
+// a splat, in sigma
 export function render(s, cam, model = 'plain', reach = 9) {
     const [widen, even] = MODELS[model];
     const { width: W, height: H } = cam;
@@ -37,8 +40,8 @@ export function render(s, cam, model = 'plain', reach = 9) {
         const z = dot(p, f);
         if (z < 0.2) continue;
         const x = dot(p, r), y = dot(p, d);
-        // the projection is taken no further out than 1.3 times the picture, as the original does: beside
-        // the camera its slope has no bound
+        // as in the original, the point of linearisation is clamped to 1.3 times the image, since
+        // the slope of the projection is unbounded beside the camera
         const cx = Math.max(-limX, Math.min(limX, x / z)), cy = Math.max(-limY, Math.min(limY, y / z));
         let [w, a, b, c] = s.rot.map((v) => v[i]);
         const n = Math.hypot(w, a, b, c);

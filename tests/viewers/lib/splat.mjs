@@ -1,6 +1,6 @@
-// Reads splats into one in-memory form, { count, pos, rot(wxyz), scale(linear), alpha(0..1), sh0, shN, bands },
-// from a 3DGS PLY or a GLB with KHR_gaussian_splatting. Strict on purpose: what a tolerant viewer would swallow
-// is reported here as an error, because another viewer will not swallow it.
+// Reads splats into one in-memory form, { count, pos, rot(wxyz), scale(linear), alpha(0..1), sh0,
+// shN, bands }, from a 3DGS PLY or a GLB with KHR_gaussian_splatting. Strict on purpose: what one
+// viewer tolerates is an error here, because another viewer will refuse it.
 import fs from 'node:fs';
 
 const TYPES = { char: 1, int8: 1, uchar: 1, uint8: 1, short: 2, int16: 2, ushort: 2, uint16: 2, int: 4, int32: 4, uint: 4, uint32: 4, float: 4, float32: 4, double: 8, float64: 8 };
@@ -107,7 +107,7 @@ export function readGlb(file, { mesh = 0 } = {}) {
     return s;
 }
 
-// What a GLB must hold for KHR_gaussian_splatting and gltf-validator does not look at. Returns problems.
+// Requirements of KHR_gaussian_splatting that gltf-validator does not check. Returns problems.
 export function checkGlb(file) {
     const { json, accessor } = openGlb(file), E = 'KHR_gaussian_splatting', bad = [];
     if (!json.extensionsUsed?.includes(E)) bad.push(`extensionsUsed does not name ${E}`);
@@ -147,8 +147,8 @@ export function checkGlb(file) {
     return bad;
 }
 
-// Seconds at which a GLB that holds a sequence shows its frames: the middle between two key times, at
-// most n of them spread over the clip. Empty for a GLB without animation.
+// The times in seconds at which a GLB with a sequence shows its frames: midpoints between key
+// times, at most n of them, spread over the clip. Empty for a GLB without animation.
 export function timesOf(file, n) {
     const { json, accessor } = openGlb(file), sampler = json.animations?.[0]?.samplers[0];
     if (!sampler) return [];
@@ -157,7 +157,8 @@ export function timesOf(file, n) {
     return [...pick].map((i) => (keys[i] + keys[i + 1]) / 2);
 }
 
-// Meshes shown at time t when a GLB holds a sequence: follows STEP samplers on node scale or KHR_node_visibility.
+// The meshes visible at time t in a GLB with a sequence: evaluates STEP samplers of node scales or
+// of KHR_node_visibility.
 export function meshesAt(file, t) {
     const { json, accessor } = openGlb(file), on = json.nodes.map((n) => !(n.scale?.every((v) => v === 0)) && n.extensions?.KHR_node_visibility?.visible !== false);
     for (const a of json.animations ?? []) {
@@ -174,7 +175,7 @@ export function meshesAt(file, t) {
     return json.nodes.flatMap((n, i) => (n.mesh !== undefined && on[i] ? [n.mesh] : []));
 }
 
-// Facts that make some viewers misbehave, as [problems, notes].
+// Properties that make some viewers fail, as [problems, notes].
 export function check(s) {
     const bad = [], note = [];
     let nan = 0, q0 = 0, qn = 0, big = 0, neg = 0;

@@ -1,4 +1,5 @@
-// Writers for the samples: 3DGS PLY, and GLB with KHR_gaussian_splatting (one frame, or a sequence in one file).
+// Writers for the samples: 3DGS PLY, and GLB with KHR_gaussian_splatting (one frame, or a sequence
+// in one file).
 import fs from 'node:fs';
 
 export function writePly(file, g, bands) {
@@ -14,8 +15,9 @@ export function writePly(file, g, bands) {
     fs.writeFileSync(file, Buffer.concat([head, body]));
 }
 
-// From the COLMAP-like frame of a PLY (right x, down y, forward z) to glTF's (right -x, up y, forward z): half a turn
-// about z, the same as splat-transform does. SH coefficients of odd order m change sign.
+// Converts from the COLMAP-like axes of a PLY (right x, down y, forward z) to those of glTF (right
+// -x, up y, forward z): half a turn about z, as in splat-transform. SH coefficients of odd order m
+// change sign.
 const FLIP = [-1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1];
 export const toGltf = (s) => ({
     ...s,
@@ -26,7 +28,7 @@ export const toGltf = (s) => ({
 
 const toLinear = (v) => { v = Math.min(1, Math.max(0, v)); return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; };
 
-// frames: arrays of Gaussians already in glTF's frame. how: null (one frame), 'scale' or 'visibility'.
+// frames: arrays of Gaussians in glTF's axes. how: null (one frame), 'scale' or 'visibility'.
 export function writeGlb(file, frames, bands, { how = null, fps = 30 } = {}) {
     const E = 'KHR_gaussian_splatting';
     const json = { asset: { version: '2.0', generator: 'spin4d viewer bench sample' }, extensionsUsed: [E], scene: 0, scenes: [{ nodes: [] }], nodes: [], meshes: [], accessors: [], bufferViews: [], buffers: [] };

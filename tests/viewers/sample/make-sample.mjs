@@ -1,9 +1,9 @@
-// make-sample.mjs [DIR]: writes the samples into DIR, or beside this script. A lopsided letter F in the usual PLY frame (x right, y down, z away),
-// with every part there to give one mistake away:
-//   red stem, green top bar, blue middle bar  - axis flips and mirroring, channel order
-//   yellow fan of needles                      - quaternion order (wxyz) and sign, scale order
-//   magenta ball before a cyan plate           - depth order and the sign of z
-//   patch right of the stem                    - SH band 1..3: white when seen head on, see README
+// make-sample.mjs [DIR]: writes the samples into DIR, or beside this script. A lopsided letter F in
+// the usual PLY frame (x right, y down, z away), with every part there to give one mistake away:
+// red stem, green top bar, blue middle bar  - axis flips and mirroring, channel order yellow fan of
+// needles                      - quaternion order (wxyz) and sign, scale order magenta ball before
+// a cyan plate           - depth order and the sign of z patch right of the stem
+// - SH band 1..3: white when seen head on, see README
 import path from 'node:path';
 import { writePly, writeGlb, toGltf } from '../lib/write.mjs';
 
@@ -27,7 +27,8 @@ export function letter(t = 0) {
         const u = rnd() * 2 - 1, a = rnd() * 2 * Math.PI, r = 0.2 * Math.cbrt(rnd()), h = Math.sqrt(1 - u * u);
         g.push({ pos: [0.3 + r * h * Math.cos(a) + move[0], 0.45 + r * h * Math.sin(a) + move[1], -0.6 + r * u + move[2]], sh0: sh0([0.85, 0.1, 0.8]), alpha: 0.9, scale: [0.03, 0.03, 0.03], rot: [1, 0, 0, 0] });
     }
-    // needles: one Gaussian each, a fan of spokes (long axis x, y, z by turns) and one that leans out of the picture
+    // needles: one Gaussian each, a fan of spokes (long axis x, y, z in turn) and one out of the
+    // image plane
     const needle = (pos, scale, rot) => g.push({ pos, sh0: sh0([0.95, 0.85, 0.1]), alpha: 0.98, scale, rot });
     for (let i = 0; i < 15; i++) {
         const deg = -70 + 18 * i, c = Math.cos(deg * Math.PI / 180), s = Math.sin(deg * Math.PI / 180), at = [0.62 + 0.24 * c, -0.3 + 0.24 * s, 0.02 * i - 0.15];
@@ -37,7 +38,8 @@ export function letter(t = 0) {
         if (i % 3 === 2) needle(at, [0.018, 0.012, 0.11], mul(turn, axisAngle(0, 1, 0, 90)));
     }
     needle([0.75, 0.2, 0], [0.02, 0.03, 0.3], mul(axisAngle(0, 1, 0, 60), axisAngle(1, 0, 0, 25)));
-    // view-dependent patch: +band 1 in z and x, band 2 in xz, band 3 in z(2zz-3xx-3yy); grey without SH
+    // view-dependent patch: +band 1 in z and x, band 2 in xz, band 3 in z(2zz-3xx-3yy); grey
+    // without SH
     const shN = Array.from({ length: 15 }, () => [0, 0, 0]);
     shN[1] = [0.5, 0.2, 0.35];
     shN[2] = [0.5, 0, -0.5];
