@@ -14,6 +14,7 @@
 #include "formats/splat.h"
 #include "formats/spz.h"
 #include "importers/lib/file_sequence.h"
+#include "importers/lib/sog_levels.h"
 #include "io/zip.h"
 
 /* What is known about a file once it is open. */
@@ -27,6 +28,7 @@ struct opened {
     const char *note[4]; /* notes for the user about assumptions and losses; NULL: none */
     const char *folder;  /* if the images of a SOG are separate files: their folder; else NULL */
     struct spin_gs_glb_scene scene; /* if the file is a GLB: its contents */
+    struct sog_levels levels;       /* if the file is the index of a streamed SOG: its contents */
 };
 
 struct clip {
@@ -410,12 +412,45 @@ static spin_status read_sog(struct clip *clip, unsigned columns, struct spin_spl
     return spin_sog_read(clip->map.data, clip->map.size, clip->opened.folder, columns, out);
 }
 
-/* Recognises a zip with images and a meta.json, a folder with both, or a meta.json with the bounds
- * of positions. */
+/* Opens the index of a streamed SOG. */
+static spin_status open_sog_levels(struct clip *clip)
+{
+    struct opened *out = &clip->opened;
+    struct spin_model *m = &clip->base;
+    const char *folder;
+
+    SPIN_TRY(spin_model_folder(m, &folder, clip->files.frame[clip->file].path));
+    SPIN_TRY(spin_sog_levels_open(m, folder, clip->map.data, clip->map.size, &out->levels));
+    SPIN_TRY(spin_sog_levels_note(m, &out->levels, &out->note[0], &out->note[1]));
+    out->sh_degree = out->levels.sh_degree;
+    out->antialias = out->levels.antialias;
+    out->n = out->levels.n;
+    return SPIN_OK;
+}
+
+static spin_status read_sog_levels(struct clip *clip, unsigned columns, struct spin_splats *out)
+{
+    return spin_sog_levels_read(&clip->opened.levels, columns, out);
+}
+
+static const struct spin_plugin_option sog_options[] = {
+    {"lod", "N",
+     "streamed SOG: the level of detail to read, 0 is the finest (default: the finest "
+     "whose files exist)",
+     NULL},
+    SPIN_FILE_SEQUENCE_OPTION,
+    {0},
+};
+
+/* Recognises a zip with images and a meta.json, a folder with both, a meta.json with the bounds of
+ * positions, or the index of a streamed SOG. */
 static int sog_probe(const struct spin_peek *peek)
 {
     bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");
 
+    if (spin_peek_has(peek, SPIN_SOG_LEVELS_FILE) ||
+        strcmp(spin_path_name(peek->path), SPIN_SOG_LEVELS_FILE) == 0)
+        return 90;
     if (!peek->is_folder && spin_file_has_suffix(peek->path, ".json")) {
         meta = spin_peek_contains(peek, "\"means\"");
         picture = spin_peek_contains(peek, "\"mins\"");
@@ -429,17 +464,25 @@ static int sog_probe(const struct spin_peek *peek)
 static spin_status open_sog_clip(void *self, const char *path)
 {
     static const struct format format = {".sog", "SOG", open_sog, read_sog};
+    static const struct format streamed = {".json", "streamed SOG", open_sog_levels,
+                                           read_sog_levels};
     struct clip *clip = self;
-    const char *meta;
+    const char *meta, *index;
 
+    SPIN_TRY(spin_model_find(&clip->base, &index, path, SPIN_SOG_LEVELS_FILE));
+    if (index || strcmp(spin_path_name(path), SPIN_SOG_LEVELS_FILE) == 0)
+        return open_clip(clip, &streamed, index ? index : path);
+    if (spin_model_option(&clip->base, "lod"))
+        return spin_misuse("option 'lod' is for streamed SOG (" SPIN_SOG_LEVELS_FILE ")");
     SPIN_TRY(spin_model_find(&clip->base, &meta, path, "meta.json"));
     return open_clip(clip, &format, meta ? meta : path);
 }
 
 SPIN_MODEL_IMPORTER(
     sog, struct clip, open_sog_clip, close_clip,
-    .summary = "SOG, versions 1 and 2: one file or meta.json, or a folder with one per frame",
-    .upstream = "playcanvas/splat-transform 0f60b17", .options = file_options, .probe = sog_probe,
+    .summary = "SOG, versions 1 and 2: one file or meta.json, a folder with one per frame, or "
+               "streamed SOG",
+    .upstream = "playcanvas/splat-transform 0f60b17", .options = sog_options, .probe = sog_probe,
     .frame = clip_frame)
 
 /* ---- GLB ------------------------------------------------------------------------------------- */

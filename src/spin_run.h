@@ -159,9 +159,10 @@ struct spin_convert_options {
     const char *from;             /* importer; NULL: detect */
     const char *data, *data_from; /* data set; NULL: the only one in or beside the run */
     int n_frames;                 /* see struct spin_import_options */
-    bool no_retrain;              /* false: the clip is retrained if there is a data set */
-    const char *preset;           /* preset of the retraining; NULL: the default */
-    int iterations;               /* iterations of the retraining; 0: those of the preset */
+    int lod;            /* streamed SOG: option `lod` of the importer sog; -1: its default */
+    bool no_retrain;    /* false: the clip is retrained if there is a data set */
+    const char *preset; /* preset of the retraining; NULL: the default */
+    int iterations;     /* iterations of the retraining; 0: those of the preset */
     const char *device;
     int n_threads;
     bool force;

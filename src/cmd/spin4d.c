@@ -10,7 +10,7 @@
 #include "base/text.h"
 #include "spin_run.h"
 
-static struct spin_convert_options options = {.device = "auto"};
+static struct spin_convert_options options = {.device = "auto", .lod = -1};
 
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Input"),
@@ -22,6 +22,9 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("frames", 0, "N", INT, options.n_frames,
              "continuous methods: sample N frames over the whole time range", .min = 1,
              .max = 1000000),
+    SPIN_ARG("lod", 0, "N", INT, options.lod,
+             "streamed SOG: level of detail, 0 is the finest (the finest whose files exist)",
+             .min = 0, .max = 63),
     SPIN_ARG_HEADING("Retraining"),
     SPIN_ARG("no-retrain", 0, NULL, FLAG, options.no_retrain,
              "convert the splats as they are, even if there are images"),

@@ -215,6 +215,8 @@ static bool asks_renders(const struct spin_convert_options *o)
 static spin_status import_from(struct convert *c, const char *data)
 {
     const struct spin_convert_options *o = c->o;
+    char lod[16];
+    const char *const pairs[] = {"lod", lod, NULL};
     struct spin_import_options import = {.input = o->input,
                                          .output = c->import,
                                          .from = o->from,
@@ -222,9 +224,11 @@ static spin_status import_from(struct convert *c, const char *data)
                                          .data_from = asks_renders(o) ? NULL : o->data_from,
                                          .n_frames = o->n_frames,
                                          .default_frames = DEFAULT_FRAMES,
+                                         .plugin_pairs = o->lod >= 0 ? pairs : NULL,
                                          .force = true};
     char *text = NULL;
 
+    snprintf(lod, sizeof lod, "%d", o->lod);
     SPIN_TRY(spin_import(&import, &text));
     return add_report(c, "import", text);
 }
@@ -461,9 +465,12 @@ static spin_status run_convert(struct convert *c)
     SPIN_TRY(check_output(c));
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
-    if (!c->imports && (o->n_frames > 0 || o->from))
+    if (!c->imports && (o->n_frames > 0 || o->from || o->lod >= 0))
         return spin_misuse("%s applies to runs only, but '%s' is a bundle",
-                           o->from ? "--from" : "--frames", o->input);
+                           o->from       ? "--from"
+                           : o->lod >= 0 ? "--lod"
+                                         : "--frames",
+                           o->input);
     if (c->imports)
         SPIN_TRY(import_run(c));
     SPIN_TRY(inspect_bundle(c));
