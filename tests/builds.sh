@@ -1,16 +1,16 @@
 #!/bin/sh
-# builds.sh BUILD [PART...]: builds that `make test` does not make, each in a folder of its own below BUILD.
-# Stops at the first part that fails.
+# builds.sh BUILD [PART...]: builds that `make test` does not make, each in a folder of its own
+# below BUILD. Stops at the first part that fails. The last four parts run only if they are named.
 #
-#   gcc, clang  without a warning, with the tests of math, device and io
-#   paths       these tests on the code paths base and v3 of the CPU, in the build of `make`
-#   bytes       the last commit twice, in two folders, inside and outside the tree: the same bytes
+#   gcc, clang  without warnings, with the tests of math, device and io
+#   paths       these tests on the SIMD paths base and v3 of the CPU, in the build of `make`
+#   bytes       the last commit twice, in two folders, inside and outside the tree: identical files
 #   deb         make deb, with its tests and lintian
-#   portable    make portable DEBIAN=bullseye, and what it wrote in bare Debians of other suites, as root with
-#               debootstrap; not among the parts that run unasked
-#   web         make web, and what it wrote beside the build of `make`; not among the parts that run unasked
-#   windows     make windows, and what it wrote under Wine beside the build of `make`; not among the parts that run unasked
-#   arm64       by the cross compiler, these tests under QEMU; not among the parts that run unasked
+#   portable    make portable DEBIAN=bullseye, and its package in bare Debians of other suites, as
+#               root with debootstrap
+#   web         make web, and its page compared with the build of `make`
+#   windows     make windows, and its package under Wine compared with the build of `make`
+#   arm64       the cross compiler, and these tests under QEMU
 BUILD=${1:?usage: builds.sh BUILD [PART...]}
 shift
 [ $# -gt 0 ] || set -- gcc clang paths bytes deb
@@ -22,7 +22,7 @@ fail() {
     exit 1
 }
 
-# built FOLDER VARIABLE=VALUE...: commands and these tests
+# built FOLDER VARIABLE=VALUE...: builds the commands and these tests
 built() {
     folder=$1
     shift
@@ -52,7 +52,7 @@ same_bytes() {
     for tree in a another-folder; do
         git archive HEAD | tar -xf - -C "$BUILD/bytes/$tree" || fail "git archive"
     done
-    # A cache of compilers would hand the first build's objects to the second.
+    # A compiler cache would return the objects of the first build to the second.
     export CCACHE_DISABLE=1
     make -s -j"$jobs" -C "$BUILD/bytes/a" CUDA=0 all || fail "does not build"
     (cd "$BUILD/bytes" && make -s -j"$jobs" -f another-folder/Makefile CUDA=0 all) || fail "does not build elsewhere"

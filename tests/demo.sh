@@ -1,6 +1,6 @@
 #!/bin/sh
-# demo.sh BIN_DIR: the whole way on the bundled clip: import, retrain on the CPU, measure, export.
-# Everything lands in demo-out/. Fails when the retrained clip does not reach LEAST decibels.
+# demo.sh BIN_DIR: the whole workflow on the bundled clip: import, retrain on the CPU, measure,
+# export. Writes to demo-out/. Fails if the retrained clip does not reach LEAST decibels.
 bin=${1:-build/release/bin}
 clip=fixtures/court-mini
 out=demo-out
@@ -12,7 +12,7 @@ fail() {
     exit 1
 }
 
-# The first member of this name on the top level of a JSON document of ours, to four digits after the point.
+# The first top-level member of this name in our JSON, to four digits after the point.
 number() { sed -n 's/^  "'"$1"'": \([-0-9.]*\)[^ ]*$/\1/p' "$2" | awk '{ printf "%.4f", $1 }'; }
 
 rm -rf "$out"

@@ -1,6 +1,7 @@
 #!/bin/sh
-# portable.sh TARBALL CLIP: what `make portable` wrote works alone: with an empty environment, from another folder,
-# with no library but its own and the C library's. CLIP: fixtures/court-mini, or a copy. Needs a shell, tar and gzip.
+# portable.sh TARBALL CLIP: the package of `make portable` works by itself: with an empty
+# environment, from another folder, with no library but its own and the C library's. CLIP:
+# fixtures/court-mini, or a copy. Needs a shell, tar and gzip.
 tarball=$(realpath "${1:?usage: portable.sh TARBALL CLIP}")
 clip=$(realpath "${2:?usage: portable.sh TARBALL CLIP}")
 work=$(mktemp -d) || exit 1
@@ -16,7 +17,7 @@ tar -C "$work" -xzf "$tarball" || fail "'$tarball' is no tarball"
 tree=$(echo "$work"/spin4d-*)
 cd "$work" || exit 1
 
-# alone COMMAND ARGUMENT...: fails the test when the command fails, or loads a library from elsewhere
+# alone COMMAND ARGUMENT...: fails the test if the command fails or loads a library from elsewhere
 alone() {
     command=$1
     shift

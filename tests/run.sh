@@ -1,20 +1,23 @@
 #!/bin/sh
-# run.sh BUILD_DIR [WORDS]: run the built tests from the root of the repository, JOBS at a time; prints a
-# line and the seconds of each as it ends, a summary, and what was skipped with the reason.
+# run.sh BUILD_DIR [WORDS]: runs the built tests from the root of the repository, JOBS at a time.
+# Prints a line with the seconds of each test as it ends, a summary, and the skipped tests with the
+# reason.
 #
-# Runs BUILD_DIR/tests/*/t-* (programs), tests/cli/t*.sh (scripts) and BUILD_DIR/tests/fuzz/fuzz-*
-# on the saved finds in fixtures/hostile/<name>/. With WORDS only those whose source path contains one of
-# them, or whose source has one in its line of keys ("K: golden threads"); without WORDS all but those with the keys
-# test-card and test-ranks, long trainings that are run by these names; with quick the programs but those of tests/cmd
-# and tests/emu. Those with the key long begin first. A crash, a non-zero exit, more than ten minutes and a test without
-# an end are failures.
+# Runs BUILD_DIR/tests/*/t-* (programs), tests/cli/t*.sh (scripts), and BUILD_DIR/tests/fuzz/fuzz-*
+# on the saved inputs in fixtures/hostile/<name>/. WORDS select the tests whose source path contains
+# one of them, or whose source has one in its line of keys ("K: golden threads"). Without WORDS all
+# tests run except those with the keys test-card and test-ranks, which are long trainings and run by
+# these names. WORDS may be quick: all programs but those of tests/cmd and tests/emu. Tests with the
+# key long start first. A crash, a non-zero exit, more than ten minutes, and a test that does not
+# end its output properly are failures.
 #
 # SPIN_RUN runs the programs of another machine (qemu-aarch64).
-# SPIN_FIXTURES says where the large fixtures are; SPIN_BIN and SPIN_BUILD are set for the scripts.
+# SPIN_FIXTURES: the folder of the large fixtures. SPIN_BIN and SPIN_BUILD are set for the scripts.
 B=${1:?usage: run.sh BUILD_DIR [WORDS]}
 LIMIT=600
 
-# Runs one test, prints its line and what went wrong. Its skips go to the file SPIN_SKIPS.
+# Runs one test, prints its line and the failures. Skipped parts are appended to the file
+# SPIN_SKIPS.
 run_one() { # NAME COMMAND...
     name=$1
     shift
@@ -22,8 +25,9 @@ run_one() { # NAME COMMAND...
     trap 'rm -f "$out"' EXIT
     trap 'exit 255' INT TERM
     start=$(date +%s)
-    # The tracer of LeakSanitizer dies now and then while a thread ends, on some machines more often than not. That says
-    # nothing of the test: two more tries, then one that does not look for leaks and says so.
+    # LeakSanitizer sometimes crashes while a thread ends, on some machines more often than not,
+    # which is no fault of the test: it is retried twice, and then once without leak detection,
+    # which is reported.
     leaks=
     for attempt in 1 2 3 4; do
         [ "$attempt" = 4 ] && leaks=:detect_leaks=0
@@ -51,7 +55,7 @@ run_one() { # NAME COMMAND...
         echo "ok   $name $counts"
         return
     fi
-    # In one piece, for others print beside it.
+    # Printed in one piece, since other tests print at the same time.
     text=$(
         echo "FAIL $name $counts$reason"
         grep -A 3 '^not ok ' "$out" | grep -e '^not ok ' -e '^#' | sed 's/^/     /'
@@ -67,7 +71,8 @@ if [ "$B" = --one ]; then
     # shellcheck disable=SC2086
     case $source in
     *.sh)
-        # The programs look for leaks; of a script's many commands the tracer of LeakSanitizer would not survive each.
+        # The programs detect leaks; among the many commands of a script LeakSanitizer would crash
+        # in some.
         ASAN_OPTIONS=$ASAN_OPTIONS:detect_leaks=0
         run_one "$source" sh "$source"
         ;;
@@ -91,10 +96,10 @@ SPIN_BUILD=$B
 : "${ASAN_OPTIONS:=detect_leaks=1:abort_on_error=0:allocator_may_return_null=1:exitcode=99:handle_sigill=1}"
 : "${UBSAN_OPTIONS:=print_stacktrace=1}"
 : "${TSAN_OPTIONS:=halt_on_error=0:exitcode=66}"
-# Tests look at what stands on stderr, and a slow machine may take a minute for them.
+# Tests check stderr, and on a slow machine commands run long enough to print progress there.
 : "${SPIN_PROGRESS:=0}"
-# The Python of the scripts. The system's may have NumPy where the first one in PATH has not; one behind a script of pyenv
-# is called without it.
+# The Python of the scripts. The system's may have NumPy if the first one in PATH has not; a Python
+# behind a pyenv script is called directly.
 [ -n "${SPIN_PYTHON:-}" ] || for python in python3 /usr/bin/python3; do
     SPIN_PYTHON=$($python -c 'import sys, numpy; print(sys.executable)' 2>/dev/null) && break
 done
@@ -109,7 +114,7 @@ trap 'rm -f "$SPIN_SKIPS" "$listed" "$told" "$left_out"' EXIT
 trap 'exit 130' INT TERM
 export SPIN_SKIPS
 
-# Of the built tests those that are asked for, the long ones first.
+# The selected tests that are built, long ones first.
 for source in tests/*/t-*.c tests/cli/t*.sh tests/fuzz/fuzz-*.c; do
     case $source in
     *.sh) [ -f "$source" ] ;;

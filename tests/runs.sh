@@ -1,7 +1,7 @@
 # shellcheck shell=sh
-# What the scripts of several rooms know of the fixtures: source it.
+# Data on the fixtures that scripts of several rooms share: source it.
 
-# Importers of runs, a name a line, as the command itself lists them.
+# The importers of runs, a name a line, as the command lists them.
 importers_of_runs() { # BIN_DIR
     "$1/spin-import" --list --json | tr -d '\n' | sed 's/},/}\n/g' |
         sed -n 's/.*"name": "\([^"]*\)".*"tracks": true.*/\1/p'
@@ -44,8 +44,9 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     esac
 }
 
-# Cameras on a circle of this radius that look at the middle, each at three times, as n3v2blender.py
-# writes them; the first is held out. The pictures are to be images/cam<0C>_000<T>, C to 5 and T to 2.
+# Cameras on a circle of this radius that face the centre, each at three times, in the layout of
+# n3v2blender.py; the first is held out. The images are to be images/cam<0C>_000<T>, with C up to 5
+# and T up to 2.
 cameras() { # FOLDER RADIUS LAST_TIME
     for split in train test; do
         awk -v radius="$2" -v last="$3" -v test="$([ $split = test ]; echo $?)" 'BEGIN {
@@ -64,7 +65,7 @@ cameras() { # FOLDER RADIUS LAST_TIME
     done
 }
 
-# A picture of 160 x 90 that stands for every one of those.
+# An image of 160 x 90 for all of these views.
 stand_in() { # FOLDER PICTURE
     mkdir -p "$1/images"
     for camera in 0 1 2 3 4 5; do

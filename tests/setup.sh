@@ -1,8 +1,11 @@
 #!/bin/sh
-# setup.sh: install what the build needs and this machine lacks (Debian, Ubuntu), or print the line to
-# type. setup.sh --report [CC [CXX]]: say what is there. setup.sh --video: with what videos need, which no
-# build does. setup.sh --lint: with what `make lint` needs besides. setup.sh --tests: with all that a test
-# is skipped without; what of that cannot be installed is said, and no failure.
+# setup.sh: installs what the build needs and this machine lacks (Debian, Ubuntu), or prints the
+# command that does.
+# setup.sh --report [CC [CXX]]: prints what is available.
+# setup.sh --video: also what videos need, which no build requires.
+# setup.sh --lint: also what `make lint` needs.
+# setup.sh --tests: also everything without which tests are skipped; packages that cannot be
+# installed are reported, without a failure.
 CC=${2:-${CC:-gcc}}
 CXX=${3:-${CXX:-g++}}
 
@@ -26,7 +29,7 @@ case ${1:-} in
     ;;
 esac
 
-# One run of the preprocessor tells which headers are missing.
+# One run of the preprocessor finds all missing headers.
 missing_headers() {
     printf '%s\n' '#if !__has_include(<zlib.h>)' zlib1g-dev '#endif' \
         '#if !__has_include(<lzma.h>)' liblzma-dev '#endif' \
@@ -57,7 +60,7 @@ missing_packages() {
 has_header() { printf '#include <%s>\n' "$1" | $CXX -E -x c++ - >/dev/null 2>&1; }
 has_numpy() { "$1" -c 'import numpy' 2>/dev/null; }
 
-# What only tests need: without it some are skipped.
+# Only tests need these: without them some are skipped.
 missing_for_tests() {
     for pair in libavformat-dev:libavformat/avformat.h libavcodec-dev:libavcodec/avcodec.h \
         libswscale-dev:libswscale/swscale.h; do
@@ -138,7 +141,7 @@ if have apt-get && { [ -z "$as_root" ] || { have sudo && sudo -n true 2>/dev/nul
         exit 1
     fi
     have clang && lint=
-    # One by one: what one distribution lacks is no reason to be without the others.
+    # One by one, since a package that this distribution lacks must not prevent the others.
     for package in $more; do
         $as_root $install "$package" >&2
     done

@@ -1,6 +1,6 @@
 #!/bin/sh
-# valgrind.sh BIN_DIR: each command once on the bundled clip under valgrind; fails on any leak at exit
-# or wrong access. Takes a few minutes: not part of `make test`.
+# valgrind.sh BIN_DIR: runs each command once on the bundled clip under valgrind; fails on any leak
+# at exit or invalid access. Takes a few minutes, so `make test` omits it.
 bin=${1:-build/release/bin}
 here=$(dirname "$0")
 clip=fixtures/court-mini
@@ -13,7 +13,8 @@ command -v valgrind >/dev/null || {
     exit 1
 }
 
-# check NAME CODE COMMAND: definite and indirect losses are ours unless tests/valgrind.supp says whose.
+# check NAME CODE COMMAND: definite and indirect losses are ours unless tests/valgrind.supp lists
+# them.
 check() {
     name=$1
     code=$2

@@ -1,8 +1,9 @@
 #!/bin/sh
-# windows.sh ZIP BUILD: what `make windows` wrote does under Wine what the commands of BUILD do here (build/release, with
-# its test-tools): the same bytes, the same lines, the same exit codes. The C library of Windows rounds exp(), log() and
-# their like from 80 bits, ours does not, and a last bit of a float differs now and then: the commands here run with
-# functions that round like that one's.
+# windows.sh ZIP BUILD: compares the commands of `make windows`, under Wine, with those of BUILD
+# (build/release, with its test-tools): the same bytes, the same lines, the same exit codes. The C
+# library of Windows rounds exp(), log() and similar functions from 80 bits, ours does not, and the
+# last bit of a float sometimes differs: the commands of BUILD run with functions that round as
+# Windows does.
 zip=$(realpath "${1:?usage: windows.sh ZIP BUILD}")
 here=$(realpath "${2:?usage: windows.sh ZIP BUILD}")
 root=$PWD
@@ -36,8 +37,8 @@ wine "$there/spin4d.exe" --version >there.1 2>there.2 || fail "wine does not sta
 } >round.c
 ${CC:-cc} -w -fno-builtin -O2 -shared -fPIC -o round.so round.c -lm || fail "the rounding functions do not build"
 
-# both COMMAND ARGUMENT...: here and there, each writing 'out', which becomes here/out and there/out. Lines and codes are
-# the same; $code has it.
+# both COMMAND ARGUMENT...: runs it here and under Wine, each writing 'out', which becomes here/out
+# and there/out. Lines and exit codes must be equal; $code is set.
 both() {
     command=$1
     shift
@@ -85,8 +86,8 @@ done
 [ $exported -gt 50 ] || fail "$exported exports only"
 echo "$exported exports: the same bytes"
 
-# On the code path of this processor, and on that of all. The words hold times. PSNR has the log10() of Windows' own
-# library, or of Wine's, and differs in the last of its 16 digits.
+# On the SIMD path of this processor, and on the base path. The output contains times. PSNR uses
+# log10() of Windows' own library, or of Wine's, and differs in the last of its 16 digits.
 for path in '' base; do
     export SPIN_CPU=$path
     both spin4d "$root/fixtures/court-mini" --iterations 20 --threads 2 -o out.html
@@ -114,7 +115,8 @@ awk 'NR == FNR { line[n = FNR] = $0; next }
 echo "spin4d and spin-eval: the same page, the same measures"
 
 mkdir -p 'ä b' || exit 1
-# looked CODE WHAT: a photograph of the data set, with this code and the same words; OpenImageIO is not asked.
+# looked CODE WHAT: opens an image of the data set, with this exit code and the same output;
+# OpenImageIO is not used.
 looked() {
     both spin-eval clip.spin --data 'ä b/data' --split all --range 0:1
     [ $code = "$1" ] || fail "$2: ends with $code"

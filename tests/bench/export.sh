@@ -1,15 +1,16 @@
 #!/bin/sh
-# export.sh [frame|clip|all]: how fast and how large exports are, as tables for tests/bench/README.md.
+# export.sh [frame|clip|all]: speed and size of exports, as tables for tests/bench/README.md.
 #
-# frame: one frame of a million splats with SH of degree 3, to PLY, GLB, compressed PLY and SPZ, beside
-#        splat-transform on the same frame, the two in turns.
-# clip:  150 frames of 100,000 splats to PLY, beside cp of the same files, both left to the system to write
-#        out and both waited for, in turns.
+# frame: one frame of a million splats with SH of degree 3, to PLY, GLB, compressed PLY and SPZ,
+#        alternating with splat-transform on the same frame.
+# clip:  150 frames of 100,000 splats to PLY, alternating with cp of the same files, with and
+# without
+#        waiting until the data has reached the disk.
 #
-# RUNS=5: runs of each, of which the median counts. FRAMES=150: of the clip. WORK: a folder with room, 3 GB for the frame and 12 GB
-# for the clip (a temporary one). BIN: the commands (build/release/bin). SPLAT_TRANSFORM: its cli.mjs (that
-# of tests/viewers/node_modules, which make test-viewers fetches); without it and Node the peer is left out.
-# Needs Debian's package time.
+# RUNS=5: runs of each; the tables have the median. FRAMES=150: of the clip. WORK: a folder with 3
+# GB of free space for the frame and 12 GB for the clip (a temporary one). BIN: the commands
+# (build/release/bin). SPLAT_TRANSFORM: its cli.mjs (that of tests/viewers/node_modules, which make
+# test-viewers fetches); without it and Node its rows are omitted. Needs Debian's package time.
 what=${1:-all}
 runs=${RUNS:-5}
 frames=${FRAMES:-150}
@@ -22,7 +23,7 @@ trap 'exit 130' INT TERM
 [ -x /usr/bin/time ] || { echo "export: no /usr/bin/time (Debian: time)" >&2; exit 1; }
 make -s "$clip" "$bin/spin-import" "$bin/spin-export" || exit 1
 
-# measure LOG COMMAND...: wall, user and system seconds and peak kB, one line more in LOG.
+# measure LOG COMMAND...: appends wall, user and system seconds and peak kB as a line to LOG.
 measure() {
     log=$1
     shift
@@ -32,7 +33,7 @@ measure() {
     }
 }
 
-# median LOG EXPRESSION: of an awk expression over the fields.
+# median LOG EXPRESSION: the median of an awk expression of the fields.
 median() {
     awk "{ print $2 }" "$1" | sort -g | awk '{ v[NR] = $1 } END { print v[int((NR + 1) / 2)] }'
 }

@@ -1,16 +1,18 @@
 #!/bin/sh
-# import.sh [FOLDER [FRAMES [SPLATS]]]: how fast runs come in, beside what the machine does with the same
-# bytes. Makes a Dynamic 3D Gaussians run as np.savez writes it (150 frames of 100,000: 606 MB) in FOLDER
-# (a new one below $TMPDIR or /tmp, removed afterwards), then times, five times each, in turns:
+# import.sh [FOLDER [FRAMES [SPLATS]]]: speed of imports, compared with what the machine does with
+# the same bytes. Makes a Dynamic 3D Gaussians run as np.savez writes it (150 frames of 100,000: 606
+# MB) in FOLDER (a new one below $TMPDIR or /tmp, removed afterwards), then times, five times each,
+# in turns:
 #
-#     cat        the run read to nowhere
-#     cp         the run copied
-#     import     the run to a bundle
-#     cp, sync   the run copied and on the disk
-#     --sync     the run to a bundle, which is on the disk before it has its name
+#   cat        reading the run
+#   cp         copying the run
+#   import     importing the run to a bundle
+#   cp, sync   copying the run and waiting for the disk
+#   --sync     importing it to a bundle that reaches the disk before it gets its name
 #
-# and prints medians, rates and the import's peak memory; then opens a checkpoint of 450 MB of which two
-# thirds are optimiser moments, and the same without them. SPIN_BIN says where the commands are. Needs python3 and GNU time.
+# and prints medians, rates and the import's peak memory. Then opens a checkpoint of 450 MB of which
+# two thirds are optimiser moments, and the same without them. SPIN_BIN: the folder of the commands.
+# Needs python3 and GNU time.
 bin=${SPIN_BIN:-build/release/bin}
 folder=${1:-}
 frames=${2:-150}
@@ -24,7 +26,8 @@ run=$folder/params.npz
 command -v python3 >/dev/null || { echo "import.sh needs python3" >&2; exit 1; }
 [ -x /usr/bin/time ] || { echo "import.sh needs GNU time at /usr/bin/time" >&2; exit 1; }
 
-# What the methods leave, of numbers that differ from each other but not from frame to frame.
+# Writes the outputs of the methods, with numbers that differ from each other but not from frame to
+# frame.
 [ -f "$run" ] || python3 - "$run" "$frames" "$splats" <<'PYTHON' || exit 1
 import array, random, sys, zipfile
 
@@ -72,13 +75,13 @@ row() {
                      label, m, bytes / 1e6 / (m > 0 ? m : 0.01), c, peak / 1024 }'
 }
 
-# Take away what the last step wrote, and let the disk come to rest.
+# Removes the output of the last step, and waits until the disk is idle.
 clear() {
     rm -f "$folder/copy" "$folder/out.spin"
     sync -f "$folder"
 }
 
-# In turns: how fast the system finds memory for a file changes by the minute.
+# In turns, since the speed at which the system finds memory for a file changes by the minute.
 rm -f "$folder"/*.times
 for _ in 1 2 3 4 5; do
     seconds cat cat "$run"
@@ -99,8 +102,9 @@ row sync "cp, sync"
 row wait "--sync"
 clear
 
-# A checkpoint as Realtime-4DGS saves it, with two moments for every number: twice as many bytes that
-# nobody wants. One frame out of it should take as long as out of the same one without them.
+# A checkpoint as Realtime-4DGS saves it, with two optimiser moments for every value: twice as many
+# bytes that a reader does not need. Importing one frame from it should take as long as without
+# them.
 checkpoint=$folder/chkpnt30000.pth
 plain=$folder/plain.pth
 [ -f "$checkpoint" ] || python3 tests/bench/make-checkpoint.py "$checkpoint" 230000 || exit 1

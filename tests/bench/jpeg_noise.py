@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""jpeg_noise.py DIR...: what PSNR and SSIM a perfect picture would have against photographs that were saved as JPEG.
+"""jpeg_noise.py DIR...: the PSNR and SSIM that a perfect render would reach on images saved as
+JPEG.
 
-Each file under DIR/ims is cut by some pixels, so that its blocks lie elsewhere, and saved again with its own tables and
-subsampling. What that changes is about what the first saving changed: saving a third time, cut again, gives the same
-within 0.3 dB (the second row). Needs NumPy and Pillow."""
+Each file below DIR/ims is cropped by some pixels, so that its blocks are elsewhere, and saved again
+with its own tables and subsampling. This changes about as much as the first saving did: saving a
+third time, cropped again, gives the same within 0.3 dB (the second row). Needs NumPy and Pillow."""
 import glob
 import io
 import sys
@@ -22,7 +23,7 @@ def saved(pixels, like):
 
 
 def blurred(x):
-    """By SSIM's window of 11 x 11, inside the picture."""
+    """Weighted by SSIM's window of 11 x 11, inside the image."""
     k = np.exp(-((np.arange(11) - 5) ** 2) / 4.5)
     for axis in 0, 1:
         x = sum(w * np.take(x, range(i, x.shape[axis] - 10 + i), axis) for i, w in enumerate(k / k.sum()))

@@ -1,10 +1,11 @@
 #!/bin/sh
-# long-clip.sh [FRAMES [SPLATS]]: what a long clip takes, as tables for tests/bench/README.md.
+# long-clip.sh [FRAMES [SPLATS]]: the cost of a long clip, as tables for tests/bench/README.md.
 #
-# A made clip (900 frames of 100,000 splats whose places differ in all of them: 6.1 GB of PLY) is imported and exported
-# as a page and as one GLB, first a ninth of its frames, then all; then a made run of Realtime-4DGS (200,000 rows) is
-# imported as 4D splats of 900 frames, of which one is exported. Of each command: seconds, bytes written and the most
-# memory of its own (RssAnon, asked for every 20 ms; the pages of mapped files are the system's).
+# A synthetic clip (900 frames of 100,000 splats with different positions in each: 6.1 GB of PLY) is
+# imported and exported as a page and as one GLB, first a ninth of its frames, then all. Then a
+# synthetic run of Realtime-4DGS (200,000 rows) is imported as 4D splats of 900 frames, of which one
+# is exported. Measures for each command: seconds, bytes written and peak memory of its own
+# (RssAnon, sampled every 20 ms; the pages of mapped files are the system's).
 #
 # Needs 13 GB in WORK (a temporary folder) and python3. BIN: the commands (build/release/bin).
 frames=${1:-900}

@@ -1,12 +1,12 @@
-"""A Realtime-4DGS checkpoint as PyTorch saves it, without PyTorch.
+"""Writes a Realtime-4DGS checkpoint in the layout of PyTorch, without PyTorch.
 
-make-checkpoint.py OUT SPLATS [plain]: of random numbers, with the optimiser's two moments for every parameter unless
-it shall be plain. 230,000 splats are 450 MB, a third of which a reader needs.
+make-checkpoint.py OUT SPLATS [plain]: of random numbers, with the optimiser's two moments for every
+parameter, or with plain without them. 230,000 splats are 450 MB, of which a reader needs a third.
 
-make-checkpoint.py OUT PARAMS.npz [SPAN [sh]]: 4-D Gaussians that stand for the tracks of a Dynamic 3D Gaussians run. A
-track within 3 cm of its mean is one Gaussian for all times; any other is one for every SPAN frames (2), on the straight
-line nearest to the track there. Times are 0 to 1. SH beyond the colour are 0, or with sh random, as wide as those of
-trained runs are about. Needs NumPy."""
+make-checkpoint.py OUT PARAMS.npz [SPAN [sh]]: 4D Gaussians that replace the tracks of a Dynamic 3D
+Gaussians run. A track within 3 cm of its mean becomes one Gaussian for all times; any other becomes
+one for every SPAN frames (2), on the straight line nearest to the track there. Times are 0 to 1. SH
+beyond the colour are 0, or with sh random with the spread of trained runs. Needs NumPy."""
 import array
 import collections
 import io
@@ -19,7 +19,7 @@ import zipfile
 out, tracks = sys.argv[1], sys.argv[2].endswith('.npz')
 random.seed(0)
 
-# The names that a checkpoint calls, in modules that stand in for PyTorch's.
+# The names that a checkpoint calls, in modules that replace PyTorch's.
 torch = types.ModuleType('torch')
 utils = types.ModuleType('torch._utils')
 sys.modules.update({'torch': torch, 'torch._utils': utils})
@@ -76,7 +76,7 @@ class Pickler(pickle._Pickler):
 
 
 storages = []
-# A few thousand different numbers, again and again.
+# A few thousand different values, repeated.
 pools = {}
 
 
@@ -90,10 +90,10 @@ def parameter(low, high, *shape):
     return Tensor(shape, pool(low, high))
 
 
-# ---- Of tracks ---------------------------------------------------------------------------------------
+# ---- Gaussians of tracks -------------------------------------------------------------------------
 
 def isoclinic(l, r):
-    """4-D rotations of pairs of quaternions, [n][4][4], axes x y z t."""
+    """The 4D rotations of pairs of quaternions, [n][4][4], axes x y z t."""
     import numpy as np
     a, b, c, d = l
     p = np.array([[a, -b, -c, -d], [b, a, -d, c], [c, d, a, -b], [d, -c, b, a]])
@@ -103,7 +103,8 @@ def isoclinic(l, r):
 
 
 def of_tracks(file, span):
-    """xyz, rgb, log scales, left, right, logits, times, log scales of time: of 4-D Gaussians, float32."""
+    """xyz, rgb, log scales, left, right, logits, times, log scales of time: of 4D Gaussians,
+    float32."""
     import numpy as np
     run = np.load(file)
     means, n_frames = run['means3D'].astype(float), len(run['means3D'])
@@ -119,10 +120,12 @@ def of_tracks(file, span):
         velocity = np.zeros((len(which), 3))
         if not always:  # of the nearest straight line
             velocity = np.einsum('f,fnc->nc', dt, at) / max(1e-12, (dt * dt).sum())
-        # A weight above 0.05 half a frame beyond both ends: sigma is the reach over sqrt(-2 ln 0.05).
+        # A weight above 0.05 half a frame beyond both ends: sigma is that distance over sqrt(-2 ln
+        # 0.05).
         sigma = 100.0 if always else step * (end - first) / 2 / 2.4477
         size = np.exp(2.0 * run['log_scales'][which])
-        # Covariance of x y z t: at one time an ellipsoid of that size, its centre on the line.
+        # The covariance of x y z t: at a given time an ellipsoid of that size, whose centre is on
+        # the line.
         cov = np.zeros((len(which), 4, 4))
         cov[:, :3, :3] = size[:, :, None] * np.eye(3) + sigma ** 2 * velocity[:, :, None] * velocity[:, None]
         cov[:, :3, 3] = cov[:, 3, :3] = sigma ** 2 * velocity
@@ -137,7 +140,7 @@ def of_tracks(file, span):
     return [np.concatenate(c).astype('<f4') for c in zip(*columns)]
 
 
-# ---- The parameters ----------------------------------------------------------------------------------
+# ---- The parameters ------------------------------------------------------------------------------
 
 if tracks:
     import numpy

@@ -1,11 +1,11 @@
 #!/bin/sh
-# No file needs itself by way of others, neither by the headers that are included nor, where the tree is
-# built, by the functions that are called. NAME.c and NAME.h are one file here. Plug-ins do not count where
-# they are called through their lists, nor where they call what src/plugin.sym opens to them.
+# No file depends on itself through others, neither through included headers nor, if the tree is
+# built, through called functions. NAME.c and NAME.h count as one file. Calls of plug-ins through
+# their lists, and calls by plug-ins of the functions that src/plugin.sym exports, are not counted.
 # B: the build folder (build/release).
 build=${B:-build/release}
 
-# "file needed-file", less .c and .h
+# "file needed-file", without .c and .h
 includes() {
     find src importers exporters -name '*.[ch]' -o -name '*.cpp' | xargs awk '
         BEGIN { for (i = 1; i < ARGC; i++) here[ARGV[i]] }
@@ -19,7 +19,8 @@ includes() {
         }'
 }
 
-# An object of src/device/cpu has its code path in its name; one without a source is left over.
+# The name of an object of src/device/cpu contains its SIMD path; objects without a source are
+# stale.
 calls() {
     {
         find src importers exporters -name '*.c'
@@ -41,7 +42,7 @@ calls() {
         }' src/plugin.sym -
 }
 
-# The edges on stdin have no circle; else one that they have.
+# Succeeds if the edges on stdin have no cycle; otherwise prints one.
 straight() { awk '$1 != $2' | sort -u | tsort 2>&1 >/dev/null; }
 
 if [ -z "$(printf 'a b\nb c\nc a\n' | straight)" ]; then

@@ -1,8 +1,8 @@
 #!/bin/sh
-# Each header compiles alone, as C; those in math/ also as C++, plain and with the qualifiers that nvcc
-# would see, so that a machine without nvcc still notices a header that CUDA would refuse. Those of the CUDA device
-# itself compile as CUDA C++, by the emulation. A header that a C file includes before anything else is not compiled
-# here: the build has shown that it needs no other.
+# Each header compiles alone, as C; those in math/ also as C++, plain and with the qualifiers that
+# nvcc would see, so that a machine without nvcc detects headers that CUDA would refuse. Those of
+# the CUDA device itself compile as CUDA C++, by the emulation. A header that a C file includes
+# before anything else is not compiled here: the build has shown that it is self-contained.
 CC=${1:-gcc}
 CXX=${2:-g++}
 flags='-Isrc -I. -D_GNU_SOURCE -Wall -Wextra -fsyntax-only'
@@ -10,7 +10,7 @@ nvcc='-D__CUDACC__ -D__host__= -D__device__= -D__global__= -D__forceinline__=inl
 failed=0
 n=0
 
-# What a file that includes only this header would see. `how` is the compiler and its flags.
+# Compiles a file that includes only this header. `how` is the compiler and its flags.
 try() {
     how=$1
     if ! echo "#include \"$header\"" | $how -Werror $flags -; then
@@ -19,7 +19,7 @@ try() {
     fi
 }
 
-# Headers that are the first line of code of a C file.
+# Headers that are included in the first code line of a C file.
 first=$(find src importers exporters -name '*.c' ! -path 'src/base/windows/*' -exec awk '
     FNR == 1 { done = 0 }
     done || !/^ *#/ { next }

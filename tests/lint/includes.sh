@@ -1,7 +1,8 @@
 #!/bin/sh
-# Who may include whom: the drawing of the house as a table, and no arrow that is not in it.
+# Checks includes against this table, the diagram of docs/architecture.md.
 #
-#     cmd                  -> spin.h base/program.h base/text.h io/json.h io/template.h cmd, and train/options.def, which is data
+#     cmd                  -> spin.h base/program.h base/text.h io/json.h io/template.h cmd, and
+#                             train/options.def, which is data
 #     importers            -> spin.h formats geometry io math base, and headers of their own room
 #     exporters            -> spin.h formats geometry io math base, and headers of their own room
 #     run                  -> every room below, of formats only gaussian.h
@@ -17,10 +18,10 @@
 #     base                 -> spin.h base
 #     math                 -> math
 #
-# spin.h includes nothing of ours; spin_train.h goes with it for train and run, spin_run.h for run and cmd alone. Tests
-# may include anything of ours.
+# spin.h includes nothing of ours. train and run may also include spin_train.h, and only run and cmd
+# spin_run.h. Tests may include anything of ours.
 
-# file, pattern of what it may include of ours
+# file, pattern of the files of ours that it may include
 ours() {
     case $1 in
     src/spin.h) echo '^$' ;;
@@ -106,8 +107,8 @@ done | LIBC=$libc awk '
     END { print n }')
 arrows=$(echo "$said" | tail -n 1)
 
-# Names that belong to one list: each plug-in is named by itself and by the list only, a device by
-# src/device only.
+# Names that belong to one list: a plug-in is named only by itself and by the list, a device only in
+# src/device.
 said=$(echo "$said" | sed '$d'
     grep -rowE 'spin_(im|ex)porter_[a-z0-9_]+' src importers exporters | sort -u | while IFS=: read -r file name; do
         plugin=${name#spin_*porter_}

@@ -1,8 +1,9 @@
 #!/bin/sh
-# What nvcc made of the kernels, where it is there and `make` has used it: for each listed card a kernel's registers,
-# bytes of shared memory, of stack and of spills stay within tests/lint/kernels.budget; every kernel stands there. The
-# PTX of the hash grid and of the contraction fuses no products and sums, the table's gradients are added by atomic
-# operations, and the heads use tensor cores from sm_80 on. `sh tests/lint/kernels.sh print` prints what is now, in the form of the budget.
+# Checks what nvcc compiled, if it is installed and `make` has used it: on each listed GPU the
+# registers, shared memory, stack and spills of a kernel stay within tests/lint/kernels.budget,
+# which lists every kernel. The PTX of the hash grid and of the contraction fuses no products and
+# sums, the table's gradients are added by atomic operations, and the heads use tensor cores from
+# sm_80 on. `sh tests/lint/kernels.sh print` prints the current values in the form of the budget.
 # B: the build folder (build/release).
 build=${B:-build/release}
 budget=tests/lint/kernels.budget
@@ -10,7 +11,7 @@ nvcc=${NVCC:-$(command -v nvcc)}
 cards=3
 failed=0
 
-# "file kernel registers shared stack spills cards" of all, the worst of the cards
+# "file kernel registers shared stack spills GPUs" of all kernels, with the maximum over the GPUs
 made() {
     for log in "$build"/src/device/cuda/*.cu.o.log; do
         [ -f "$log" ] || continue

@@ -1,5 +1,5 @@
-"""language.py [SINCE]: the checks of language.sh. SINCE: check the subjects of the commits after this
-one (default: the commit that added this file)."""
+"""language.py [SINCE]: the checks of language.sh. SINCE: check the subjects of the commits after
+this one (default: the commit that added this file)."""
 import os
 import re
 import subprocess

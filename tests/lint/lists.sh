@@ -1,6 +1,6 @@
 #!/bin/sh
-# Every plug-in's file (one without a header of its own) defines a struct or more, each is in the list, the list is alphabetical and
-# ends with NULL.
+# The file of each plug-in (a source without a header of its own) defines at least one struct, each
+# struct is in the list, and the list is alphabetical and ends with NULL.
 failed=0
 n=0
 complain() {

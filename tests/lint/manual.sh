@@ -1,14 +1,15 @@
 #!/bin/sh
-# Every option of --help all stands in the manual page and the other way round. Options of spin-retrain, of importers and
-# of exporters also have the same argument and the same default there. Every environment variable stands in
-# man/spin4d.7. Where mandoc is, it finds no fault in the pages, and no line is above 80 columns. SEE ALSO names
-# spin4d(7), whose own names all pages.
+# The manual page and --help all have the same options. For spin-retrain, importers and exporters
+# they also agree on arguments and defaults. man/spin4d.7 lists every environment variable. If
+# mandoc is installed, it finds no fault in the pages, and no line is longer than 80 columns. SEE
+# ALSO refers to spin4d(7), which lists all pages.
 # B: the build folder (build/release).
 bin=${B:-build/release}/bin
 failed=0
 checked=0
 
-# Lines "--name argument (default)": of a --help text, and of a page, where "Default: " begins a line.
+# Lines "--name argument (default)": from a --help text, or from a page, where "Default: " begins a
+# line.
 lines_of_help() {
     awk 'function flush() {
             fallback = match(help, /\([^()]*\)$/) ? substr(help, RSTART) : ""
@@ -47,7 +48,7 @@ lines_of_page() {
         /^Default: .*\.$/ { fallback = "(" substr($0, 10, length($0) - 10) ")" }'
 }
 
-# The options of one part of a page: "" is the whole page, else its .Ss.
+# The options of one part of a page: "" is the whole page, otherwise its .Ss.
 part_of_page() { awk -v part="$2" '/^\.S[hs]/ { on = $0 == ".Ss " part } on' "$1"; }
 
 complain() {
@@ -55,8 +56,8 @@ complain() {
     failed=1
 }
 
-# compare_plugins COMMAND SELECTOR PAGE SHARED...: each plug-in's help and its part of the page have the same
-# options; some of them may stand in a part that several share.
+# compare_plugins COMMAND SELECTOR PAGE SHARED...: the help of each plug-in and its part of the page
+# have the same options; some of them may be in a part that several plug-ins share.
 compare_plugins() {
     name=$1
     selector=$2
@@ -85,7 +86,7 @@ for page in man/*.[157]; do
     name=$(basename "$page")
     name=${name%.*}
     if command -v mandoc >/dev/null 2>&1; then
-        # Pages that are not installed are looked for in man/ below.
+        # Pages that are not installed are taken from man/.
         faults=$(mandoc -T lint -W warning "$page" | grep -v 'referenced manual not found')
         [ -z "$faults" ] || complain "$faults"
         wide=$(mandoc -T ascii "$page" | col -bx | awk 'length > 80')

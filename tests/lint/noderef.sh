@@ -1,6 +1,6 @@
 #!/bin/sh
-# Device memory is not followed by the host: clang knows the pointers that device.h marks SPIN_DEV, and
-# reports code that follows one, gives it to memcpy(), or drops the mark.
+# The host does not dereference device memory: clang checks the pointers that device.h marks as
+# SPIN_DEV, and reports code that dereferences one, passes it to memcpy() or drops the mark.
 if ! command -v clang >/dev/null 2>&1; then
     echo "noderef: skipped, clang is not installed (make setup-lint installs it)"
     exit 0
@@ -9,7 +9,7 @@ check="clang -Isrc -I. -D_GNU_SOURCE -std=gnu11 -fsyntax-only -Wnoderef -Werror=
 failed=0
 n=0
 
-# That it notices at all.
+# The check itself detects a fault.
 for misuse in 'return d->x_u[3];' 'memcpy(host, d->x_u, 4); return 0;' 'host = d->x_u; return *host;'; do
     if printf '#include <string.h>\n#include "model/field_eval.h"\nfloat f(struct spin_field_eval *d, float *host);\nfloat f(struct spin_field_eval *d, float *host) { (void)host; %s }\n' "$misuse" |
         $check -x c - 2>/dev/null; then

@@ -1,16 +1,16 @@
 #!/bin/sh
-# Every option of every command, importer, exporter and data set stands in a test: a cheap guard that a new
-# one is not forgotten. That its effect is seen, the test has to show.
+# Every option of every command, importer, exporter and data set occurs in a test: a cheap reminder
+# to test new ones. Whether the test checks the option's effect is up to the test.
 # B: the build folder (build/release).
 bin=${B:-build/release}/bin
 failed=0
 checked=0
 
-# options of one --help text, or of its last part
+# The options of one --help text, or of its last part.
 options() { sed -n 's/^  \(-., \|    \)--\([a-z0-9-]*\).*/\2/p'; }
 
-# used OPTION FILES...: as --option, as "option" in a list of a C test, as :option= of a data set, or by
-# its letter
+# used OPTION FILES...: as --option, as "option" in a list of a C test, as :option= of a data set,
+# or by its letter
 used() {
     option=$1
     shift
@@ -44,7 +44,7 @@ for pair in spin-import:--from:importers spin-export:--to:exporters; do
     selector=${selector%:*}
     [ -x "$bin/$name" ] || continue
     for plugin in $("$bin/$name" --list | awk '/^[a-z0-9]/ { print $1 }'); do
-        # What an importer or exporter shares with others is tested beside what they share.
+        # Options that several importers or exporters share are tested with the shared code.
         for option in $("$bin/$name" $selector "$plugin" --help | sed -n '/^Options of/,$p' | options); do
             if ! used "$option" tests/$room/*.[ch] tests/cli/t*.sh; then
                 echo "options: no test uses --$option of $plugin"

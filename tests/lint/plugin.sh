@@ -1,6 +1,7 @@
 #!/bin/sh
-# What a plug-in may call: the functions of parts 1 to 4 and 6 of src/spin.h. src/plugin.sym names exactly
-# those, and every command of B (build/release) lets a plug-in find them, and nothing else of ours.
+# The functions that a plug-in may call: parts 1 to 4 and 6 of src/spin.h. src/plugin.sym names
+# exactly those, and every command in B (build/release) exports them to plug-ins, and nothing else
+# of ours.
 CC=${1:-gcc}
 bin=${B:-build/release}/bin
 failed=0

@@ -35,7 +35,7 @@ TYPES = set("const static struct enum union unsigned signed int char short long 
 CONTROL = set("if for while switch".split())
 JUMPS = set("return break continue goto".split())
 
-# ---- Places where a fault is certainly equivalent, or outside what the tests can see --------------
+# ---- Faults that are certainly equivalent, or that tests cannot detect ---------------------------
 
 # Calls with nothing in their arguments to change. Tests compare messages only where a reader
 # depends on them, and an argument of a message changes nothing else.
@@ -84,7 +84,7 @@ WRAPPERS = re.compile(
     r"|spin_(sigmoid|logit|scale|swap|clamp)\w*)$")
 
 
-# ---- Tokens ---------------------------------------------------------------------------------------
+# ---- Tokens --------------------------------------------------------------------------------------
 
 
 def read_tokens(text):
@@ -125,7 +125,7 @@ class Source:
         self.partner = match_brackets(self.tokens)
         self.faults, self.silent = [], self.find_silent()
 
-    # ---- Looking at tokens ------------------------------------------------------------------------
+    # ---- Inspection of tokens --------------------------------------------------------------------
 
     def is_(self, i, *texts):
         return 0 <= i < len(self.tokens) and self.tokens[i].kind != "string" and self.tokens[i].text in texts
@@ -197,7 +197,7 @@ class Source:
                     silent.update(range(i, self.right_operand(i + 1, 99) + 1))
         return silent
 
-    # ---- Faults -----------------------------------------------------------------------------------
+    # ---- Faults ----------------------------------------------------------------------------------
 
     def add(self, kind, first, last, new):
         if any(k in self.silent for k in range(first, last + 1)) and kind not in ("delete", "branch"):
@@ -248,7 +248,7 @@ class Source:
                 if name != self.of(first, last) and re.match(r"^\w+$", name):
                     self.add("constant", first, last, name)
 
-    # ---- Functions --------------------------------------------------------------------------------
+    # ---- Functions -------------------------------------------------------------------------------
 
     def return_type(self, body):
         """bool, status, void or value, of the function whose body begins at this brace."""
@@ -354,7 +354,8 @@ class Source:
                 self.exchange(i, last)
 
     def exchange(self, i, last):
-        """Two statements in the other order, if the second one names what the first one assigns to."""
+        """Two statements in the other order, if the second one names what the first one assigns
+        to."""
         j = last + 1
         if self.kind(j) != "word" or self.tokens[j].text in CONTROL | JUMPS | {"else", "do", "case", "default"} or \
                 self.is_declaration(j) or not self.is_(i - 1, ";", "{", "}"):
@@ -388,11 +389,11 @@ class Source:
         elif returns == "value" and value not in ("0", "NULL", "1"):
             self.add("return", i + 1, last - 1, "0")
 
-    # ---- Within an expression ---------------------------------------------------------------------
+    # ---- Within an expression --------------------------------------------------------------------
 
     def change_constant(self, i):
         t = self.tokens[i]
-        # {0} clears a variable; [300] is the capacity of a text.
+        # {0} clears a variable; [300] is the capacity of a string.
         if (self.is_(i - 1, "{") and self.is_(i + 1, "}")) or (self.is_(i - 1, "[") and self.in_declarator(i)):
             return
         if t.text in ("1.0f", "1.0") and self.is_(i + 1, "}"):

@@ -1,8 +1,9 @@
 """A tree in which a fault costs one compilation and the links of what a test runs.
 
-The sources are copied, the build is a farm of symbolic links to that of the repository. An object that is
-compiled from a faulty source replaces its link; programs are linked with it in front of the library, so that
-nothing is archived, and make does not run. The commands are those that make would run."""
+The sources are copied, the build is a farm of symbolic links to that of the repository. An object
+that is compiled from a faulty source replaces its link; programs are linked with it in front of the
+library, so that nothing is archived, and make does not run. The commands are those that make would
+run."""
 import os
 import re
 import shlex
@@ -40,7 +41,7 @@ class Tree:
                 subprocess.run(["cp", "-as", os.path.abspath(there), here], check=True)
 
     def own(self, output):
-        """Replaces a link by a file that is about to be written."""
+        """Replaces a link to a file that is about to be written."""
         path = os.path.join(self.path, output)
         if os.path.lexists(path):
             os.remove(path)
@@ -56,7 +57,7 @@ class Tree:
         for o in self.objects:
             self.own(o)
             level = ["-O1"] if "/device/cpu/" not in o else []
-            # A drawn fault with an error of types is one for the compiler, not for a test.
+            # A drawn fault that causes a type error is found by the compiler, not by a test.
             code, out = self.run([w for w in self.commands[o] if w not in ("-MMD", "-MP")] + level +
                                  ["-w", "-Werror=int-conversion", "-Werror=incompatible-pointer-types"])
             if code != 0:

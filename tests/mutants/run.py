@@ -4,33 +4,29 @@
 Without WORD and SEMANTIC, N faults (default 50) are drawn by SEED (default 1) from the sources:
 faults.py generates them, scope.py chooses the tests of each.
 
-    N=200 SEED=7    the same draw on every machine, whatever JOBS is
-    IN=src/train    only files below this folder, or this file
-    SINCE=rev       only lines that differ from a revision
-    JOBS=n          trees in build/mutants in which faults are tried in parallel
-    PART=2/9        every ninth fault, from the second on
-    MINUTES=9       starts no further fault after this time, and reports how many were tried
-    LENIENT=1       a survivor is a warning: the exit code is 0
-    DRY=1           check both lists and print the draw; build nothing
+N=200 SEED=7    the same draw on every machine, whatever JOBS is IN=src/train    only files below
+this folder, or this file SINCE=rev       only lines that differ from a revision JOBS=n
+trees in build/mutants in which faults are tried in parallel PART=2/9        every ninth fault, from
+the second on MINUTES=9       starts no further fault after this time, and reports how many were
+tried LENIENT=1       a survivor is a warning: the exit code is 0 DRY=1           check both lists
+and print the draw; build nothing
 
 With WORD (make mutants M=word) the faults of semantic.list are tried instead whose name or file
 contains it; M=all takes all of them. These are faults that the generator cannot make.
 
 A fault that does not compile is replaced by another one. A fault is killed when one of its tests
-fails or does not end, and survives when all pass. A test counts only if it passes without the fault.
-Exit code: 0 if every fault was killed, 1 if one survived, 2 if a list has a mistake.
+fails or does not end, and survives when all pass. A test counts only if it passes without the
+fault. Exit code: 0 if every fault was killed, 1 if one survived, 2 if a list has a mistake.
 
 Lists are records of `key: value`, separated by empty lines; a line that begins with white space
 continues the value:
 
-    name: no-shuffling             semantic.list only
-    file: src/train/some.c
-    old: size_t j = random();      text of the file, in which line breaks and indents do not count
-    nth: 2                         which of several places, from 1
-    new: size_t j = i;             the text in its place; may be empty
-    tests: train/t-some cli/t9001  semantic.list only: parts of the paths of tests, cheapest first;
-                                   train/t-some:part is one PART() of a long test
-    reason: why no test fails      accepted.list only: such a fault is not drawn
+name: no-shuffling             semantic.list only file: src/train/some.c old: size_t j = random();
+text of the file, in which line breaks and indents do not count nth: 2                         which
+of several places, from 1 new: size_t j = i;             the text in its place; may be empty tests:
+train/t-some cli/t9001  semantic.list only: parts of the paths of tests, cheapest first;
+train/t-some:part is one PART() of a long test reason: why no test fails      accepted.list only:
+such a fault is not drawn
 
 A test that skips for want of a fixture detects nothing: see SPIN_FIXTURES in tests/run.sh."""
 import functools
@@ -59,8 +55,8 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(os.path.dirname(HERE))
 WORK = os.path.join(ROOT, "build", "mutants")
 JOBS = int(os.environ.get("JOBS") or os.cpu_count() or 2)
-# Processor seconds of tests after which a drawn fault counts as survived: those most likely to detect
-# it run first, and `make mutants SINCE=HEAD~20` is to take ten minutes.
+# Processor seconds of tests after which a drawn fault counts as survived: those most likely to
+# detect it run first, and `make mutants SINCE=HEAD~20` is to take ten minutes.
 MOST_SECONDS = 60
 LEAST_LIMIT, UNTIMED_LIMIT = 20, 120  # seconds a test may take
 BUILD = "build/release"
@@ -83,7 +79,7 @@ class Mistake(Exception):
     pass
 
 
-# ---- The lists ------------------------------------------------------------------------------------
+# ---- The lists -----------------------------------------------------------------------------------
 
 
 def read_records(path):
@@ -123,7 +119,7 @@ def read_list(name, needed):
 
 
 def place_of(fault, text):
-    """Where the old text stands; all white space counts as one space."""
+    """The position of the old text; all white space counts as one space."""
     words = [re.escape(w) for w in fault["old"].split()]
     found = [m.span() for m in re.finditer(r"\s+".join(words), text)]
     nth = int(fault.get("nth", 0))
@@ -166,7 +162,7 @@ def tests_of(fault):
     return tests
 
 
-# ---- Faults ---------------------------------------------------------------------------------------
+# ---- Faults --------------------------------------------------------------------------------------
 
 
 class Trial:
@@ -231,7 +227,8 @@ def changed_lines(since):
 
 
 def draw(rng, below, since):
-    """All faults of the chosen files in a random order: first a line, then a kind, then a fault of it."""
+    """All faults of the chosen files in a random order: first a line, then a kind, then a fault of
+    it."""
     only = changed_lines(since) if since else None
     accepted, mistakes = accepted_texts()
     by_line, texts = {}, {}
@@ -266,7 +263,7 @@ def drawn_trial(fault, text, scope):
                  lambda whole: generator.apply(fault, whole), generator.show(fault, text), fault.kind)
 
 
-# ---- Memory of earlier runs -----------------------------------------------------------------------
+# ---- Records of earlier runs ---------------------------------------------------------------------
 
 
 class Memory:
@@ -309,8 +306,8 @@ class Memory:
                 counts[label(test)] = counts.get(label(test), 0) + 1
 
     def order(self, file, tests):
-        """Those first that probably kill most faults per second: that killed others of this file or folder, or that scope.py
-        prefers."""
+        """Orders tests by the faults that they probably kill per second: first those that killed
+        others of this file or folder, or that scope.py prefers."""
         own, near = (self.all["killers"].get(place, {}) for place in (file, os.path.dirname(file)))
         worth = {label(t): (own.get(label(t), 0) + near.get(label(t), 0) / 8 + 0.85 ** i) /
                  (1 + (self.seconds(t) or scopes.guess(t[0]))) for i, t in enumerate(tests)}
@@ -325,7 +322,7 @@ def label(test):
     return test[0] + (":" + test[1] if test[1] else "")
 
 
-# ---- One tree -------------------------------------------------------------------------------------
+# ---- One tree ------------------------------------------------------------------------------------
 
 
 def run(command, cwd):
@@ -342,7 +339,8 @@ def limit_resources():
 
 
 def run_test(tree, test, limit):
-    """Why it failed, or None if it passes, and its processor seconds: the first line that is not ok ends it."""
+    """Runs a test until its first line that is not ok. Returns why it failed, or None if it passed,
+    and its processor seconds."""
     path, part = test
     more = {"TAP_PART": part} if part else {}
     command = [os.path.join(tree, binary(test))] if binary(test) else ["sh", path]
@@ -369,7 +367,7 @@ def run_test(tree, test, limit):
 
 
 def clean_up(room):
-    """What a test that was ended leaves in its folder of temporary files, file systems included."""
+    """Removes what a killed test leaves in its temporary folder, file systems included."""
     with open("/proc/mounts") as f:
         mounted = [line.split()[1] for line in f]
     for path in mounted:
@@ -386,7 +384,7 @@ def wait_for(p):
 
 
 def end(p):
-    """With all that it started."""
+    """With all of its child processes."""
     try:
         os.killpg(p.pid, signal.SIGKILL)
     except ProcessLookupError:
@@ -423,13 +421,13 @@ def binary(test):
 
 
 def build(tree, targets, drawn=False):
-    # A drawn fault with an error of types is one for the compiler, not for a test.
+    # A drawn fault that causes a type error is found by the compiler, not by a test.
     strict = ["CFLAGS=-Werror=int-conversion -Werror=incompatible-pointer-types"] if drawn else []
     return run(["make", "--no-print-directory", "CONFIG=release", "CUDA=0", "-j2"] + strict + sorted(targets), tree)
 
 
 def targets_of(tree, tests):
-    """The programs of tests, and what they run."""
+    """The programs of tests, and the commands that they run."""
     wanted = {binary(t) for t in tests if binary(t)}
     for t in tests:
         if t[0].startswith(RUN_COMMANDS):
@@ -449,7 +447,8 @@ def listed_files():
 
 
 def copy_tree(tree, files):
-    """Copies the sources. The first copy of a file keeps its time, since the build is copied too."""
+    """Copies the sources. The first copy of a file keeps its time, since the build is copied
+    too."""
     keep = set(files)
     for folder, _, names in os.walk(tree):
         inside = os.path.relpath(folder, tree)
@@ -490,7 +489,8 @@ def make_trees(n):
 
 
 def make_real_tree(tree):
-    """A copy of sources and build, for faults in files that only make compiles: CUDA, scripts, pages, shims."""
+    """A copy of sources and build, for faults in files that only make compiles: CUDA, scripts,
+    pages, shims."""
     path = tree.path + ".real"
     if os.path.exists(path + ".fault"):  # left by an interrupted run
         shutil.rmtree(path)
@@ -503,7 +503,7 @@ def make_real_tree(tree):
 
 
 def key_of(files):
-    """Changes when a file does."""
+    """A value that changes when a file does."""
     digest = hashlib.sha256()
     for name in files:
         with open(os.path.join(ROOT, name), "rb") as f:
@@ -529,7 +529,7 @@ CHECKS = {  # of files that are not compiled
 
 
 def check(tree, path):
-    """Exit code and output of a check of a script's grammar."""
+    """The exit code and output of a syntax check of a script."""
     for endings, command in CHECKS.items():
         if os.path.splitext(path)[1] in endings.split() and shutil.which(command[0]):
             return run(command + [path], tree)
@@ -537,8 +537,8 @@ def check(tree, path):
 
 
 class Inserted:
-    """A fault in a tree. At the end the file and the objects compiled from it are as before; only the
-    objects are newer, so that all that links them is linked again."""
+    """A fault in a tree. At the end the file and the objects compiled from it are as before; only
+    the objects are newer, so that all that links them is linked again."""
 
     def __init__(self, tree, trial, objects):
         self.path, self.trial, self.mark = os.path.join(tree, trial.file), trial, tree + ".fault"
@@ -574,7 +574,7 @@ class Judge:
         self.clean, self.scope, self.memory, self.lock, self.real = trees[0].path, scope, memory, threading.RLock(), {}
 
     def try_fault(self, tree, trial):
-        """What became of it: killed, survived or mistake; and how that was seen."""
+        """The result: killed, survived or mistake, and the reason."""
         objects = self.scope.objects_of(trial.file)
         if trial.kind != "semantic" and len(objects) > MOST_OBJECTS:
             return "mistake", "%d objects would be compiled" % len(objects)
@@ -641,7 +641,8 @@ class Judge:
         return "survived", "passed: " + " ".join(passed)
 
     def next_programs(self, tests):
-        """The tests to build together with the second one and later ones: a call of make takes as long as a link."""
+        """The tests to build together after the first one, since a call of make takes as long as a
+        link."""
         programs = [t for t in tests if binary(t) and not t[0].startswith(RUN_COMMANDS)]
         return programs[:2]
 
@@ -658,7 +659,7 @@ class Judge:
             return self.memory.passes(test)
 
 
-# ---- All faults -----------------------------------------------------------------------------------
+# ---- All faults ----------------------------------------------------------------------------------
 
 
 class Report:

@@ -1,8 +1,8 @@
 """Chooses the tests for a fault: those that most probably detect it first, then a wider set.
 
-Nothing is measured for it. The symbols of the objects tell how far a test program is from the changed
-object: distance 1 calls it, distance 2 calls one that does. Command tests link everything, so they are
-chosen by the words of the file's name in their text, and by ROOM_TESTS."""
+Nothing is measured for it. The symbols of the objects tell how far a test program is from the
+changed object: distance 1 calls it, distance 2 calls one that does. Command tests link everything,
+so they are chosen by the words of the file's name in their text, and by ROOM_TESTS."""
 import glob
 import os
 import re
@@ -90,7 +90,7 @@ class Scope:
         head = "".join(self.read(test).splitlines(True)[:12])
         return bool(re.search(r"K:.*\b(test-card|test-ranks)\b", head)) or test.startswith("tests/card/")
 
-    # ---- Objects ----------------------------------------------------------------------------------
+    # ---- Objects ---------------------------------------------------------------------------------
 
     def read_symbols(self):
         objects = [o for o in glob.glob("**/*.o", root_dir=self.build, recursive=True) if ".race." not in o]
@@ -137,7 +137,7 @@ class Scope:
             edge = {o for o in edge if not o.startswith("tests/") and o not in ("importers/importers.o", "exporters/exporters.o")}
         return found
 
-    # ---- Tests ------------------------------------------------------------------------------------
+    # ---- Tests -----------------------------------------------------------------------------------
 
     def tests_of(self, file):
         """The tests for a fault in this file, in order of preference."""

@@ -1,13 +1,12 @@
 #!/usr/bin/python3
-"""Decode a retrained bundle with NumPy alone and hold exported PLY frames to it.
+"""Decodes a retrained bundle with NumPy alone and compares exported PLY frames with it.
 
 Usage: check-export.py BUNDLE.spin FOLDER_OF_PLY
 
-An independent reading of man/spin-bundle.5: nothing of spin4d is used. Prints the largest deviation of
-each attribute, checks the names and the order of the 62 properties, and exits 1 when a value is off: by
-more than 2e-3 and four times what moving the position by one float32 step does to it.
-A network of SH degree below 3 must have been exported with --sh 3. Needs numpy.
-"""
+An independent implementation of man/spin-bundle.5 that uses nothing of spin4d. Prints the largest
+deviation of each attribute, checks the names and the order of the 62 properties, and exits with 1
+if a value is off by more than 2e-3 plus four times the effect of one float32 step of the position.
+A network of SH degree below 3 must have been exported with --sh 3. Needs numpy."""
 import glob
 import json
 import math
@@ -24,7 +23,8 @@ erf = np.vectorize(math.erf)
 
 
 def encode(table, net, x):
-    """x [n,4] in the unit cube -> z [n, levels * features], in double but for the vertex positions."""
+    """x [n,4] in the unit cube -> z [n, levels * features], in double except for the vertex
+    positions."""
     n, out = len(x), []
     for l in range(net["levels"]):
         scale = np.array(net["scale"][l], np.float32)
@@ -70,7 +70,8 @@ def heads(params, net, z):
 
 
 def decode(bundle, meta, frame, nudge=0):
-    """The attributes of a frame; nudge 1 or -1 takes each grid coordinate one float32 step further."""
+    """The attributes of a frame; nudge 1 or -1 takes each grid coordinate one float32 step
+    further."""
     net = {**meta["trained"], **meta["trained"]["field"]}
     means = bundle[f"trained/means/{frame:05d}"]
     p = (means.astype(np.float64) - net["norm"]["centre"]) * net["norm"]["inv_radius"]

@@ -61,7 +61,8 @@ def stream(c):
 
 
 def read_streams(block, n, required):
-    """Returns the rows of each attribute; all of them are required, and the others are only read."""
+    """Returns the rows of each attribute; all of them are required, and the others are only
+    read."""
     found = {}
     while block.at < len(block.data):
         attribute, rows = stream(block)

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""draw.py [--seed N] [--room PATH]... (comments | messages | help | manual) COUNT ...: prints random
-samples of the prose, with file, line and context, for a reader who did not write it to judge.
+"""draw.py [--seed N] [--room PATH]... (comments | messages | help | manual) COUNT ...: prints
+random samples of the prose, with file, line and context, for a reader who did not write it to
+judge.
 
-    tests/tools/draw.py --seed 7 comments 40 messages 20 manual 20
+tests/tools/draw.py --seed 7 comments 40 messages 20 manual 20
 
 Comments are those of src, importers and exporters; messages are their errors, warnings, notes and
 log lines; help is all other prose in their strings. The same seed gives the same sample of the same

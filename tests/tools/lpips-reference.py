@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
-"""LPIPS of two made-up pictures with made-up weights, in plain NumPy and double precision.
+"""LPIPS of two synthetic images with synthetic weights, in plain NumPy and double precision.
 
     python3 tests/tools/lpips-reference.py > fixtures/lpips/expected.json
 
-Written from the description of the method (Zhang et al. 2018, version 0.1 of its weights), apart from
-src/eval/lpips.c: the convolution is a sum over shifted pictures. The weights and pictures come from the
-formula in noise() below, which tests/eval/t-lpips.c has as well, so that no weights need to be stored.
-"""
+Written from the description of the method (Zhang et al. 2018, version 0.1 of its weights),
+independently of src/eval/lpips.c: the convolution is a sum over shifted images. Weights and images
+come from the formula in noise() below, which tests/eval/t-lpips.c implements as well, so that no
+weights need to be stored."""
 import json
 import sys
 

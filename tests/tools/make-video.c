@@ -14,7 +14,7 @@ static void fail(const char *what)
     exit(1);
 }
 
-/* Y, U, V of a frame: limited range, of BT.601 as nothing else is said. */
+/* Y, U and V of a frame: limited range and BT.601, the defaults of unlabelled video. */
 static void fill(AVFrame *frame, int f, int seed)
 {
     const int value[3] = {40 + (f * 11 + seed * 5) % 160, 128 + (f * 7) % 60 - 30,
@@ -34,7 +34,7 @@ static void drain(AVCodecContext *codec, AVFormatContext *file, AVStream *stream
 {
     while (avcodec_receive_packet(codec, packet) >= 0) {
         packet->stream_index = stream->index;
-        packet->duration = 1; /* else the last frame may be outside the edit list */
+        packet->duration = 1; /* otherwise the last frame might be outside the edit list */
         av_packet_rescale_ts(packet, codec->time_base, stream->time_base);
         if (av_interleaved_write_frame(file, packet) < 0)
             fail("cannot write a packet");

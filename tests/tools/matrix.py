@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Converts clips to every format of splats and back, and compares the tables of docs/formats.md with the result.
+"""Converts clips to every format of splats and back, and compares the tables of docs/formats.md
+with the result.
 
-    matrix.py check|update BIN_DIR WORK_DIR NAME=BUNDLE... -- NAME=BUNDLE...
+matrix.py check|update BIN_DIR WORK_DIR NAME=BUNDLE... -- NAME=BUNDLE...
 
-The bundles before -- are clips: for each of them, the first table compares the frame in the middle of the source with the
-same frame of each file, imported again. Those after it are runs of importers: the second table has a mark for each pair
-of an importer and an exporter. Prints one line for each conversion that fails without a known reason or loses something
-that no message mentions, and for each row that differs from the tables; `update` replaces the tables instead.
-"""
+The bundles before -- are clips: for each of them, the first table compares the middle frame of the
+source with the same frame of each file, imported again. Those after it are runs of importers: the
+second table has a mark for each pair of an importer and an exporter. Prints one line for each
+conversion that fails without a known reason, for each loss that no message mentions, and for each
+row that differs from the tables; `update` replaces the tables instead."""
 import json
 import os
 import re
@@ -23,13 +24,13 @@ import spin4d  # noqa: E402
 
 PAGE = "docs/formats.md"
 KINDS = ("position", "scale", "rotation", "opacity", "colour", "SH")
-# Exporter, name of its output, whether it rounds values.
+# Exporter, name of its output, whether it quantises values.
 WRITERS = [("ply", "out", False), ("compressed-ply", "out", True), ("sog", "out", True), ("splat", "out", True),
            ("spz", "out", True), ("gltf", "out.glb", False), ("usd", "out", True), ("4dgs", "out.4dgs", True),
            ("ftgs", "out.ftgs.ply", False), ("sogst", "out.sogst", True), ("sogst-ply", "out.sogst.ply", False),
            ("stglite", "out.stg.ply", False), ("tsog", "out.tsog", True), ("html", "out.html", True)]
-# Larger differences are a loss, which a message must mention; smaller ones are rounding. Positions are relative to the
-# extent of the scene, rotations in degrees.
+# Larger differences are a loss, which a message must mention; smaller ones are rounding. Positions
+# are relative to the extent of the scene, rotations in degrees.
 ROUNDING = {True: (0.002, 0.1, 3, 0.02, 0.03, 0.1), False: (1e-6, 1e-5, 1e-3, 1e-4, 1e-5, 1e-5)}
 ROUNDS = "rounds values; rms error"
 WORDS = {"position": ROUNDS + "|approximated by degree", "scale": ROUNDS, "rotation": ROUNDS + "|rotations that change",
@@ -53,7 +54,8 @@ def features(frame, extent):
 
 
 def largest_errors(frame, other, extent):
-    """Compares rows of a frame, at most 256, with the most similar rows of another, since files have other orders."""
+    """Compares rows of a frame, at most 256, with the most similar rows of another, since files
+    have other orders."""
     frame = spin4d.Frame(*(a[::len(a) // 256 + 1] for a in frame))
     a, b = features(frame, extent), features(other, extent)
     at = np.array([np.argmin(((b - row) ** 2).sum(1)) for row in a])

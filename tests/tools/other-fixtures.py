@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""other-fixtures.py FROM TO: a second set of golden fixtures of the layout of FROM (a folder with core/
-and hash4d/), with other sizes, rates and thresholds, so that a test that has a number of the first set
-built in fails on it:
+"""other-fixtures.py FROM TO: writes a second set of golden fixtures in the layout of FROM (a folder
+with core/ and hash4d/), with other sizes, rates and thresholds, so that tests fail if they contain
+a number of the first set:
 
-    python3 tests/tools/other-fixtures.py fixtures /tmp/other && SPIN_FIXTURES=/tmp/other make test K=golden
+python3 tests/tools/other-fixtures.py fixtures /tmp/other && SPIN_FIXTURES=/tmp/other make test
+K=golden
 
-Whatever has a closed form is computed anew in double precision from other random numbers. Whole pictures
-and whole runs are those of FROM, told in another way that changes the result in a way known exactly:
-Gaussians in another order, views in another order, a scene of twice the size."""
+Values with a closed form are computed again in double precision from other random numbers. Whole
+images and whole runs are those of FROM, transformed in a way whose effect on the result is known
+exactly: Gaussians in another order, views in another order, a scene of twice the size."""
 import json
 import math
 import os
@@ -25,7 +26,7 @@ def load(name):
 
 
 def tell(name, arrays, like=None, meta=None):
-    """Write core/NAME.npz; tolerances are those of LIKE, meta adds to and replaces its own."""
+    """Writes core/NAME.npz; tolerances are those of LIKE, meta overrides its meta data."""
     entry = json.loads(json.dumps(manifest["files"][(like or name) + ".npz"]))
     if meta:
         entry.setdefault("meta", {}).update(meta)
@@ -122,7 +123,7 @@ def gelu():
 
 
 def finish(shat, rhat, ohat):
-    """Attributes of raw rows, and what takes gradients back through them."""
+    """The attributes of raw rows, and the backward pass through them."""
     scale = np.exp(np.minimum(shat, 20))
     length = np.maximum(np.linalg.norm(rhat, axis=1, keepdims=True), 1e-12)
     rot, opacity = rhat / length, 1 / (1 + np.exp(-ohat))
@@ -150,7 +151,7 @@ def layers(n_in, hidden, n_out):
 
 
 def head(z, p, both):
-    """Output, and what takes its gradient to z and to the six pieces."""
+    """The output, and the gradients of z and of the six segments."""
     w1, b1, w2, b2, w3, b3 = p
     h1, d1 = both(z @ w1.T + b1)
     h2, d2 = both(h1 @ w2.T + b2)
@@ -210,7 +211,8 @@ def row_of(q, res, rows):
 
 
 def encode(x, table, scale, res, offset, v, position):
-    """Outputs, gradients to x and the table, and the rows of all corners, point by point."""
+    """The outputs, the gradients of x and of the table, and the rows of all corners, point by
+    point."""
     levels, width = len(scale), table.shape[1]
     y, grad_x, grad_table = np.zeros((len(x), levels * width)), np.zeros((len(x), 4)), np.zeros(table.shape)
     corners = np.zeros((levels, len(x), 16), np.int32)
@@ -292,11 +294,12 @@ def hash4d():
              mod_2e11=hashed % (1 << 11), mod_777=hashed % 777)
 
 
-# ---- Pictures ------------------------------------------------------------------------------------
+# ---- Images --------------------------------------------------------------------------------------
 
 
 def sh():
-    """The first 31 splats, other weights: gradients are linear in the weight of a splat's colour."""
+    """The first 31 splats, with other weights: gradients are linear in the weight of a splat's
+    colour."""
     a, n = load("sh"), 31
     k = f32(rng.uniform(0.25, 2, (48, 1)))
     for name in list(a):
@@ -312,7 +315,8 @@ def sh():
 
 
 def loss():
-    """Pictures mirrored, pairs in another order and one fewer, another share of SSIM."""
+    """Mirrored images, with the pairs in another order and one fewer, and another weight of
+    SSIM."""
     a, share = load("loss"), 0.35
     out, pairs = {}, [5, 3, 2, 1, 0]
     for new, old in enumerate(pairs):
@@ -326,7 +330,7 @@ def loss():
 
 
 def render():
-    """Splats in another order. Only where no two are equally far, which the order settles."""
+    """Splats in another order, unless two are at the same distance, where the order matters."""
     for new, old in {"render_x": "render_b", "render_y": "render_d"}.items():
         a = load(old)
         n = len(a["means"])
@@ -396,14 +400,15 @@ def densify():
 
 
 def other_cameras(a, turn):
-    """cam<k> becomes the one that was turn[k]."""
+    """cam<k> becomes the former cam<turn[k]>."""
     moved = {f"cam{k}_{part}": a[f"cam{old}_{part}"] for k, old in enumerate(turn)
              for part in ("size", "intr", "R", "t", "pos")}
     return {**a, **moved}
 
 
 def refine():
-    """A scene of twice the size, which floats hold exactly, and the views in another order."""
+    """A scene of twice the size, which floats represent exactly, with the views in another
+    order."""
     turn = [2, 0, 1]
     a = other_cameras(load("refine"), turn)
     a["gt"] = a["gt"][turn]
@@ -422,7 +427,7 @@ def refine():
 
 
 def e2e():
-    """Cameras exchanged, points in another order, pictures of a batch in another order."""
+    """Exchanged cameras, points in another order, and the images of a batch in another order."""
     a = other_cameras(load("e2e"), [1, 0])
     a["gt"] = a["gt"][:, [1, 0]]
     a["order"][:, :, 1] = 1 - a["order"][:, :, 1]

@@ -1,5 +1,5 @@
-"""exr(path): the channels of an EXR of scan lines, as arrays by name; without compression, or by ZIP.
-exr_head(path): the attributes of its header, as bytes by name, and where the header ends.
+"""exr(path): the channels of an EXR of scan lines, as arrays by name; without compression, or by
+ZIP. exr_head(path): the attributes of its header, as bytes by name, and where the header ends.
 png(path): [height, width, channels] of a PNG, 0 to 1."""
 import struct
 import zlib

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""exporters/python/spin4d.py on bundles made here, against man/spin-bundle.5 as loops over single numbers. Prints TAP.
+"""Checks exporters/python/spin4d.py on bundles made here, against an implementation of
+man/spin-bundle.5 as loops over single numbers. Prints TAP.
 
-Usage: PYTHONPATH=exporters/python python-parts.py WORKING_FOLDER
-"""
+Usage: PYTHONPATH=exporters/python python-parts.py WORKING_FOLDER"""
 import io
 import json
 import math
@@ -45,7 +45,7 @@ def fails(words, name, call, *args, **more):
 
 
 def write(name, meta, arrays, folder=""):
-    """A bundle of these arrays; meta in addition to what every bundle has."""
+    """A bundle of these arrays; meta adds to the keys that every bundle has."""
     whole = {"format": "spin bundle", "version": 1, "columns": ["means"], "static_columns": [], "sh_degree": -1,
              "frames": [{"number": 8 + 2 * i, "time": 0.5 + 0.25 * i, "n": 0} for i in range(3)], "data": None, **meta}
     path = os.path.join(work, folder, name + ".spin")
@@ -66,7 +66,7 @@ def series(name, arrays):
     return {f"{name}/{i:05d}": a for i, a in enumerate(arrays)}
 
 
-# ---- Splats of frames: ranges, clamps, static columns -----------------------------------------------
+# ---- Splats of frames: ranges, clamps, static columns --------------------------------------------
 
 FULL = ["means", "quats", "log_scales", "logit_opacities", "sh"]
 
@@ -123,7 +123,7 @@ points = spin4d.load(write("points", {"columns": ["means", "rgb"]}, series("sour
 ok(points.versions == [], "points are no splats")
 fails(["no splats"], "and have no frame", points.frame, 0)
 
-# ---- What is no bundle ------------------------------------------------------------------------------
+# ---- Invalid bundles -----------------------------------------------------------------------------
 
 for name, meta in ("version", {"version": 6}), ("format", {"format": "spin"}), ("none", {"version": None}):
     fails(["not a bundle of version 1 to 5", name], f"another {name}", spin4d.load, write(name, meta, {}))
@@ -137,7 +137,7 @@ with open(os.path.join(work, "text.spin"), "w") as f:
     f.write("some words, and not a zip archive")
 fails(["not a bundle of spin4d"], "a text", spin4d.load, os.path.join(work, "text.spin"))
 
-# ---- The data set's folder ----------------------------------------------------------------------------
+# ---- The data set's folder -----------------------------------------------------------------------
 
 os.makedirs(os.path.join(work, "below"), exist_ok=True)
 for given, want in ("../data/court", os.path.join(work, "below", "../data/court")), ("/data/court", "/data/court"):
@@ -149,7 +149,7 @@ path = write("data", {"data": {"path": "/data/court", "from": "d3dgs"}}, {}, "be
 os.chdir(os.path.join(work, "below"))
 ok(spin4d.load("data.spin").data == "/data/court", "a bundle in the working folder")
 
-# ---- Refined frames, versions, antialiasing -------------------------------------------------------------
+# ---- Refined frames, versions, antialiasing ------------------------------------------------------
 
 refined = [splats(n, 1) for n in (3, 2, 4)]
 refined[0]["log_scales"][0, 0] = 40
@@ -172,7 +172,7 @@ ok(start.versions == ["source"] and start.antialias() is True, "refined points a
 fails(["no frames"], "of them there is no frame", start.frame, 0, version="frames")
 fails(["no retrained"], "nor is there a network", start.antialias, "retrained")
 
-# ---- Packed arrays ---------------------------------------------------------------------------------------
+# ---- Packed arrays -------------------------------------------------------------------------------
 
 
 def planes(words, n=4):
@@ -195,7 +195,7 @@ for kind in "unsigned", "signed":
         got = packed.values(f"source/means/{i:05d}")
         ok(got.dtype == np.float32 and got.tobytes() == value[i].tobytes(), f"{kind} planes, frame {i}")
 whole = [np.array([[0, 1, -1], [2, -2, 70000], [-70000, 127, -128]]), np.array([[5, 6, 7], [-8, 9, 10]])]
-# 0, 1, 2, 3, 4 are for 0, -1, 1, -2, 2.
+# The codes 0, 1, 2, 3, 4 stand for 0, -1, 1, -2, 2.
 folded = [np.where(w < 0, -2 * w - 1, 2 * w).astype(np.uint32) for w in whole]
 change = folded[1] ^ folded[0][:2]
 units = np.array([32, 256, 8], np.float32)
@@ -221,13 +221,14 @@ for name, rows, key in ("more rows of differences than rows", 6, word[0]), ("tha
     path = write("bad", {**meta, "xor_rows": {"source/means": [0, rows, 0]}}, series("source/means", [planes(key), planes(apart)]))
     fails(["source/means/00001", f"{rows} rows of differences"], name, spin4d.load(path).values, "source/means/00001")
 
-# ---- Tracks ------------------------------------------------------------------------------------------------
+# ---- Tracks --------------------------------------------------------------------------------------
 
 NONE = 0xFFFFFFFF
 
 
 def tracked(same_rows, residual=True):
-    """Rows of a frame, by the manual: a splat's own row where it has one, plus its track's where it has one."""
+    """The rows of a frame, as in the manual: a splat's own row if it has one, plus that of its
+    track if it has one."""
     of, moving, varying = random(5, 14), 3, 2
     number = [np.array([0, NONE, 4, 2, 3, NONE, 1, 0], np.uint32)] * 3 if same_rows else [
         np.array(t, np.uint32) for t in ([NONE, 0, 1, 2, 3, 4], [4, 3, NONE, 1], [1, 1, 0, NONE, NONE])]
@@ -282,7 +283,7 @@ for name, words, key, array in (
 del arrays["trained/residual/00001"]
 fails(["trained/residual/00001", "(0, 11)"], "values that are not there", spin4d.load(write("bad", {"trained": trained}, arrays)).frame, 1)
 
-# ---- The network -----------------------------------------------------------------------------------------------
+# ---- The network ---------------------------------------------------------------------------------
 
 
 def grid(net, table, x):
@@ -379,11 +380,11 @@ for name, more, means in (
 ok(clip.antialias() is False and clip.antialias("retrained") is False, "plain when nothing is said")
 
 
-# ---- Damaged bundles: what the module documents, and nothing from inside --------------------------
+# ---- Damaged bundles: only the errors that the module documents are raised -----------------------
 
 
 def read_all(path):
-    """What went wrong; None: nothing."""
+    """The error, or None."""
     try:
         clip = spin4d.load(path)
         repr(clip)
@@ -400,7 +401,8 @@ def read_all(path):
 
 
 def damaged(path):
-    """The bundle cut short, with bytes changed, and with each value of meta.json exchanged or left out."""
+    """Truncated bundles, bundles with changed bytes, and meta.json with each value exchanged or
+    deleted."""
     whole = open(path, "rb").read()
     for k in range(60):
         yield f"cut at {k} of 60", whole[:len(whole) * k // 60]
@@ -462,7 +464,7 @@ for call in (lambda: clip.frame("0"), lambda: clip.slice(None), lambda: clip.val
     except (TypeError, ValueError) as e:
         ok("damaged" not in str(e), "an argument that is wrong is no damage", str(e))
 
-# ---- write_ply ------------------------------------------------------------------------------------
+# ---- write_ply -----------------------------------------------------------------------------------
 
 n = 3
 frame = spin4d.Frame(random(n, 3), np.eye(4, dtype=np.float32)[:n], np.array([[1, 1, 1], [1, 0, 1], [2, 1, 1]], np.float32),

@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
-"""splat-fixtures.py OUT: splat files of other programs, and what those read in them.
+"""splat-fixtures.py OUT: writes splat files in the formats of other programs, and the values that
+these programs read from them.
 
-    npm install @playcanvas/splat-transform@3.7.0
-    PATH=node_modules/.bin:$PATH python3 tests/tools/splat-fixtures.py fixtures/splats
+npm install @playcanvas/splat-transform@3.7.0 PATH=node_modules/.bin:$PATH python3
+tests/tools/splat-fixtures.py fixtures/splats
 
-A made-up cloud of 40 splats and SH degree 2 in three frames goes through splat-transform, which must be in
-PATH: to SPZ 4 and 3, to SOG and to GLB. What it does not write is written here, from the formats' descriptions:
-SPZ 2, .splat and .ksplat (levels 0, 1 and 2, a frame each). expected.npz beside them is what splat-transform reads in each file, by way of a PLY; a GLB, which
-it cannot read, is held to the cloud itself. It reads rotations of .splat half a step apart from how the
-format's author does, which the manifest allows for."""
+splat-transform, which must be in PATH, converts a synthetic cloud of 40 splats with SH degree 2, in
+three frames, to SPZ 4 and 3, SOG and GLB. Formats that it cannot write are written here from their
+descriptions: SPZ 2, .splat and .ksplat (levels 0, 1 and 2, one frame each). expected.npz holds what
+splat-transform reads from each file, by way of a PLY; it cannot read GLB, which is compared with
+the cloud itself. Its rotations of .splat differ by half a quantisation step from those of the
+format's author, which the manifest allows for."""
 import gzip
 import json
 import os
@@ -28,7 +30,7 @@ PROGRAM = "splat-transform 3.7.0"
 
 
 def cloud(frame):
-    """Columns by name; some values lie beyond what the formats hold."""
+    """Columns by name; some values exceed the range of the formats."""
     rng = np.random.default_rng(5)
     c = {name: np.zeros(N, np.float32) for name in NAMES}
     for axis in "xyz":
@@ -63,7 +65,7 @@ def read_ply(path):
 
 
 def finished(c):
-    """As expected.npz of the ply fixtures has a cloud."""
+    """In the layout of expected.npz of the ply fixtures."""
     n_rest = sum(name.startswith("f_rest_") for name in c) // 3
     stack = lambda names: np.stack([c[name] for name in names], 1).astype(np.float32)
     q = stack([f"rot_{k}" for k in range(4)]).astype(np.float64)
@@ -123,7 +125,7 @@ def write_splat(path, c):
 
 
 def write_ksplat(path, c):
-    """The level is the frame's number. Buckets of 16 splats, the last of the others."""
+    """The level equals the frame's number. Buckets of 16 splats; the last holds the rest."""
     level, bucket, width, steps = int(path[-8:-7]), 16, 70.0, 32767
     real = "<f4" if level == 0 else "<f2"
     place = np.stack([c[a] for a in "xyz"], 1).astype(np.float64)
@@ -161,7 +163,7 @@ def manifest(folder, made, files, quats):
 
 
 def make(out, name, ending, write, made, quats=2e-6):
-    """One folder: files, and what is in them."""
+    """One folder: its files, and their expected contents."""
     folder, files, arrays = os.path.join(out, name), [], {}
     os.makedirs(folder)
     with tempfile.TemporaryDirectory() as work:

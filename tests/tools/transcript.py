@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""transcript.py FILE.md SECTION BIN_DIR WORK [--write]: runs the commands of a section in WORK and prints TAP: each line that
-the transcript quotes must be among what its command prints. On the CPU path avx-512, where figures were taken, to the digit;
-elsewhere figures behind a training may differ. --write puts today's figures into FILE."""
+"""transcript.py FILE.md SECTION BIN_DIR WORK [--write]: runs the commands of a section in WORK and
+prints TAP: each line that the transcript quotes must be in the output of its command. On the SIMD
+path avx-512, with which the figures were taken, figures must match to the digit; elsewhere those
+that depend on a training may differ. --write updates the figures in FILE."""
 import os
 import re
 import subprocess

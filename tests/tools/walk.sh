@@ -1,7 +1,7 @@
 #!/bin/sh
-# walk.sh FUNCTION,... COMMAND...: runs the command in gdb, and prints each source file among the callers of these
-# functions, once, in the order in which they are first called. So a value's walk through the code can be counted:
-# docs/architecture.md.
+# walk.sh FUNCTION,... COMMAND...: runs the command in gdb, and prints each source file among the
+# callers of these functions, once, in the order of their first calls. It counts the files that a
+# value passes through: docs/architecture.md.
 functions=$(echo "$1" | tr ',' ' ')
 shift
 script=$(mktemp) || exit 1

@@ -1,7 +1,7 @@
 #!/bin/sh
-# run.sh BUILD BIN_DIR: what `make web` wrote beside the commands of BIN_DIR: a run of every importer that tests/runs.sh knows
-# becomes the same bytes, as PLY (or what the bundle has), GLB and SPZ; then the page in Chromium, where that and the packages
-# of tests/viewers are.
+# run.sh BUILD BIN_DIR: compares the page of `make web` with the commands of BIN_DIR: a run of every
+# importer listed in tests/runs.sh becomes the same bytes, as PLY (or what the bundle has), GLB and
+# SPZ. Then opens the page in Chromium, if that and the packages of tests/viewers are installed.
 BUILD=${1:?usage: run.sh BUILD BIN_DIR}
 bin=${2:?usage: run.sh BUILD BIN_DIR}
 root=$(cd "$(dirname "$0")/../.." && pwd)

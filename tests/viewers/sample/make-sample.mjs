@@ -1,9 +1,9 @@
 // make-sample.mjs [DIR]: writes the samples into DIR, or beside this script. A lopsided letter F in
-// the usual PLY frame (x right, y down, z away), with every part there to give one mistake away:
-// red stem, green top bar, blue middle bar  - axis flips and mirroring, channel order yellow fan of
-// needles                      - quaternion order (wxyz) and sign, scale order magenta ball before
-// a cyan plate           - depth order and the sign of z patch right of the stem
-// - SH band 1..3: white when seen head on, see README
+// the usual PLY axes (x right, y down, z forward), each part of which exposes one kind of mistake:
+//   red stem, green top bar, blue middle bar  - axis flips and mirroring, channel order
+//   yellow fan of needles                     - quaternion order (wxyz) and sign, scale order
+//   magenta ball in front of a cyan plate     - depth order and the sign of z
+//   patch right of the stem                   - SH band 1..3: white from the front, see README
 import path from 'node:path';
 import { writePly, writeGlb, toGltf } from '../lib/write.mjs';
 
