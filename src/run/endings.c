@@ -13,6 +13,7 @@ static const char *const endings[][2] = {
     {".glb", "gltf"},        {".sog", "sog"},
     {".sogst", "sogst"},     {".splat", "splat"},
     {".spz", "spz"},         {".tsog", "tsog"},
+    {".usdc", "usd"},        {".usdz", "usd"},
     {".usda", "usd"},        {".html", "html"},
     {".mp4", "video"},       {".webm", "video"}};
 enum { N_ENDINGS = sizeof endings / sizeof *endings };
@@ -24,7 +25,7 @@ static const char *const kin[][3] = {
     {"exr", "a folder with --to images --format exr", "images"},
     {"png jpg jpeg tif tiff bmp webp", "a folder with --to images", "images"},
     {"gltf obj fbx stl dae", ".glb", "gltf"},
-    {"usd usdc usdz", ".usda", "usd"},
+    {"usd", ".usdc", "usd"},
     {"ksplat splatv", ".splat", "splat"},
     {"splat4d", ".4dgs", "4dgs"},
     {"spin", "a bundle, which spin-import and spin-retrain write", NULL}};

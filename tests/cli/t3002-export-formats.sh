@@ -61,7 +61,7 @@ run "$bin/spin-export" "$in" -o "$work/one.sog" --to spz --range 1:2 --force
 fails 2 spin-export "--to is not overruled by the name of another format"
 run "$bin/spin-export" "$in" -o "$work/checked.spz" --range 1:2 --check --json
 is "$code" 0 "one file is checked"
-run "$bin/spin-export" "$in" --to usd -o "$work/half" --range 0:1
+run "$bin/spin-export" "$in" --to usd --half -o "$work/half" --range 0:1
 err_has "usd rounds values; rms error" "usd: says what half floats cost"
 
 run "$bin/spin-export" "$in" --to gltf -o "$work/clip.glb" --range 0:3

@@ -4,15 +4,29 @@
 # refused files.
 . tests/cli/lib.sh
 
+# Compares the arrays of two bundles, and their frame rates and numbers.
+same_values() { # BUNDLE BUNDLE
+    python3 - "$1" "$2" <<'P'
+import sys
+sys.path.insert(0, "exporters/python")
+import numpy as np, spin4d
+a, b = map(spin4d.load, sys.argv[1:])
+assert a.numbers == b.numbers and a.meta["fps"] == b.meta["fps"], (a.numbers, b.numbers, a.meta["fps"], b.meta["fps"])
+for f in range(len(a)):
+    for x, y in zip(a.frame(f), b.frame(f)):
+        assert np.abs(x - y).max() <= 1e-6 * np.abs(x).max(), f
+P
+}
+
 # Exporting the imported stage again gives the same stage, up to the last digits of numbers.
 round() { # INPUT NAME OPTION...
     input=$1 name=$2
     shift 2
     run "$bin/spin-import" "fixtures/$input" -o "$work/$name.spin" --force "$@"
-    run "$bin/spin-export" "$work/$name.spin" --to usd --float --fps 24 -o "$work/$name-1"
+    run "$bin/spin-export" "$work/$name.spin" --to usd --fps 24 -o "$work/$name-1"
     run "$bin/spin-import" "$work/$name-1" -o "$work/back.spin" --force --json
     is "$code $(member from)" "0 usd" "$input: the stage is recognised"
-    run "$bin/spin-export" "$work/back.spin" --to usd --float -o "$work/$name-2"
+    run "$bin/spin-export" "$work/back.spin" --to usd -o "$work/$name-2"
     python3 - "$work/$name-1" "$work/$name-2" <<'P'
 import glob, os, re, sys
 a, b = sys.argv[1:]
@@ -26,13 +40,20 @@ for name in names:
         assert abs(x - y) <= 2e-6 * abs(x) + 1e-9, (name, x, y)
 P
     ok $? "$input: written again, the same"
+    for end in usdc usdz; do
+        run "$bin/spin-export" "$work/$name.spin" -o "$work/$name.$end" --fps 24
+        is "$code" 0 "$input: one file, $end"
+        run "$bin/spin-import" "$work/$name.$end" -o "$work/one.spin" --force
+        same_values "$work/back.spin" "$work/one.spin"
+        ok $? "$input: $end has the values of the text"
+    done
 }
 round splats/spz4 frames
 round d3dgs/cloud tracks
 is "$(grep -c subLayers "$work/tracks-2/frame_00000.usda")" 1 "with what is still in one layer"
 round 4dgs/birth_sh2/scene.4dgs slices --frames 4
 
-run "$bin/spin-import" "$work/tracks-1/clip.usda" -o "$work/one.spin" --json
+run "$bin/spin-import" "$work/tracks-1/clip.usda" -o "$work/one.spin" --force --json
 is "$code $(member frames)" "0 $(ls "$work"/tracks-1/frame_*.usda | wc -l)" "clip.usda instead of its folder"
 run "$bin/spin-import" "$work/tracks-1/frame_00001.usda" -o "$work/one.spin" --force --json
 is "$code $(member frames)" "0 1" "one layer"
@@ -52,4 +73,17 @@ rm "$work/tracks-1/frame_00001.usda"
 run "$bin/spin-import" "$work/tracks-1" -o "$work/no.spin"
 fails 1 spin-import "a clip that is missing"
 err_has "frame_00001.usda" "names the file"
+
+# One file: what is refused, and what stays when it fails.
+run "$bin/spin-export" "$work/tracks.spin" -o "$work/clip.usda"
+fails 2 spin-export "a text file with several frames"
+run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.usdz"
+fails 1 spin-export "a package that exists"
+run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.usdz" --force --half
+is "$code" 0 "--force overwrites it"
+err_has "usd rounds values; rms error" "half floats are reported"
+(ulimit -f 16 && exec "$bin/spin-export" -q "$work/tracks.spin" -o "$work/full.usdz") >"$work/out" 2>"$work/err"
+is "$?" 1 "a limit on files"
+nothing_at "$work/full.usdz" "nothing was written"
+is "$(ls "$work" | grep -c 'tmp\.')" 0 "and no temporary file stays"
 done_testing

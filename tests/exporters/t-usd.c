@@ -2,6 +2,8 @@
  * Stages of USD, read by a reader of their text that is written here, and held to what OpenUSD's
  * schema and the published rules of validation ask: required attributes, lengths, ranges. */
 #include "base/log.h"
+#include "formats/usd.h"
+#include "io/zip.h"
 #include "math/ntc.h"
 #include "tests/exporters/frame.h"
 
@@ -101,7 +103,7 @@ static bool has_hints(const char *text)
 
 static void test_values(int degree, const char *sh, int to, int half, const char *axes)
 {
-    const char *pairs[] = {"sh", sh, "axes", axes, "fps", "24", half ? NULL : "float", "1", NULL};
+    const char *pairs[] = {"sh", sh, "axes", axes, "fps", "24", half ? "half" : NULL, "", NULL};
     struct spin_plugin_values values = {pairs};
     struct spin_export_job job = {.output = in_folder("v"),
                                   .n_frames = 1,
@@ -270,9 +272,9 @@ static void test_stage(void)
     text = slurp(in_folder("clip/manifest.usda"));
     for (int a = 0; a < 6; a++) {
         static const char *const names[] = {
-            "float3[] extent",       "point3f[] positions",
-            "quath[] orientationsh", "half3[] scalesh",
-            "half[] opacitiesh",     "half3[] radiance:sphericalHarmonicsCoefficientsh"};
+            "float3[] extent",      "point3f[] positions",
+            "quatf[] orientations", "float3[] scales",
+            "float[] opacities",    "float3[] radiance:sphericalHarmonicsCoefficients"};
         char line[100];
 
         snprintf(line, sizeof line, "\n    %s\n", names[a]);
@@ -324,18 +326,18 @@ static void test_still(void)
     layer = slurp(in_folder("still/frame_00006.usda"));
     still = slurp(in_folder("still/still.usda"));
     manifest = slurp(in_folder("still/manifest.usda"));
-    ok(strstr(layer, "positions.timeSamples") && strstr(layer, "orientationsh.timeSamples") &&
-           !strstr(layer, "scalesh") && !strstr(layer, "opacitiesh") &&
-           !strstr(layer, "radiance:sphericalHarmonicsCoefficientsh"),
+    ok(strstr(layer, "positions.timeSamples") && strstr(layer, "orientations.timeSamples") &&
+           !strstr(layer, " scales") && !strstr(layer, " opacities") &&
+           !strstr(layer, "radiance:sphericalHarmonicsCoefficients"),
        "a layer has what changes");
-    ok(strstr(still, "over \"Splats\"") && strstr(still, "\n    half3[] scalesh = [(") &&
-           strstr(still, "\n    half[] opacitiesh = [") && !strstr(still, "positions") &&
+    ok(strstr(still, "over \"Splats\"") && strstr(still, "\n    float3[] scales = [(") &&
+           strstr(still, "\n    float[] opacities = [") && !strstr(still, "positions") &&
            !strstr(still, "orientations"),
        "what does not stands once");
     ok(strstr(stage, "subLayers = [@./still.usda@]") &&
            strstr(layer, "subLayers = [@./still.usda@]"),
        "below the stage, and below a layer that is opened alone");
-    ok(!strstr(stage, "scalesh") && !strstr(manifest, "scalesh") && strstr(manifest, "positions"),
+    ok(!strstr(stage, " scales") && !strstr(manifest, " scales") && strstr(manifest, "positions"),
        "where the clips do not hide it");
     free(stage);
     free(layer);
@@ -346,6 +348,140 @@ static void test_still(void)
     clip[2].log_scales[0] += 1;
     job.output = in_folder("moving");
     ok(run_clip(&job) && !spin_path_exists(in_folder("moving/still.usda")), "nothing is still");
+}
+
+/* The numbers of a value of a crate, or of its sample at a time: how many tuples of `width`. */
+static size_t numbers(struct spin_usd_layer *layer, const char *prim, const char *name, double time,
+                      unsigned width, double *out)
+{
+    struct spin_usd_prim *at = spin_usd_prim_at(layer, prim);
+    struct spin_usd_field *field = at ? spin_usd_field(at->attribute, name) : NULL;
+    struct spin_usd_value *value = field ? spin_usd_sample_at(field, time) : NULL;
+    size_t n = 0;
+
+    value = value || !field ? value : &field->value;
+    if (!value || spin_usd_count(value, width, &n) != SPIN_OK || n * width > 160 ||
+        spin_usd_doubles(value, width, n, out) != SPIN_OK)
+        return 0;
+    return n;
+}
+
+static double metadata(struct spin_usd_layer *layer, const char *name)
+{
+    struct spin_usd_field *field = spin_usd_field(layer->root.metadata, name);
+    double v = -1;
+
+    return field && spin_usd_doubles(&field->value, 1, 1, &v) == SPIN_OK ? v : -1;
+}
+
+static bool text_is(struct spin_usd_field *list, const char *name, const char *want)
+{
+    struct spin_usd_field *field = spin_usd_field(list, name);
+    char *text = NULL;
+    bool same = field && spin_usd_text(&field->value, &text) == SPIN_OK && strcmp(text, want) == 0;
+
+    free(text);
+    return same;
+}
+
+/* One crate with the whole clip: what changes has samples, the rest a plain value; a package has
+ * the same crate, aligned to 64 bytes. */
+static void test_crate(bool half)
+{
+    const char *pairs[] = {"axes", "source", half ? "half" : NULL, "", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {.output = in_folder("clip.usdc"),
+                                  .n_frames = 3,
+                                  .fps = 24,
+                                  .force = true,
+                                  .antialias = true,
+                                  .values = &values};
+    struct spin_usd_layer layer = {.size = 0};
+    struct spin_usd_value flag;
+    struct spin_zip zip;
+    struct spin_map map, member;
+    double v[160];
+    char path[4200];
+    bool good;
+
+    for (int f = 0; f < 3; f++) {
+        make_frame(&clip[f], 40, 0, 7);
+        clip[f].means[3] = 0.5f * (float)f;
+    }
+    if (!ok(run_clip(&job), "writes a crate: %s", spin_last_error()) ||
+        !ok(spin_map_open(job.output, &map) == SPIN_OK &&
+                spin_usd_open(map.data, map.size, &layer) == SPIN_OK,
+            "it is read: %s", spin_last_error()))
+        return;
+    ok(text_is(layer.root.metadata, "defaultPrim", "Splats") &&
+           text_is(layer.root.metadata, "upAxis", "Y") && metadata(&layer, "startTimeCode") == 4 &&
+           metadata(&layer, "endTimeCode") == 8 && metadata(&layer, "framesPerSecond") == 24 &&
+           metadata(&layer, "metersPerUnit") == 1,
+       "its metadata");
+    ok(spin_usd_entry(&spin_usd_field(layer.root.metadata, "customLayerData")->value, "antialias",
+                      &flag) == SPIN_OK &&
+           flag.layer,
+       "the antialiasing mark");
+    good = numbers(&layer, "/Splats", "positions", 6, 3, v) == 40;
+    near(v[3], 0.5, 1e-9, "the second position at the second time code");
+    good =
+        good && numbers(&layer, "/Splats", half ? "orientationsh" : "orientations", 4, 4, v) == 40;
+    near(v[4], (double)clip[0].quats[4] * (clip[0].quats[4] < 0 ? -1 : 1), half ? 1e-3 : 1e-7,
+         "w is the first number of a rotation");
+    good = good && numbers(&layer, "/Splats", half ? "opacitiesh" : "opacities", 9, 1, v) == 40;
+    near(v[2], 1 / (1 + exp(-(double)clip[0].logit_opacities[2])), half ? 1e-3 : 1e-7, "opacity");
+    good = good && numbers(&layer, "/Splats", half ? "scalesh" : "scales", 0, 3, v) == 40 &&
+           numbers(&layer, "/Splats", "extent", 8, 3, v) == 2;
+    ok(good, "arrays of all splats");
+    ok(spin_usd_field(spin_usd_prim_at(&layer, "/Splats")->attribute, "positions")->n_samples ==
+               3 &&
+           spin_usd_field(spin_usd_prim_at(&layer, "/Splats")->attribute,
+                          half ? "scalesh" : "scales")
+                   ->n_samples == 0,
+       "only what changes has samples");
+    ok(text_is(spin_usd_prim_at(&layer, "/Splats")->attribute, "colorSpace:name",
+               "srgb_rec709_scene"),
+       "the colour space");
+    snprintf(path, sizeof path, "%s", in_folder("clip.usdz"));
+    job.output = path;
+    ok(run_clip(&job) && spin_zip_open(path, &zip) == SPIN_OK && zip.n == 1 &&
+           strcmp(zip.member[0].name, "clip.usdc") == 0 && zip.member[0].method == 0,
+       "a package: %s", spin_last_error());
+    good = spin_map_open(path, &member) == SPIN_OK && member.size > map.size + 64 &&
+           memcmp(member.data + 64, map.data, map.size) == 0;
+    ok(good, "contains the same crate at a multiple of 64 bytes");
+    spin_zip_close(&zip);
+    spin_usd_close(&layer);
+    spin_map_close(&member);
+    spin_map_close(&map);
+}
+
+/* The cameras of test_cameras() in a crate. */
+static void test_crate_cameras(struct spin_export_job *job)
+{
+    static const double second[16] = {0, -1, 0, 0, 0, 0, 1, 0, -1, 0, 0, 0, 2, -2, -3, 1};
+    struct spin_usd_layer layer = {.size = 0};
+    struct spin_map map;
+    double v[160] = {0};
+
+    job->output = in_folder("cameras.usdc");
+    if (!ok(run_clip(job) && spin_map_open(job->output, &map) == SPIN_OK &&
+                spin_usd_open(map.data, map.size, &layer) == SPIN_OK,
+            "a crate with cameras: %s", spin_last_error()))
+        return;
+    ok(numbers(&layer, "/Cameras/cam_07", "xformOp:transform", 6, 16, v) == 1, "a moving camera");
+    for (int k = 0; k < 16; k++)
+        near(v[k], second[k], 1e-9, "its matrix at the second time code");
+    ok(spin_usd_field(spin_usd_prim_at(&layer, "/Cameras/cam_00")->attribute, "xformOp:transform")
+               ->n_samples == 0,
+       "a static one has no samples");
+    ok(numbers(&layer, "/Cameras/cam_00", "focalLength", 0, 1, v) == 1 && v[0] == 45 &&
+           numbers(&layer, "/Cameras/cam_00", "verticalApertureOffset", 0, 1, v + 1) == 1 &&
+           fabs(v[1] - 3.6) < 1e-6 &&
+           spin_usd_field(spin_usd_prim_at(&layer, "/Cameras/path")->attribute, "xformOpOrder"),
+       "the lens, and the path");
+    spin_usd_close(&layer);
+    spin_map_close(&map);
 }
 
 /* Cameras of a rig, of which one moves; a path. Right, up and back in the file's axes, rows of the
@@ -411,6 +547,7 @@ static void test_cameras(void)
                   "            7: ((0, 0, 1, 0), (0, 1, 0, 0), (-1, 0, 0, 0), (4, -5, -6, 1)),\n"),
        "the path, at even times in the clip");
     free(text);
+    test_crate_cameras(&job);
     spin_views_free(&views);
 }
 
@@ -455,6 +592,8 @@ TAP_MAIN
     test_stride(0, NULL, 10, 30);
     test_stride(10, "5", 5, 15);
     test_still();
+    test_crate(false);
+    test_crate(true);
     test_cameras();
     test_edges();
     n_more = 2; /* clip.usda and manifest.usda */

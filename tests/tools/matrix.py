@@ -26,7 +26,7 @@ PAGE = "docs/formats.md"
 KINDS = ("position", "scale", "rotation", "opacity", "colour", "SH")
 # Exporter, name of its output, whether it quantises values.
 WRITERS = [("ply", "out", False), ("compressed-ply", "out", True), ("sog", "out", True), ("splat", "out", True),
-           ("spz", "out", True), ("gltf", "out.glb", False), ("usd", "out", True), ("4dgs", "out.4dgs", True),
+           ("spz", "out", True), ("gltf", "out.glb", False), ("usd", "out.usdc", False), ("4dgs", "out.4dgs", True),
            ("ftgs", "out.ftgs.ply", False), ("sogst", "out.sogst", True), ("sogst-ply", "out.sogst.ply", False),
            ("stglite", "out.stg.ply", False), ("tsog", "out.tsog", True), ("html", "out.html", True)]
 # Larger differences are a loss, which a message must mention; smaller ones are rounding. Positions

@@ -1,0 +1,116 @@
+/* Common code of both forms in which USD is exported: a folder of text layers (exporters/usd.c),
+ * and one crate or package (usd_file.c). Both write the same attributes, in the schema
+ * ParticleField3DGaussianSplat, and the same cameras. */
+#pragma once
+
+#include "exporters/lib/camera_path.h"
+#include "exporters/lib/frames.h"
+#include "formats/usd_compose.h"
+#include "formats/usd_crate_write.h"
+
+#define SPIN_USD_PRIM "Splats"
+#define SPIN_USD_APERTURE 36.0 /* horizontal aperture of every camera */
+#define SPIN_USD_FLOATS 48     /* largest number of floats of one row in an attribute */
+/* Readers take colours without a colour space for linear light. OpenUSD has no name for display
+ * values but this one, with the curve and the primaries of sRGB. */
+#define SPIN_USD_COLOUR_SPACE "srgb_rec709_scene"
+
+struct spin_usd_form {
+    /* type_half, name_half: type and name of the attribute if it consists of half floats; NULL: it
+     * always consists of floats. */
+    const char *type, *name, *type_half, *name_half;
+};
+extern const struct spin_usd_form spin_usd_forms[SPIN_USD_COLUMNS];
+
+/* A clip in one file. */
+struct spin_usd_file {
+    bool packed;         /* the file is a package (.usdz) */
+    struct spin_out out; /* the crate; of a package, a temporary file */
+    struct spin_usdc_writer crate;
+    /* [n] the samples of each attribute and of the extent. */
+    uint64_t *value[SPIN_USD_COLUMNS + 1];
+    double *time;                    /* [n] */
+    uint64_t hash[SPIN_USD_COLUMNS]; /* hashes of the attributes of the previous frame */
+    bool changes[SPIN_USD_COLUMNS];  /* the attribute differs between two frames */
+    size_t n;
+    int32_t scope, camera; /* the prims /Cameras and of the camera that is being written */
+};
+
+struct spin_usd_export {
+    struct spin_frames frames;
+    double codes; /* number of time codes from one frame to the next */
+    bool half;
+    double meters; /* metres per unit of the scene */
+    int decimals;  /* decimal places of positions in text with --half, which the first frame
+                      determines */
+    enum spin_usd_column attribute; /* the attribute that is being written */
+
+    /* The following members describe the camera of --path. */
+    struct spin_camera_path path;
+    bool has_path;
+    /* [n_pictures] all poses; NULL before the first frame and without --path. */
+    struct spin_camera *camera;
+
+    /* The following members are for text layers. */
+    unsigned still;     /* bit mask: if bit a is 1, attribute a has the same values in all frames */
+    char (*halves)[10]; /* [65536] the decimal text of each half float, indexed by the bits of the
+                           half */
+    /* The current batch of blocks. */
+    size_t first;     /* index of the batch's first block */
+    char *text;       /* text of each block of the batch, `stride` bytes each */
+    size_t n_text[8]; /* length of each block's text */
+    size_t stride;    /* capacity for one block */
+
+    struct spin_usd_file file;
+};
+
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+bool spin_usd_is_half(const struct spin_usd_export *x); /* of the current attribute */
+const char *spin_usd_type_of(const struct spin_usd_export *x, enum spin_usd_column a);
+const char *spin_usd_name_of(const struct spin_usd_export *x, enum spin_usd_column a);
+uint32_t spin_usd_half_bits(float h);
+
+/* Copies the values of the current attribute of row i to `out`, adds the rounding errors of the
+ * values to quant, and returns the number of values. Sets *group to the number of values in a
+ * tuple. Quaternions are w x y z. */
+size_t spin_usd_row(const struct spin_usd_export *x, size_t i, float out[SPIN_USD_FLOATS],
+                    size_t *group, struct spin_quant_error *quant);
+/* Sets extent to the bounding box of the ellipsoids of all kept splats; the radii of an ellipsoid
+ * are three standard deviations. */
+void spin_usd_extent(const struct spin_usd_export *x, float extent[6]);
+/* Returns a hash of one attribute of all rows of the frame and of the choice of rows to keep. */
+uint64_t spin_usd_hash(const struct spin_usd_export *x, enum spin_usd_column a);
+
+/* ---- Cameras --------------------------------------------------------------------------------- */
+
+struct spin_usd_camera {
+    const char *name;
+    double clip_near, high; /* near plane; vertical aperture */
+    double offset[2];       /* horizontal and vertical offset of the aperture */
+    const double *time;     /* [n] time codes */
+    double *focal;          /* [n] */
+    double (*matrix)[4][4]; /* [n] camera to world, with x right, y up, z back; row 3 is the
+                               position */
+    size_t n;
+    bool zooms, moves; /* the focal length or the matrix changes */
+};
+typedef void (*spin_usd_camera_fn)(void *context, const struct spin_usd_camera *camera);
+
+/* Computes the poses of --path from the first frame. */
+spin_status spin_usd_begin_path(struct spin_usd_export *x);
+bool spin_usd_has_cameras(const struct spin_usd_export *x);
+/* Visits each camera of the data set that has a view in the exported frames, then that of
+ * --path. */
+spin_status spin_usd_each_camera(const struct spin_usd_export *x, spin_usd_camera_fn visit,
+                                 void *context);
+
+/* ---- A clip in one file ---------------------------------------------------------------------- */
+
+/* The functions open, add and close of struct spin_frames_format; `self` is a struct
+ * spin_usd_export. */
+spin_status spin_usd_file_open(void *self, const struct spin_export_job *job);
+spin_status spin_usd_file_add(void *self, const struct spin_frame_info *info,
+                              const struct spin_splats *splats);
+spin_status spin_usd_file_close(void *self);
+void spin_usd_file_free(struct spin_usd_export *x);
