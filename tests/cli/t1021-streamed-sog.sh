@@ -61,7 +61,7 @@ err_has "lod-meta.json': --lod is 2, but there are 2 levels of detail, from 0" "
 run "$bin/spin-import" --info fixtures/splats/sog/frame_00000.sog --lod 0
 fails 2 spin-import "--lod of a SOG that is not streamed"
 
-# Files that lie, and files that are not there.
+# Malformed files, and files that are not there.
 edit() { # PYTHON, with the document as d
     python3 -c "
 import json, sys

@@ -1,5 +1,5 @@
-/* Tests that run the commands: a shell command and what it said, numbers out of JSON, sizes of
- * pictures. */
+/* For tests that run the commands: a shell command and its output, numbers from JSON, sizes of
+ * images. */
 #ifndef SPIN_TESTS_CMD_COMMAND_H
 #define SPIN_TESTS_CMD_COMMAND_H
 
@@ -12,7 +12,7 @@ static const char clip[] = "fixtures/court-mini";
 static const char *folder, *bin;
 static char said[1 << 16]; /* by the last command, on both streams */
 
-/* Exit code of a shell command; what it said is in `said`. */
+/* Runs a shell command and returns its exit code; its output is in `said`. */
 __attribute__((format(printf, 1, 2))) static int shell(const char *format, ...)
 {
     char command[2000], path[600];
@@ -64,7 +64,7 @@ __attribute__((unused)) static double number_at(const spin_json *object, const c
     return value;
 }
 
-/* A number on the top level of what the last command said. */
+/* A top-level number in the JSON of the last command. */
 __attribute__((unused)) static double said_number(const char *key)
 {
     spin_json *j = NULL;

@@ -1,7 +1,7 @@
-/* What the commands see of a rig that moves and rolls, with half turns, lenses with fx unlike fy
- * and a centre that is none, and other lenses for test views: pictures are held to a rasteriser of
- * a few lines in double precision, figures to what follows from them. K: eval images html report
- * cameras views */
+/* The commands on a rig that moves and rolls, with half turns, lenses with fx different from fy
+ * and a principal point off the centre, and other lenses for test views: images are compared
+ * with a small rasteriser in double precision, figures with values derived from them.
+ * K: eval images html report cameras views */
 #include "io/image.h"
 #include "scene/bundle.h"
 #include "tests/cmd/command.h"
@@ -17,8 +17,7 @@ static const struct spin_camera lens[CAMERAS] = {{64, 48, 90, 45, 20, 33, {0}, 0
 static struct pose pose[FRAMES][CAMERAS];
 static struct spin_camera camera[FRAMES][CAMERAS];
 
-/* A Gaussian as it is meant: colour, and how that changes with x, y, z of the direction it is seen
- * in. */
+/* A Gaussian: its colour, and how the colour changes with x, y and z of the viewing direction. */
 struct gaussian {
     double place[3], scale[3], q[4], opacity, colour[3], change[3];
 };
@@ -57,7 +56,7 @@ static void make_scene(void)
                                                    {0.5, 0.1, 0.6},
                                                    {0, 0.1, 0.1}},
                                                   /* far above: beyond where the Jacobian follows,
-                                                     and still in the picture of the first camera */
+                                                     but still in the image of the first camera */
                                                   {{-0.3, -6.4, 0.1},
                                                    {1.2, 1.0, 0.9},
                                                    {0.7, 0.2, -0.1, 0.3},
@@ -84,8 +83,7 @@ static void make_scene(void)
     }
 }
 
-/* ---- What is seen ------------------------------------------------------------------------------
- */
+/* ---- Expected images */
 
 static void matrix_of(const double q[4], double m[3][3])
 {
@@ -102,7 +100,7 @@ static void matrix_of(const double q[4], double m[3][3])
     }
 }
 
-/* A Gaussian in a picture: its centre, in pixels from the corner, the inverse of its covariance,
+/* A Gaussian in an image: its centre in pixels from the corner, the inverse of its covariance,
  * its colour. */
 struct blob {
     double z, u, v, conic[3], opacity, rgb[3];
@@ -129,14 +127,14 @@ static struct blob project(const struct gaussian *g, const struct spin_camera *c
     b.z = at[2];
     b.u = c->cx + c->fx * at[0] / at[2];
     b.v = c->cy + c->fy * at[1] / at[2];
-    for (int k = 0; k < 3; k++) { /* how u and v change along x, y and z of the world */
+    for (int k = 0; k < 3; k++) { /* the derivatives of u and v by x, y and z of the world */
         double x = clamped(at[0] / at[2], 1.3 * c->width / 2 / c->fx),
                y = clamped(at[1] / at[2], 1.3 * c->height / 2 / c->fy);
 
         j[0][k] = c->fx / at[2] * (axis[0][k] - x * axis[2][k]);
         j[1][k] = c->fy / at[2] * (axis[1][k] - y * axis[2][k]);
     }
-    for (int k = 0; k < 3; k++) { /* and by one scale along each axis of the Gaussian */
+    for (int k = 0; k < 3; k++) { /* and by the scale along each axis of the Gaussian */
         double along[3] = {rot[0][k] * g->scale[k], rot[1][k] * g->scale[k],
                            rot[2][k] * g->scale[k]};
         double du = dot(j[0], along), dv = dot(j[1], along);
@@ -161,7 +159,7 @@ static int by_depth(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* A frame before black, [h][w][3]. */
+/* Renders a frame over black, [h][w][3]. */
 static void see(int f, const struct spin_camera *c, const struct pose *p, double *image)
 {
     struct blob b[SPLATS];
@@ -195,11 +193,12 @@ static void see(int f, const struct spin_camera *c, const struct pose *p, double
 /* ---- Files -------------------------------------------------------------------------------------
  */
 
-/* Left fifth of the picture, which moves by its mask; that has half of the picture's size. */
+/* The left fifth of the image, which the mask declares dynamic; the mask has half of the image's
+ * size. */
 static bool moves(const struct spin_camera *c, int x) { return x / 2 < c->width / 2 / 5; }
 
-/* Photographs: what is seen, brighter by a number of each view's own, and by another where it
- * moves. */
+/* Input images: renders, brightened by a factor of each view, and by another factor in the
+ * dynamic region. */
 static void write_photo(int f, int k)
 {
     static double image[3 * MOST];
@@ -314,12 +313,11 @@ static void write_bundle(void)
     spin_splats_free(&s);
 }
 
-/* ---- Pictures of the commands ------------------------------------------------------------------
- */
+/* ---- Images of the commands */
 
-/* A part of a picture from column x on, held to a frame as it is seen by a camera. More than the
- * rest of a Gaussian beyond three standard deviations, which a rasteriser may leave out, is wrong.
- */
+/* Compares a part of an image, from column x on, with a frame seen by a camera. Differences
+ * beyond the part of a Gaussian outside three standard deviations, which a rasteriser may omit,
+ * are errors. */
 static void check_picture(const uint8_t *rgb, int whole, int x, int f, const struct spin_camera *c,
                           const struct pose *p, const char *what)
 {
@@ -367,9 +365,8 @@ static void test_images(void)
        "exports pictures of all views: %s", said);
     for (int f = 0; f < FRAMES; f++)
         for (int k = 0; k < CAMERAS; k++) {
-            double s =
-                60.0 /
-                lens[k].height; /* the same height of view, the centre as far from the middle */
+            double s = 60.0 / lens[k].height; /* the same vertical field of view, with the principal
+                                                 point at the same distance from the centre */
             struct spin_camera c = {70,
                                     60,
                                     lens[k].fx * s,
@@ -390,7 +387,7 @@ static void test_images(void)
        "and no other");
 }
 
-/* The camera that moves begins at the first training camera of the first frame asked for, with its
+/* A moving camera starts at the first training camera of the first exported frame, with its
  * lens. */
 static void test_path(void)
 {
@@ -401,8 +398,8 @@ static void test_path(void)
     check_file("train/train_frame_00000.png", 1, 0, 0, 1, &camera[1][0], &pose[1][0]);
 }
 
-/* dB of the photograph of a view against what is seen; part 0: where it moves, 1: elsewhere, 2: of
- * all. */
+/* PSNR of a view's input image against the render, in dB; part 0: the dynamic region, 1: the
+ * rest, 2: all. */
 static double quality(int f, int k, int part)
 {
     static double image[3 * MOST];
@@ -496,7 +493,7 @@ static void near3(const spin_json *clip_json, const char *key, const double want
     ok(off < 1e-5, "the page's %s: %g off", key, off);
 }
 
-/* The page begins at the first training view of the first frame asked for. */
+/* The page starts at the first training view of the first exported frame. */
 static void test_page(void)
 {
     const struct pose *p = &pose[1][0];
@@ -551,7 +548,7 @@ static void test_page(void)
     free(page);
 }
 
-/* A picture in a page, behind *at, which moves on; NULL when it is not of this size. */
+/* The image behind *at in a page, and advances *at; NULL if its size is not the expected one. */
 static uint8_t *picture_of(const char **at, int width, int height)
 {
     static const char digit[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
@@ -579,8 +576,8 @@ static uint8_t *picture_of(const char **at, int width, int height)
     return NULL;
 }
 
-/* The worst views of the report, in a bundle that has what was imported beside a network: the
- * second picture of a row is the import's. So it is in --images. */
+/* The worst views in the report of a bundle with imported frames beside a network: the second
+ * image of a row is the import's. The same holds for --images. */
 static void test_report(void)
 {
     char *page, name[100];

@@ -1,5 +1,6 @@
-/* Options of spin-eval change what is measured and how, and its figures are those of its views and
- * of the file. K: eval options storage fps */
+/* Options of spin-eval change what is measured and how; its totals agree with its views and with
+ * the file.
+ * K: eval options storage fps */
 
 #include "base/log.h"
 #include "tests/cmd/command.h"
@@ -9,7 +10,7 @@ static const char small[] =
     "--preset paper --device cpu --threads 1 --scale 0.25 --levels 4 --hash-log2 10 "
     "--finest-resolution 32 --hidden 16 --iterations 4 -q";
 
-/* What one spin-eval --json said. */
+/* The report of one spin-eval --json. */
 struct eval {
     spin_json *json;
     int n, frame[MOST], camera[MOST];
@@ -48,7 +49,7 @@ static double mean_psnr(const struct eval *e)
     return sum;
 }
 
-/* Every frame first, first + step, ... below end from every listed camera, and nothing else. */
+/* Exactly the frames first, first + step, ... below end of every listed camera are measured. */
 static bool shows(const struct eval *e, int first, int end, int step, const int *camera, int n)
 {
     int wanted = 0, found = 0;
@@ -60,7 +61,7 @@ static bool shows(const struct eval *e, int first, int end, int step, const int 
     return wanted == found && e->n == wanted;
 }
 
-/* The views that both measured have the same values. */
+/* Views that both reports contain have the same values. */
 static bool agree(const struct eval *a, const struct eval *b)
 {
     int both = 0;
@@ -75,8 +76,7 @@ static bool agree(const struct eval *a, const struct eval *b)
     return both > 0;
 }
 
-/* What the training was told to hold out are the test views, and those of another training of its
- * output. */
+/* Test views are those that the training held out, also for another training of its output. */
 static void test_held_out(void)
 {
     static const int held[] = {3, 19, 23}, other[] = {7};
@@ -201,7 +201,7 @@ static void test_moving(void)
     spin_json_free(images.json), spin_json_free(off.json);
 }
 
-/* Bytes of members whose names begin so. */
+/* Total size of the members whose names begin with this prefix. */
 static double bytes_of(const struct spin_zip *zip, const char *with)
 {
     double sum = 0;
@@ -257,7 +257,7 @@ static void test_storage(void)
     weigh("refined.spin", "", refined);
 }
 
-/* The figures hang together, and what they add up to was not more than the whole run. */
+/* The figures are consistent, and parts do not exceed the whole. */
 static void test_speed(void)
 {
     double start = spin_now_s(), whole, decode, draw;

@@ -1,5 +1,6 @@
-/* Options of spin-export and spin-import change what is written: rates of frames, colours, axes,
- * bytes. K: export import options fps */
+/* Options of spin-export and spin-import change what is written: frame rates, colours, axes,
+ * bytes.
+ * K: export import options fps */
 #include "scene/bundle.h"
 #include "tests/cmd/command.h"
 
@@ -24,7 +25,7 @@ static spin_json *glb_json(const char *name)
     return j;
 }
 
-/* When the animation of a GLB ends. */
+/* The time at which the animation of a GLB ends. */
 static double seconds_of(const char *name)
 {
     spin_json *j = glb_json(name);
@@ -74,7 +75,7 @@ static double sequence_fps(const char *sub)
     return fps;
 }
 
-/* The clip again, its frames half a second apart. */
+/* The clip again, with frames half a second apart. */
 static void write_timed(void)
 {
     struct spin_bundle_writer w;

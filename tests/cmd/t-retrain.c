@@ -1,6 +1,6 @@
-/* Every option of spin-retrain changes what it says it changes: views, losses, first values, steps
- * of the rates, shapes, files. Runs the command and reads its log and its bundle. K: long retrain
- * options */
+/* Every option of spin-retrain changes what it claims to change: views, losses, initial values,
+ * learning rates, shapes, files. Runs the command and reads its log and its bundle.
+ * K: long retrain options */
 #include <signal.h>
 #include <unistd.h>
 
@@ -25,7 +25,7 @@ struct step {
     int n, view[MOST_VIEWS][2]; /* frame, camera */
 };
 
-/* One run of the command, and what it left. */
+/* One run of the command, and its outputs. */
 struct run {
     int n;
     struct step step[MOST_STEPS];
@@ -160,7 +160,8 @@ static bool among(int camera, const int *list, int n)
     return false;
 }
 
-/* Steps first..end-1 show every frame of 1..2 from every listed camera once, and nothing else. */
+/* Iterations first..end-1 show every frame of 1..2 from every listed camera once, and nothing
+ * else. */
 static bool is_epoch(const struct run *r, int first, int end, const int *cameras, int n)
 {
     int seen[2][32] = {{0}}, total = 0;
@@ -177,7 +178,7 @@ static bool is_epoch(const struct run *r, int first, int end, const int *cameras
     return total == 2 * n;
 }
 
-/* The order of views of steps first.. is that of other's steps from.. */
+/* The order of views from iteration first on equals that of `other` from its own start on. */
 static bool same_order(const struct run *a, int first, const struct run *b, int from, int steps)
 {
     for (int s = 0; s < steps; s++)
@@ -210,7 +211,7 @@ static bool in_order(const struct run *r, int steps)
     return true;
 }
 
-/* The cameras of every step stand in their order. */
+/* The cameras of each iteration are in ascending order. */
 static bool cameras_ascend(const struct run *r)
 {
     for (int s = 0; s < r->n; s++)
@@ -220,7 +221,7 @@ static bool cameras_ascend(const struct run *r)
     return true;
 }
 
-/* The steps of every epoch of four go from frame to frame. */
+/* The iterations of every epoch of four visit frame after frame. */
 static bool frames_ascend(const struct run *r)
 {
     for (int s = 1; s < r->n; s++)
@@ -328,12 +329,13 @@ static void test_loss(void)
 /* ---- Rates --------------------------------------------------------------------------------------
  */
 
-/* Adam's first step moves every parameter that has a gradient by the rate, so the largest
- * difference to a run of rate 0 is the rate. With one step of warm-up it is the rate as given. */
+/* Adam's first step changes every parameter that has a gradient by the learning rate, so the
+ * largest difference from a run with rate 0 is the rate. With one step of warm-up it is the
+ * given rate. */
 static const char still[] =
     "--iterations 1 --warmup 1 --lr-table 0 --head-lr-factor 0 --lr-position 0";
-/* The table has large values from the first iteration on, so that the second shows what becomes of
- * positions. */
+/* The table has large values from the first iteration on, so that the second one shows the
+ * change of positions. */
 static const char wide[] = "--iterations 2 --warmup 0 --lr-table 0.5";
 
 static double moved(const struct run *a, const struct run *b, int head)
@@ -384,7 +386,7 @@ static void test_rates(void)
     near(moved(half, zero, SPIN_HEAD_OPACITY), 0.005 / 4, 1e-6, "--warmup: of all rates");
     drop(half);
 
-    /* The last step of a run, after its warm-up, is at the rate that all end at. */
+    /* The last step of a run, after its warm-up, has the common final rate. */
     snprintf(more, sizeof more, "--iterations 1 --warmup 0 %s", rates);
     half = retrain(more);
     near(farthest(half->table, zero->table, 0, half->n_table), 1e-7, 1e-9, "all rates end at 1e-7");
@@ -402,7 +404,7 @@ static void test_rates(void)
     drop(zero);
 }
 
-/* Without --warmup it is a fortieth of the iterations, and without a rate the paper's. */
+/* By default the warm-up is a fortieth of the iterations, and the rates are the paper's. */
 static void test_defaults(void)
 {
     struct run *one = retrain("--iterations 40"), *said_so, *two;
@@ -423,11 +425,10 @@ static void test_defaults(void)
     drop(one), drop(said_so), drop(two);
 }
 
-/* ---- Values of every splat's own ----------------------------------------------------------------
- */
+/* ---- Residual values of each splat */
 
-/* With --residual points a splat begins faint, but as the source has it where no training camera
- * sees it: it would stay faint for ever. */
+/* With --residual points splats start almost transparent, except those that no training camera
+ * sees, which keep the source's opacity: without gradients they would stay transparent. */
 static void test_unseen(void)
 {
     char more[300];
@@ -528,8 +529,8 @@ static void test_own(void)
 /* ---- Camera colours -----------------------------------------------------------------------------
  */
 
-/* The images of a camera, darker by a fifth, or (corners) by a sixth of r^2, see math/exposure.h.
- */
+/* The images of a camera, darkened by a fifth, or (corners) by a sixth of r^2, see
+ * math/exposure.h. */
 static bool darken(const char *data, int camera, bool corners, bool red)
 {
     for (int f = 8; f < 14; f++) {
@@ -620,7 +621,7 @@ static void test_auto_exposure(void)
        "lenses of scaled pictures are found in those of full size: %s", said);
 }
 
-/* The focal lengths of the test camera at a place, times factor. */
+/* The focal lengths of the test camera at a frame, times factor. */
 static bool zoom(const char *data, int place, double factor)
 {
     char path[700];
@@ -632,8 +633,8 @@ static bool zoom(const char *data, int place, double factor)
                  path, place, place, factor, place, path) == 0;
 }
 
-/* All cameras of a clip have a lens that is darker towards the corners: it is found from the points
- * alone, and test views are drawn through it, by spin-eval as by spin-retrain. */
+/* All cameras of a clip have the same lens, which darkens the corners: the falloff is found from
+ * the points alone, and both spin-eval and spin-retrain apply it to test views. */
 static void test_falloff(void)
 {
     static const char one[] =
@@ -715,8 +716,8 @@ static void test_falloff(void)
        "a camera with another lens is told: %s", said);
 }
 
-/* 4D splats begin with the cameras and the lens of the clip they are cut from, and are shown behind
- * that lens. */
+/* 4D splats inherit the cameras and the lens of the clip they are made from, and are rendered
+ * through that lens. */
 static void test_rows_4d(void)
 {
     struct run tracks = {0}, rows = {0};
@@ -764,7 +765,7 @@ static void test_rows_4d(void)
     free_run(&rows);
 }
 
-/* How far the first step moved a camera. */
+/* The distance by which the first step moved a camera. */
 static double gain_moved(const spin_json *cameras, const spin_json *first, size_t i, size_t c)
 {
     return number_at(spin_json_at(cameras, i), "log_gain", c) -
@@ -797,8 +798,8 @@ static void test_cameras(void)
     }
     drop(all);
 
-    /* One step at --lr-exposure moves those that it saw by the rate; then the mean of all is taken
-     * off. */
+    /* One step at --lr-exposure changes the used cameras by the rate; then the mean over all
+     * cameras is subtracted. */
     one = retrain(
         "--learn-exposure on --lr-exposure 0.01 --iterations 1 --warmup 1 --views-per-frame 3");
     cameras = spin_json_get(one->network, "cameras");
@@ -838,8 +839,7 @@ static void test_cameras(void)
     drop(start);
 }
 
-/* ---- Shapes and first values --------------------------------------------------------------------
- */
+/* ---- Shapes and initial values */
 
 static float most_of(const float *p, size_t n)
 {
@@ -856,7 +856,8 @@ static double bias_of(const struct run *r)
     return (double)r->heads[r->field.heads.offset[SPIN_HEAD_SCALE + 1] - 1];
 }
 
-/* Median of each axis over both frames, and one over the radius that has nine points of ten. */
+/* The median of each axis over both frames, and the inverse of the radius that contains nine
+ * points in ten. */
 static void norm_of(struct run *r, float centre[3], double *inverse)
 {
     float *p[2], *value;
@@ -1066,8 +1067,8 @@ static void test_plan(void)
     ok(said_text("device", ", 3 threads)"), "--threads 3");
 }
 
-/* What reads the data set: its kind, where it is, how frames find their rows. */
-/* What --dry-run with these options warns of: all lines, or "". */
+/* How the data set is read: its kind, its path, how frames are paired with its rows. */
+/* The warnings of --dry-run with these options: all lines, or "". */
 static void warns(const char *given, const char *want)
 {
     shell("%s/spin-retrain %s/in.spin --dry-run %s 2>&1 >/dev/null", bin, folder, given);
@@ -1167,7 +1168,7 @@ static void test_data(void)
     ok(paired[0].step[0].l1 == paired[2].step[0].l1, "auto: by number, where both have numbers");
 }
 
-/* A long run leaves a state every 7 steps. */
+/* A long run saves a checkpoint every 7 iterations. */
 static void test_save_every(void)
 {
     char path[600];
@@ -1314,8 +1315,8 @@ static double farthest_tracks(struct run *a, struct run *b, size_t first, size_t
     return farthest_rows(a, b, 0, SIZE_MAX, first, end);
 }
 
-/* Of rows of residual values but their rotations, in which the bundle has what neighbours turn by.
- */
+/* Compares rows of residual values without their rotations, for which the bundle has the
+ * rotation of neighbours. */
 static double largest(struct run *r, const char *key)
 {
     size_t n;
@@ -1426,7 +1427,7 @@ static void test_tracks(void)
 /* ---- When tracks are densified
  * -------------------------------------------------------------------- */
 
-/* One epoch in which nothing moves, then a densification. */
+/* One epoch without motion, then a densification. */
 struct densified {
     int clones, splits, tracks;
     float *values; /* of the tracks, groups one after the other */
@@ -1485,8 +1486,8 @@ static void test_densify(void)
     free(most.values), free(again.values), free(other.values);
 }
 
-/* Logits of the backdrop's tracks, which are the last ones: whether all are as they began, and the
- * sum of their colours. */
+/* The opacity logits of the backdrop's tracks, which are the last ones: whether all are
+ * unchanged, and the sum of their colours. */
 static bool stays_opaque(struct run *r, size_t backdrop, double *colour)
 {
     size_t length;
@@ -1502,7 +1503,7 @@ static bool stays_opaque(struct run *r, size_t backdrop, double *colour)
     return all;
 }
 
-/* The splats that spin-export leaves out of one frame, or -1. */
+/* The number of splats that spin-export omits from one frame, or -1. */
 static double left_out(const char *options)
 {
     return shell("rm -rf %s/plys; %s/spin-export %s/run.spin --to ply -o %s/plys --range 1:2 -q "

@@ -1,15 +1,15 @@
-/* What the exporters' tests share: a frame of plausible splats, one run of an exporter. */
+/* Shared by the exporters' tests: a frame of plausible splats, and one run of an exporter. */
 #ifndef SPIN_TESTS_EXPORTERS_FRAME_H
 #define SPIN_TESTS_EXPORTERS_FRAME_H
 
 #include "tests/check.h"
 #include "tests/tap.h"
 
-/* Files that an exporter leaves beside the frames and sequence.json, as many before as behind them
- * by name. */
+/* Files that an exporter writes beside the frames and sequence.json: half of them sort before
+ * the frames, half after. */
 __attribute__((unused)) static size_t n_more;
 
-/* One row as the bundle means it. */
+/* One row with the meaning of the bundle. */
 struct want {
     double place[3], log_scale[3], q[4], opacity, dc[3];
 };
@@ -109,7 +109,8 @@ __attribute__((unused)) static spin_status run(const struct spin_exporter *expor
     return status;
 }
 
-/* The promises of every exporter that fills a folder. bad: pairs of key and refused value. */
+/* The guarantees of every exporter that writes to a folder. bad: pairs of an option and a value
+ * that must be refused. */
 __attribute__((unused)) static void check_folder_rules(const struct spin_exporter *exporter,
                                                        const char *file, const char *const bad[][2],
                                                        size_t n_bad)

@@ -1,6 +1,7 @@
-/* Where moving cameras stand and what the first view is, of a rig that moves and rolls, of lenses
- * with fx unlike fy and a centre that is none; expected values are worked out here from the
- * cameras' places and axes. K: video images html export cameras */
+/* Poses of moving cameras and the first view, for a rig that moves and rolls and for lenses with
+ * fx different from fy and a principal point off the centre; expected values are computed here
+ * from the cameras' positions and axes.
+ * K: video images html export cameras */
 #include "exporters/lib/camera_path.h"
 
 #include "base/log.h"
@@ -32,7 +33,8 @@ static struct spin_views views;
 static struct pose rig[ROWS][CAMERAS]; /* the last two are held out */
 static const double pivot[ROWS][3] = {{9, -7, 5}, {1, 2, 3}, {-6, 0, 2}};
 
-/* Every row is another rig about another place: all axes go through it, none is upright. */
+/* Each row is another rig around another point: all optical axes pass through it, none is
+ * upright. */
 static void make_rig(void)
 {
     static const double way[CAMERAS][3] = {
@@ -89,8 +91,8 @@ static void follow(const char *const *pairs, int n, struct spin_camera *out)
     spin_camera_path_free(&d);
 }
 
-/* Where an orbit begins: in the direction of the first held-out camera, as far as half of all are.
- */
+/* The start of an orbit: in the direction of the first held-out camera, at the median distance
+ * of all. */
 static void begin_orbit(double away[3])
 {
     for (int c = 0; c < 3; c++)
@@ -177,7 +179,7 @@ static void test_train(void)
        "with the lens of the training cameras, in 720 rows");
 }
 
-/* Which frame a picture shows: the one that runs at its time. */
+/* The frame that an image shows: the one at its time. */
 static void test_pace(void)
 {
     for (int n_frames = 1; n_frames < 12; n_frames++) {
@@ -198,7 +200,7 @@ static void test_pace(void)
     }
 }
 
-/* A moving camera goes on for eight seconds, or as long as a longer clip; a still one shows each
+/* A moving camera takes eight seconds, or the length of a longer clip; a static one shows each
  * frame once. */
 static void test_length(void)
 {
@@ -227,8 +229,8 @@ static void test_length(void)
     }
 }
 
-/* A field of view of the file's, or else the lens of the data set, in pictures of the file's size.
- */
+/* The field of view comes from the file, or else from the lens of the data set, for images of
+ * the file's size. */
 static void test_file(void)
 {
     static const char text[] =
@@ -267,7 +269,7 @@ static void test_file(void)
     spin_camera_path_free(&d);
 }
 
-/* One side alone, and what is no number. */
+/* One side only, and invalid numbers. */
 static void test_file_size(void)
 {
     static const char *const bad[] = {"\"render_width\": 300", "\"render_height\": 200",
@@ -291,7 +293,7 @@ static void test_file_size(void)
     }
 }
 
-/* The context says which frame is the first that has splats. */
+/* The context declares which frame is the first with splats. */
 static spin_status frame_again(void *context, int frame, const struct spin_splats **out)
 {
     static struct spin_splats s;
@@ -303,14 +305,15 @@ static spin_status frame_again(void *context, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* A clip that begins with empty frames, without a data set: the camera looks where its splats will
- * be. */
+/* A clip that begins with empty frames, without a data set: the camera faces the place where its
+ * splats will appear. */
 static void test_late_splats(void)
 {
     static const size_t counts[2][3] = {{0, 0, 40}, {40, 40, 40}};
     struct spin_splats none = {0};
 
-    for (int k = 0; k < 3; k++) { /* counts are known, are not, and the first frame has splats */
+    for (int k = 0; k < 3;
+         k++) { /* counts are known, counts are unknown, and the first frame has splats */
         int first = k == 2 ? 0 : 2;
         struct spin_plugin_values values = {NULL};
         struct spin_export_job job = {.n_frames = 3,
@@ -329,7 +332,7 @@ static void test_late_splats(void)
     }
 }
 
-/* The same height of view; the middle of the picture stays where it was. */
+/* The same vertical field of view; the centre of the image is unchanged. */
 static void test_resize(void)
 {
     static const int size[][2] = {{100, 60}, {30, 96}, {64, 48}, {0, 0}};
@@ -354,8 +357,7 @@ static void test_resize(void)
 /* ---- The path of a rig -------------------------------------------------------------------------
  */
 
-/* A pose turned from the world's by an angle about an axis of any length, row by row of its matrix.
- */
+/* The world rotated about an axis of any length, row by row of the matrix. */
 static struct pose turned(const double eye[3], double x, double y, double z, double angle)
 {
     double axis[3] = {x, y, z}, m[3][3];
@@ -401,7 +403,7 @@ static double at_share(const struct spin_rig_path *path, double share, const str
     return pose_error(&c, want);
 }
 
-/* Between two cameras the place goes half of the way, and the rotation half of the shorter turn. */
+/* Halfway between two cameras: half of the distance, and half of the shorter rotation. */
 static void test_turns(void)
 {
     static const double axis[][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1},  {1, 1, 0},  {0, 1, 1},
@@ -431,8 +433,7 @@ static void test_turns(void)
     }
 }
 
-/* A path through places in a plane that lies askew, in an order that is the shortest from the
- * first. */
+/* A path through points in a tilted plane, in the order of the shortest path from the first. */
 static void check_order(const double place[][2], const int *order, int n, double way,
                         const char *what)
 {
@@ -467,8 +468,8 @@ static void test_order(void)
                 "turning pieces round alone is not enough");
 }
 
-/* Three stops at unlike distances: cubics that meet at the middle one with the speed of the stops
- * around it. */
+/* Three stops at unequal distances: cubics that meet at the middle one with a common velocity,
+ * derived from its neighbours. */
 static void test_curve(void)
 {
     static const double eye[3][3] = {{0, 0, 0}, {1, 2, 2}, {1, 8, 10}}; /* 3 and 10 apart */
@@ -486,8 +487,8 @@ static void test_curve(void)
         for (int c = 0; c < 3; c++) {
             double a = eye[0][c], b = eye[1][c], e = eye[2][c];
             double slope[3] = {(b - a) / 3, (e - a) / 13, (e - b) / 10};
-            /* in powers of the way u from the last stop, by its value and slope and those of the
-             * next */
+            /* polynomials in the distance u from the last stop, given value and slope there and
+             * at the next */
             double p0 = at < 3 ? a : b, p1 = at < 3 ? b : e, m0 = at < 3 ? slope[0] : slope[1],
                    m1 = at < 3 ? slope[1] : slope[2], h = at < 3 ? 3 : 10, u = at < 3 ? at : at - 3;
             double q = (p1 - p0) / h;
@@ -664,7 +665,7 @@ static void test_begun(void)
     near(worst, 0, 1e-9, "an orbit from camera 1, at its height in z");
 }
 
-/* A small ball that moves from frame to frame in front of a large wall at z = 9. */
+/* A small ball that moves in front of a large wall at z = 9. */
 static spin_status read_ball(void *context, int f, const struct spin_splats **out)
 {
     enum { WALL = 4000, BALL = 400 };
@@ -690,7 +691,7 @@ static spin_status read_ball(void *context, int f, const struct spin_splats **ou
     return SPIN_OK;
 }
 
-/* Without cameras, the view shows what moves. */
+/* Without cameras, the view shows the dynamic part. */
 static void test_subject(void)
 {
     const char *pairs[] = {NULL, NULL, NULL}, *up[] = {"up", "y", NULL};
@@ -745,7 +746,7 @@ static void test_subject(void)
     spin_splats_free(&s);
 }
 
-/* Medians, and the half extent of nine splats in ten, without those that are nowhere. */
+/* Medians, and the half extent of nine splats in ten, ignoring nonfinite ones. */
 static void test_middle(void)
 {
     enum { N = 101 };
@@ -767,7 +768,7 @@ static void test_middle(void)
     spin_splats_free(&s);
 }
 
-/* Ways of looking that have no place in common, or have it behind them. */
+/* Viewing directions without a common point, or with one behind the cameras. */
 static void test_pivot(void)
 {
     struct spin_views other = {0};

@@ -1,5 +1,6 @@
-/* --check of every exporter that can read back: few bits lose a little, and a damaged file is an
- * error. K: export check ply gltf splat compressed-ply spz sog */
+/* --check of every exporter whose files can be read back: few bits cause a small loss, and a
+ * damaged file is an error.
+ * K: export check ply gltf splat compressed-ply spz sog */
 #include "base/log.h"
 #include "tests/exporters/frame.h"
 
@@ -23,7 +24,7 @@ static void copy_over(const char *from, const char *to)
     spin_map_close(&map);
 }
 
-/* The exponent of a float in the middle of the places. */
+/* The exponent of a float in the middle of the positions. */
 static void turn_bits(const char *path)
 {
     FILE *file = fopen(path, "r+b");
@@ -91,8 +92,8 @@ static spin_status export_clip(const struct spin_exporter *exporter, const char 
     return status;
 }
 
-/* most: of places, log scales, rotations (degrees), opacities, colours and SH; 0: nothing is lost.
- */
+/* most: upper limits for positions, log scales, rotations (degrees), opacities, colours and SH;
+ * 0: lossless. */
 static void test_format(const char *name, const char *file, const char *ending,
                         const char *const *pairs, const double most[6])
 {

@@ -10,7 +10,7 @@ static double between(double low, double high, uint32_t step, double n)
     return low + (high - low) * step / n;
 }
 
-/* Row i as PlayCanvas's reader takes it. */
+/* Row i as PlayCanvas's reader decodes it. */
 static struct want decode(const struct spin_ply *ply, size_t i)
 {
     const struct spin_ply_element *chunk = &ply->element[0], *vertex = &ply->element[1];
@@ -143,7 +143,7 @@ static void test_values(int from, const char *sh, int to, const char *order)
         n_seen += !seen[row];
         seen[row] = 1;
         for (int k = 0; k < 3; k++) {
-            /* Half a step of the widest range there can be: 8, 7 and 1 over C0. */
+            /* Half a quantisation step of the widest possible range: 8, 7 and 1 over C0. */
             good[0] &= fabs(got.place[k] - want.place[k]) < 8 / 1023.0 * 0.501;
             good[1] &= fabs(got.log_scale[k] - want.log_scale[k]) < 7 / 1023.0 * 0.501;
             good[2] &= fabs(got.dc[k] - want.dc[k]) < 0.0071;

@@ -64,7 +64,7 @@ static const spin_json *item(const struct glb *g, const char *list, int64_t i)
     return spin_json_at(spin_json_get(g->json, list), (size_t)i);
 }
 
-/* The values of an accessor, after its rules were looked at; NULL when one is broken. */
+/* The values of an accessor that obeys the rules; NULL if it violates one. */
 static const void *values_of(const struct glb *g, int64_t i, const char *type, int64_t component,
                              size_t bytes_of_one, size_t *n)
 {
@@ -359,8 +359,8 @@ static int64_t accessor_of(const struct glb *g, int mesh, const char *name)
     return integer_of(spin_json_get(p, "attributes"), name);
 }
 
-/* What is the same in two frames lies in the file once: the second frame moves, the third has the
- * places of the first and one opacity of its own. */
+/* Attributes that two frames share are stored once: the second frame moves, the third has the
+ * positions of the first and one opacity of its own. */
 static void test_shared_attributes(void)
 {
     enum { N = 9000, ROW = 12 + 16 + 12 + 4 + 12 + 8 };
@@ -446,7 +446,7 @@ static bool keep_warning(const char *line)
     return false;
 }
 
-/* More than a .glb may hold: said after the first frame, once. */
+/* Larger than a .glb may be: reported after the first frame, once. */
 static void test_too_large(void)
 {
     struct spin_export_job one = {.output = in_folder("size.glb"), .n_frames = 1};
@@ -489,7 +489,7 @@ static void test_too_large(void)
     spin_splats_free(&s);
 }
 
-/* Every number at its longest: what the reserve for the JSON must hold. */
+/* Every number with its maximal length: the reserve for the JSON must hold them. */
 static void test_room(void)
 {
     enum { FRAMES = 50 };

@@ -204,7 +204,7 @@ static void turn(const double v[3], double q[4])
         q[k + 1] = angle > 1e-9 ? sin(angle / 2) * v[k] / angle : v[k] / 2;
 }
 
-/* A row as the page shows it: place 3, colour 3, opacity, log scale 3, q 4, sh. */
+/* A row as the page decodes it: position 3, colour 3, opacity, log scale 3, q 4, sh. */
 static void shown(const struct columns *c, const spin_json *clip, size_t i, int n_sh, double *v)
 {
     double a[3], b[3], p[4], q[4];
@@ -233,8 +233,8 @@ static void shown(const struct columns *c, const spin_json *clip, size_t i, int 
     v[13] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0];
 }
 
-/* Every splat of the frame is in the page, within the bounds: world, 0..1, log, degrees, 1. Rows
- * may come in any order: a splat is found by its place. */
+/* Every splat of the frame is in the page, within these bounds: world, 0..1, log, degrees, 1.
+ * Rows may come in any order: a splat is identified by its position. */
 static void check_rows(const struct columns *c, const struct spin_splats *s, const spin_json *clip,
                        int n_sh, const double bound[5])
 {
@@ -282,7 +282,7 @@ static spin_status source_frame(void *of, int frame, struct spin_splats *out)
     return SPIN_OK;
 }
 
-/* Frames 7, 9, 11, ... of a clip of 40 splats, the same but for the places of the first ten. */
+/* Frames 7, 9, 11, ... of a clip of 40 splats, equal except for the positions of the first ten. */
 static spin_status run_clip(const struct spin_export_job *job, int n_frames)
 {
     struct spin_splats s = {0};
@@ -362,12 +362,12 @@ static void test_clip(void)
     spin_json_free(doc);
 }
 
-/* Other bounds, and keys every second frame; then the blocks in a file of their own: the same
+/* Other bounds, and a key every second frame; then the blocks in a file of their own: the same
  * bytes. */
 enum { MANY = 3000, DRAFT_COLUMNS = 13 };
 
-/* Frames of that many splats, with --split and a key every frame; the page is loaded, the data
- * mapped. */
+/* Frames with that many splats, with --split and a key every frame; loads the page and maps the
+ * data. */
 static const spin_json *split_clip(const char *name, size_t n, int n_frames, struct spin_map *data,
                                    spin_json **doc)
 {
@@ -404,8 +404,8 @@ static double area(const double *log_scale)
     return exp(log_scale[0] + log_scale[1] + log_scale[2] - least);
 }
 
-/* The first picture comes before a tenth of the data is read: from a draft, splats of the first
- * frame of which some have grown, and about as much is covered. */
+/* The first image needs less than a tenth of the data: it is drawn from a draft, splats of the
+ * first frame of which some are enlarged to cover about the same area. */
 static void test_draft(void)
 {
     static unsigned char bytes[1 << 20];
@@ -690,8 +690,8 @@ enum { SPLATS = 50, PIECES = 2000, FRAMES = 5, ROW_COLUMNS = COLUMNS + 60 };
 static const double even[FRAMES] = {10, 10.5, 11, 11.5, 12};
 static const int rows_of_numbers[FRAMES] = {3, 5, 7, 9, 11};
 
-/* Rows that a clip of half seconds sees: windows of half a frame to many, plateaus, cuts, gates,
- * turns. */
+/* Rows of a clip of half seconds: windows of half a frame to many, plateaus, cuts, gates,
+ * rotations. */
 static void make_4d(struct spin_splats_4d *s, int degree, int sh_degree, unsigned parts)
 {
     struct spin_splats like = {0};
@@ -797,7 +797,7 @@ static int decode_rows(const spin_json *version, size_t columns, struct rows *r)
     return 1;
 }
 
-/* exp of minus half the square of how many sigmas the time is beyond the side. */
+/* exp(-s^2/2), where s is the distance in sigmas of the time beyond the plateau. */
 static double side(const spin_json *rows, double from, double length, long sigma, long middle,
                    double frame, int sign)
 {
@@ -812,7 +812,7 @@ static double side(const spin_json *rows, double from, double length, long sigma
     return exp(-0.5 * z * z);
 }
 
-/* Row i as the page shows it at a tick; 0: it does not. */
+/* Row i as the page shows it at a tick; 0: invisible. */
 static int shown_4d(const struct rows *r, const spin_json *clip, size_t i, int n_sh, int tick,
                     double *v)
 {
@@ -892,7 +892,8 @@ static int shown_4d(const struct rows *r, const spin_json *clip, size_t i, int n
     return 1;
 }
 
-/* Every splat of a slice that is more than faint is shown, within the bounds, and no other. */
+/* Every splat of a slice that is more than barely visible is in the page, within the bounds, and
+ * no other. */
 static void check_slice(const struct rows *r, const spin_json *clip, const struct spin_splats_4d *s,
                         int n_sh, int tick, double worst[5], size_t counts[3])
 {
@@ -994,7 +995,7 @@ static void test_4d(void)
     }
 }
 
-/* Clips below two seconds take two, unless somebody says otherwise. */
+/* Clips shorter than two seconds take two, unless the options set another duration. */
 static void test_short(void)
 {
     static const struct {
@@ -1028,7 +1029,7 @@ static void test_short(void)
     }
 }
 
-/* What the rows are not for is written as frames. */
+/* Clips that rows cannot represent are written as frames. */
 static void test_4d_as_frames(void)
 {
     static const double uneven[FRAMES] = {10, 10.5, 11, 11.6, 12};

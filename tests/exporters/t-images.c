@@ -10,7 +10,7 @@ static int n_renders, n_alphas, n_depths;
 static bool renderer_fails, antialiased;
 static size_t n_drawn; /* pixels of the last render */
 
-/* In place of the rasteriser: red says the camera's width, green the number of splats. */
+/* Replaces the rasteriser: red is the camera's width, green the number of splats. */
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
                         const struct spin_camera *camera, const float background[3], float *image)
 {
@@ -30,7 +30,7 @@ spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splat
     return SPIN_OK;
 }
 
-/* A quarter of the light comes through; depths are 3 and 2. */
+/* A quarter of the light passes; depths are 3 and 2. */
 spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth)
 {
     (void)r;
@@ -163,7 +163,7 @@ static void test_layers(const struct spin_views *views)
     ok(export_clip(&job) == SPIN_OK && n_alphas == 0 && n_depths == 2, "depth without alpha");
 }
 
-/* Cameras of one number keep a picture each. */
+/* Cameras with the same number get an image each. */
 static void test_twins(void)
 {
     static const char *const all[] = {"views", "all", NULL};

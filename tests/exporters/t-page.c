@@ -48,8 +48,8 @@ static void test_whole(void)
     spin_page_bytes_free(&b);
 }
 
-/* Columns that are best told as they are, by steps, against another, and against it by steps; all
- * come back. */
+/* Columns that are best encoded directly, as differences, relative to another column, and as
+ * differences relative to it; all decode exactly. */
 static void test_columns(void)
 {
     static int32_t other[N], x[4][N], y[N];
@@ -277,7 +277,7 @@ static void test_group(void)
     free(g);
 }
 
-/* Errors beyond a bound, or that are not numbers, are not written. */
+/* Errors that exceed the bound or are nonfinite are not written. */
 static void test_judge(void)
 {
     struct spin_page_bounds bounds = space_of(0.001).bounds;

@@ -30,7 +30,7 @@ static void make_frame(struct spin_splats *s, size_t n, int degree)
         exit(1);
     for (size_t i = 0; i < n; i++) {
         float base = 100 * (float)i;
-        /* Halves: of unit length without rounding; w is negative in odd rows. */
+        /* Multiples of 1/2: of unit length without rounding; w is negative in odd rows. */
         float w = i % 2 ? -0.5f : 0.5f;
 
         for (int k = 0; k < 3; k++) {
@@ -75,7 +75,8 @@ static int column_is(const struct spin_ply *ply, const char *name, float first, 
     return good;
 }
 
-/* f_rest_j of splat i: channel j / (K-1), coefficient 1 + j % (K-1); zero beyond what was there. */
+/* f_rest_j of splat i: channel j / (K-1), coefficient 1 + j % (K-1); zero beyond the source's
+ * degree. */
 static int rest_is_right(const struct spin_ply *ply, int from, int to)
 {
     int n = (to + 1) * (to + 1) - 1, n_from = (from + 1) * (from + 1), good = 1;
@@ -275,7 +276,8 @@ static void test_existing(void)
     spin_splats_free(&s);
 }
 
-/* A folder stands where the file should go: the frame fails, nothing is left, the rest stays. */
+/* A folder has the name of a frame's file: the frame fails, nothing of it is left, other files
+ * are kept. */
 static void test_failure(void)
 {
     struct spin_export_job job = {.output = in_folder("broken"), .force = true};
@@ -304,7 +306,7 @@ static void test_abort(void)
     ok(!spin_path_exists(job.output), "removes it when nothing came");
 }
 
-/* The figure is printed, not judged: disks differ. */
+/* The figure is printed and not tested, since disks differ. */
 static void test_speed(void)
 {
     enum { N = 100000 };

@@ -1,4 +1,4 @@
-/* How far places are off, in sizes of splats and in pixels.
+/* Errors of positions, in sizes of splats and in pixels.
  * K: export check */
 #include "exporters/lib/readback.h"
 #include "tests/tap.h"

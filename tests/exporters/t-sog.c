@@ -9,7 +9,7 @@
 
 extern const struct spin_exporter spin_exporter_sog;
 
-/* A file as its specification reads, apart from src/formats/sog.c. */
+/* Reads a file by its specification, independently of src/formats/sog.c. */
 struct sog {
     struct spin_zip zip;
     spin_json *meta;
@@ -100,7 +100,7 @@ static struct want decode(const struct sog *f, size_t i)
     return w;
 }
 
-/* In a sorted file: the row of the source nearest to a place. */
+/* In a sorted file: the row of the source with the nearest position. */
 static size_t find(const struct spin_splats *s, const double place[3])
 {
     size_t best = 0;
@@ -119,7 +119,7 @@ static size_t find(const struct spin_splats *s, const double place[3])
     return best;
 }
 
-/* Root mean square of what SH lost. */
+/* The root mean square error of SH. */
 static double sh_error(const struct sog *f, const struct spin_splats *s)
 {
     size_t n_vec = (size_t)((f->bands + 1) * (f->bands + 1) - 1),
@@ -143,7 +143,7 @@ static double sh_error(const struct sog *f, const struct spin_splats *s)
     return sqrt(sum / (double)(f->n * n_vec * 3));
 }
 
-/* The reader sees in a file what its specification says, which decode() follows. */
+/* Our reader decodes a file as the specification says, which decode() implements. */
 static void check_read(const struct sog *f, const char *path)
 {
     struct spin_splats back = {0};
@@ -206,7 +206,7 @@ static void test_values(int degree, const char *sh, int bands, size_t n)
         worst[3] = larger(worst[3], fabs(got.opacity - want.opacity));
         worst[4] = larger(worst[4], degrees_between(got.q, want.q));
     }
-    /* 65535 steps over 2 ln 5, times the 1 + |v| of the logarithm's slope, half of one */
+    /* 65535 steps over 2 ln 5, times the slope 1 + |v| of the logarithm, half a step */
     ok(worst[0] < 0.51 * 2 * log(5) / 65535 * 5, "places are within half a step (%.2g)", worst[0]);
     ok(worst[1] < 0.05, "log scales are near (%.2g)", worst[1]);
     ok(worst[2] < 0.03, "colours are near (%.2g)", worst[2]);
@@ -214,8 +214,8 @@ static void test_values(int degree, const char *sh, int bands, size_t n)
     ok(worst[4] < 1, "rotations are within a degree (%.2g)", worst[4]);
     if (bands > 0) {
         error = sh_error(&f, &s);
-        /* of as many vectors as rows only the book's steps are lost; these are random, the worst
-         * there is */
+        /* with as many centroids as rows only the codebook quantises; random vectors are the
+         * worst case */
         ok(error < (n <= 1024 ? 0.003 : 0.4), "sh is off by %.4f", error);
     }
     check_read(&f, in_folder("v/frame_00005.sog"));
@@ -223,7 +223,7 @@ static void test_values(int degree, const char *sh, int bands, size_t n)
     spin_splats_free(&s);
 }
 
-/* What stands still keeps its bits while the box and books serve. */
+/* Static attributes keep their bits while bounding box and codebooks remain valid. */
 static void test_still(void)
 {
     struct spin_export_job job = {.output = in_folder("still"), .n_frames = 3};
@@ -237,7 +237,7 @@ static void test_still(void)
     ok(spin_exporter_sog.begin(&job, &self) == SPIN_OK &&
            spin_exporter_sog.frame(self, 0, &info, &s) == SPIN_OK,
        "writes a frame");
-    for (size_t i = 0; i < s.n; i++) /* the outermost move inside the box */
+    for (size_t i = 0; i < s.n; i++) /* the outermost splats move inside the bounding box */
         for (size_t k = 0; k < 3; k++)
             s.means[3 * i + k] = fmaxf(fminf(s.means[3 * i + k], 3.5f), -3.5f);
     info.number = 1;
@@ -293,8 +293,8 @@ static void test_edges(void)
     spin_splats_free(&s);
 }
 
-/* The archive once more, with another word in meta.json, or (from NULL) with the colours' picture
- * in place of the rotations'. */
+/* The archive with another word in meta.json, or (from NULL) with the image of colours in place
+ * of that of rotations. */
 static void rewrite(const struct spin_zip *zip, const char *path, const char *from, const char *to)
 {
     struct spin_zip_writer w;
@@ -386,7 +386,7 @@ static void test_hostile(void)
     spin_splats_free(&back);
 }
 
-/* In a process of its own, as the library is looked for once. */
+/* In a process of its own, since the library is searched only once. */
 static void test_without_webp(void)
 {
     struct spin_export_job job = {.output = in_folder("nowebp"), .n_frames = 1};

@@ -38,7 +38,7 @@ static void test_blocks(void)
     free(keep);
 }
 
-/* Where each axis of the source goes. */
+/* Where each axis of the source is mapped. */
 static void test_up(void)
 {
     static const char *const axes[] = {"x", "y", "z", "-x", "-y", "-z"};
@@ -77,8 +77,8 @@ static bool close_to(const float *got, const float *want, int n)
     return true;
 }
 
-/* A quarter turn about x, y to z and z to -y: places, rotations and harmonics of degree 1, which
- * are -y, z and -x, all go with it. */
+/* A quarter turn about x, y to z and z to -y, applies to positions, rotations and SH of degree
+ * 1, which are -y, z and -x. */
 static void test_turned(void)
 {
     static const char *const pairs[] = {"rotate", "90,0,0", NULL};

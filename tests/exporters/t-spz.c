@@ -43,7 +43,7 @@ static int load(const char *path, struct spz *out)
            16 + out->n * (size_t)(20 + 3 * ((out->degree + 1) * (out->degree + 1) - 1));
 }
 
-/* Row i as Niantic's library unpacks it. */
+/* Row i as Niantic's library decodes it. */
 static struct want decode(const struct spz *f, size_t i)
 {
     const unsigned char *place = f->bytes + 16 + 9 * i, *alpha = f->bytes + 16 + 9 * f->n + i;
@@ -162,7 +162,7 @@ static void rotate(const double q[4], const double v[3], double out[3])
 static const char *const pairs_3[] = {"spz-version", "3", NULL};
 static const struct spin_plugin_values version_3 = {pairs_3};
 
-/* The axes of each ellipsoid, turned about x, are up to sign those of the file. */
+/* The axes of each ellipsoid, rotated about x, equal those of the file up to sign. */
 static void test_turned_rotation(void)
 {
     static const char *const pairs[] = {"axes", "rub", "spz-version", "3", NULL};
@@ -268,7 +268,7 @@ static uint64_t u64_at(const unsigned char *at)
     return u32_at(at) | (uint64_t)u32_at(at + 4) << 32;
 }
 
-/* The streams of version 4 are those of version 3, each a frame of zstd behind the table of
+/* The streams of version 4 equal those of version 3, each as a zstd frame behind the table of
  * contents. */
 static void test_version_4(int degree, size_t n_rows)
 {
@@ -317,7 +317,7 @@ static void test_version_4(int degree, size_t n_rows)
     spin_splats_free(&s);
 }
 
-/* In a process of its own, as the library is looked for once. */
+/* In a process of its own, since the library is searched only once. */
 static void test_without_zstd(void)
 {
     struct spin_export_job job = {.output = in_folder("nozstd"), .n_frames = 1};

@@ -1,4 +1,4 @@
-/* A clip in one GLB: what all frames share lies in it once.
+/* A clip in one GLB: rows that all frames share are stored once.
  * K: gltf glb export still */
 #include "base/log.h"
 #include "formats/glb_scene.h"
@@ -86,7 +86,7 @@ static int rows_are_same(const struct spin_splats *a, size_t i, const struct spi
            fabsf(a->logit_opacities[i] - b->logit_opacities[j]) < 1e-4f;
 }
 
-/* The frame's own rows in their order, then what is shared in the first frame's order. */
+/* The frame's own rows in their order, then the shared rows in the order of the first frame. */
 static int frame_is_right(const struct spin_splats *back, const struct clip *c, int f)
 {
     const struct spin_splats *s = &c->now;
@@ -97,7 +97,7 @@ static int frame_is_right(const struct spin_splats *back, const struct clip *c, 
     memset(shared, 0, sizeof shared);
     for (size_t k = 0; k < SHARED; k++)
         shared[c->at[k]] = 1;
-    /* Of the copies that are alike, which one is shared does not matter: they are the same. */
+    /* Among equal copies any one may be shared. */
     for (size_t i = 0; good && i < s->n; i++)
         if (!shared[i] && !(f == 2 && rows_are_same(s, i, &c->shared, 0)))
             good &= rows_are_same(back, n++, s, i);

@@ -1,5 +1,6 @@
-/* 4D splats as windows in a file's unit of time: what is frozen, fitted, shortened and left out,
- * and what that loses. K: 4d tsog sogst export */
+/* 4D splats as Gaussian windows in a file's unit of time: which are static, fitted, shortened or
+ * omitted, and the loss.
+ * K: 4d tsog sogst export */
 #include "exporters/lib/time_windows.h"
 #include "math/activate.h"
 #include "math/motion.h"
@@ -7,8 +8,7 @@
 
 static const double times[5] = {10, 11, 12, 13, 14};
 
-/* Four rows: one that all of it happens to, one that lasts for ever, one of long before, a cubic
- * path. */
+/* Four rows: one with every feature, one that lasts forever, one of long before, a cubic path. */
 static void fill(struct spin_splats_4d *s)
 {
     size_t n_dropped;
@@ -65,8 +65,8 @@ static void test_convert(const struct spin_export_job *job)
     ok(c->times[1] == 1 && c->sigmas[1] == 16 && fabs((double)c->logit_opacities[1] - 1) < 1e-3 &&
            c->centres[4] == 0,
        "what lasts for ever is put in the middle");
-    /* a line through a parabola: as high as its weighted mean, and as steep as in the middle but
-     * for the cubic part */
+    /* the least-squares line of a parabola: its weighted mean, and its slope at the middle
+     * except for the cubic part */
     for (int k = 0; k < 9; k++) {
         double d =
             (job->splats_4d->spans[7] < 14 ? job->splats_4d->spans[7] - 12 : 2) * (k - 4) / 4;
@@ -130,7 +130,7 @@ static void refused(struct spin_export_job *job, struct spin_splats_4d *s, unsig
     spin_splats_4d_free(s);
 }
 
-/* The clip is from 10 to 14: a bell that begins and ends outside of that is whole. */
+/* The clip is from 10 to 14: windows that begin and end outside of it are not cut. */
 static void test_cuts(struct spin_export_job *job)
 {
     static const struct {

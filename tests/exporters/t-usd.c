@@ -73,8 +73,8 @@ static int all_within(const double *v, long n, double least, double most)
     return 1;
 }
 
-/* How far three standard deviations of a splat go along an axis: by the image of the axis under its
- * rotation. */
+/* The extent of three standard deviations of a splat along an axis, from the image of the axis
+ * under its rotation. */
 static double reach_of(const struct want *w, size_t axis)
 {
     double q[4] = {w->q[0], w->q[1], w->q[2], w->q[3]}, sum = 0;
@@ -90,7 +90,8 @@ static double reach_of(const struct want *w, size_t axis)
     return 3 * sqrt(sum);
 }
 
-/* Values of degree n are of one sign, or of the other, when the scene is turned half about x. */
+/* Whether values of SH degree n keep their sign or change it when the scene is rotated by half a
+ * turn about x. */
 static const char sh_signs[] = "+--+-++-+-+--+-+";
 
 static bool has_hints(const char *text)
@@ -207,8 +208,8 @@ static void test_values(int degree, const char *sh, int to, int half, const char
     spin_splats_free(&s);
 }
 
-/* Every third frame of a clip of 30 frames a second, or of a second that nobody knows, plays as
- * fast as all of them. */
+/* Every third frame of a clip of 30 frames per second, or of unknown rate, plays as fast as all
+ * of them. */
 static void test_stride(double fps, const char *option, double want_fps, double want_codes)
 {
     const char *pairs[] = {"fps", option, NULL};
@@ -285,8 +286,8 @@ static void test_stage(void)
     spin_splats_free(&s);
 }
 
-/* Frames whose scales, opacities and colours stay: these stand once, in a layer below the others.
- */
+/* Frames with constant scales, opacities and colours, which are stored once in the weakest
+ * layer. */
 static struct spin_splats clip[3];
 
 static spin_status again(void *context, int frame, const struct spin_splats **out)

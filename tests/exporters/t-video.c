@@ -1,5 +1,6 @@
-/* What the video exporter writes is read back: size, number, pixels; and whence a moving camera
- * looks. K: video images export */
+/* Reads back what the video exporter wrote: size, count and pixels; and the poses of moving
+ * cameras.
+ * K: video images export */
 #include "base/err.h"
 #include "base/log.h"
 #include "exporters/lib/camera_path.h"
@@ -24,7 +25,7 @@ spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *dep
     return spin_fail(SPIN_E_DEVICE, "no picture asks for layers");
 }
 
-/* In place of the rasteriser: a smooth picture that says which splats and which render it was. */
+/* Replaces the rasteriser: a smooth image that encodes the splats and the number of the render. */
 static void paint(size_t n, int k, int width, int height, float *image)
 {
     for (int y = 0; y < height; y++) {
@@ -174,8 +175,8 @@ static void test_files(struct spin_export_job job)
        "before to the left of after");
 }
 
-/* Bytes of a file, and the seconds that an MP4 says its track lasts: the box mdhd (ISO 14496-12).
- */
+/* The size of a file, and the duration in seconds of an MP4's track from its box mdhd (ISO
+ * 14496-12). */
 static size_t measure(const char *path, double *seconds)
 {
     struct spin_map map;
@@ -225,7 +226,7 @@ static void test_speed_and_quality(struct spin_export_job job)
        db[3]);
 }
 
-/* Distance from the eye to (0, 0, 0), and whether it looks there. */
+/* The distance from the eye to (0, 0, 0), and whether it faces that point. */
 static double looks_from(const struct spin_camera *camera, bool *at_middle)
 {
     double eye[3];
@@ -362,7 +363,7 @@ static void test_rig(struct spin_export_job job)
     spin_views_free(&views);
 }
 
-/* Ten cameras on a ring, in a wild order, and each of them twice. */
+/* Ten cameras on a ring in a random order, each of them twice. */
 static void test_rig_order(void)
 {
     struct spin_views views = {0};
@@ -389,7 +390,7 @@ static void test_rig_order(void)
     spin_views_free(&views);
 }
 
-/* Without a data set: from the front, as a page begins. */
+/* Without a data set: from the front, like the first view of a page. */
 static void test_front(struct spin_export_job job)
 {
     static const char *const orbit[] = {"path", "orbit", "repeat", "1", NULL};
@@ -429,7 +430,7 @@ static void test_front(struct spin_export_job job)
     }
 }
 
-/* --size keeps the height of view; --duration draws frames as often as it takes, or not at all. */
+/* --size keeps the vertical field of view; --duration repeats or skips frames. */
 static void test_size_and_duration(struct spin_export_job job)
 {
     static const char *const pairs[] = {"path", "orbit", "size", "64x16", "duration",
@@ -460,7 +461,7 @@ static void test_size_and_duration(struct spin_export_job job)
        "the data set's cameras too");
 }
 
-/* Whether a t stands third in a panel ("after"), white in a black box. */
+/* Whether a "t" is the third letter in a panel ("after"), white in a black box. */
 static bool has_label(const char *name, int panel, int width)
 {
     static const char *const rows[7] = {".#...", ".#...", "###..", ".#...",

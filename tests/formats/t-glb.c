@@ -95,7 +95,7 @@ static void test_round_trip(int degree)
     spin_splats_free(&s);
 }
 
-/* Documents that lie. */
+/* Malformed documents. */
 static void test_documents(void)
 {
     static const struct {

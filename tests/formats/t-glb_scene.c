@@ -1,5 +1,6 @@
-/* Scenes of GLB: component types, nodes, clips that an animation switches, SPZ inside, documents
- * that lie. K: gltf glb formats */
+/* Scenes of GLB: component types, nodes, clips that an animation switches, SPZ inside, and
+ * malformed documents.
+ * K: gltf glb formats */
 #include "tests/formats/glb_files.h"
 #include "tests/formats/spz_files.h"
 

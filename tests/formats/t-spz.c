@@ -105,7 +105,7 @@ static void test_decoded_values(void)
         ok(fabsf(shown[c] - scale[c]) <= 1.001f / 32, "the decoded log scale, axis %d", c);
 }
 
-/* Headers that lie, in a gzip that is whole. */
+/* Malformed headers in a valid gzip stream. */
 static void test_headers(void)
 {
     static const struct {
@@ -278,7 +278,7 @@ static void test_version_4(int degree)
     spin_splats_free(&as_3);
 }
 
-/* Tables of contents and streams that lie. */
+/* Malformed tables of contents and streams. */
 static void test_streams(void)
 {
     static const struct {
@@ -337,7 +337,7 @@ static void test_streams(void)
     spin_splats_free(&s);
 }
 
-/* Records of extensions: axes, those that nobody knows, those that lie. */
+/* Records of extensions: axes, unknown ones, malformed ones. */
 static void test_extensions(void)
 {
     static const unsigned char records[] = {2, 0, 0xbe, 0xad, 3, 0, 0, 0, 1, 2, 3, /* a camera's */

@@ -1,5 +1,5 @@
-/* Clouds made here: a fixture's PLY with some of its properties, rows or values changed; and
- * settings of a run with a word of them replaced. */
+/* Clouds made by tests: a fixture's PLY with some of its properties, rows or values changed; and
+ * the settings of a run with one word replaced. */
 #ifndef SPIN_TESTS_IMPORTERS_CLOUDS_H
 #define SPIN_TESTS_IMPORTERS_CLOUDS_H
 
@@ -95,7 +95,7 @@ static inline void cloud_save(const struct cloud *c, const char *path)
         exit(1);
 }
 
-/* The first place of `word` in a text file becomes `by`. */
+/* Replaces the first occurrence of `word` in a text file by `by`. */
 static inline void replace_text(const char *path, const char *word, const char *by)
 {
     char text[8192], changed[8400];
@@ -114,9 +114,9 @@ static inline void replace_text(const char *path, const char *word, const char *
     write_text(path, changed);
 }
 
-/* Every length from the whole less one byte down: in steps of one near both ends and at most 300 of
- * them in between. Reading the model at `path` fails each time, and the message has the file's
- * name. Puts the file back. */
+/* Truncates the file to every length from one byte less than the whole: one by one near both
+ * ends, and to at most 300 lengths between them. Reading the model at `path` must fail each time
+ * with a message that names the file. Restores the file. */
 static inline void cut_everywhere(const char *from, const char *path, const char *const *pairs,
                                   const char *folder, const char *name)
 {

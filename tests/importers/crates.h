@@ -91,7 +91,7 @@ static inline uint64_t crate_samples(struct crate *c, const uint64_t *word, size
     return crate_word(46, 0, at);
 }
 
-/* A list of one prepended reference (35), or payload (55), or a payload alone (47). */
+/* A list with one prepended reference (35) or payload (55), or a payload alone (47). */
 static inline uint64_t crate_reference(struct crate *c, int type, const char *asset, uint32_t path)
 {
     size_t at = type == 47 ? c->n : crate_put(c, &(char){0x20}, 1);

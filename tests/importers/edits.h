@@ -1,22 +1,23 @@
-/* Copies of a model with files that lie: tensors, properties and settings changed by a few words.
+/* Copies of a model with malformed files: tensors, properties and settings edited by a few
+ * words.
  *
- *     drop NAME [A B]        a tensor or a property is gone; or those with the numbers A to B behind NAME
- *     put NAME [D D ...]     zeros of that shape, or of as many rows as there are
- *     set NAME I VALUE       one value, or all of them: I is '*'; VALUE may be +X, or =J: that of J
- *     rows N                 so many rows of a cloud are left
- *     pair                   a pair of dicts instead of one, or the other way
- *     swap                   the dicts of a pair
- *     real NAME              floats instead of whole numbers
+ *     drop NAME [A B]        deletes a tensor or a property; or those named NAME followed by A to B
+ *     put NAME [D D ...]     zeros of that shape, or one for each row
+ *     set NAME I VALUE       one value, or all if I is '*'; VALUE may be +X, or =J: that of index J
+ *     rows N                 keeps the first N rows of a cloud
+ *     pair                   a pair of dicts instead of one, or the reverse
+ *     swap                   exchanges the dicts of a pair
+ *     real NAME              floats instead of integers
  *     text OLD=>NEW          in a text file
  *
- * with ';' between them. */
+ * separated by ';'. */
 #ifndef SPIN_TESTS_IMPORTERS_EDITS_H
 #define SPIN_TESTS_IMPORTERS_EDITS_H
 
 #include "tests/importers/clouds.h"
 #include "tests/importers/golden.h"
 
-/* Everything in a folder and below it, in a new one. */
+/* Copies a folder with everything below it to a new one. */
 static inline void copy_folder_to(const char *from, const char *to)
 {
     char **names = NULL;
@@ -162,7 +163,7 @@ static inline const char *edited(const char *model, const char *file, const char
     return copy;
 }
 
-/* What is wrong with a file, and a word of the message that names it. */
+/* A fault of a file, and a word of the message that reports it. */
 struct lie {
     const char *file, *edits, *word, *what;
 };
@@ -175,8 +176,7 @@ static inline void refuse_lies(const char *from, const char *model, const char *
                     spin_path_name(lies[i].file), lies[i].word, lies[i].what);
 }
 
-/* Every bad checkpoint that the reader of the container is tested with, in place of a model's file.
- */
+/* Replaces a model's file by each bad checkpoint that the container reader is tested with. */
 static inline void refuse_containers(const char *from, const char *model, const char *const *pairs,
                                      const char *file)
 {
@@ -198,7 +198,7 @@ static inline void refuse_containers(const char *from, const char *model, const 
     spin_folder_list_free(names);
 }
 
-/* No truncation of a model's file is read, and each message names it. */
+/* No truncation of a model's file is accepted, and each message names the file. */
 static inline void refuse_cuts(const char *from, const char *model, const char *const *pairs,
                                const char *file)
 {

@@ -1,12 +1,12 @@
-/* Clouds of one frame or more against expected.npz, which holds finished attributes: <frame>_means,
- * ... */
+/* Compares clouds of one or more frames with expected.npz, which contains activated attributes:
+ * <frame>_means, ... */
 #ifndef SPIN_TESTS_IMPORTERS_EXPECTED_CLOUDS_H
 #define SPIN_TESTS_IMPORTERS_EXPECTED_CLOUDS_H
 
 #include "tests/importers/golden.h"
 
-/* Rows [first, first + n) against the arrays of this prefix; rest: what has no tolerance of its
- * own. */
+/* Compares rows [first, first + n) with the arrays of this prefix; rest: the tolerance of arrays
+ * without one of their own. */
 static inline void compare_cloud(struct spin_npz *npz, const char *prefix,
                                  const struct spin_splats *s, size_t first, size_t n, double abs,
                                  double rel, double quats_abs, bool still, const char *name)
@@ -33,7 +33,7 @@ static inline void compare_cloud(struct spin_npz *npz, const char *prefix,
     free(row);
 }
 
-/* expected.npz counts frames from 0, or by the files' numbers where those have gaps. */
+/* expected.npz counts frames from 0, or uses the numbers of the files if these have gaps. */
 static inline int expected_index(const struct spin_npz *npz, const struct run *run, int frame)
 {
     bool by_number = run->sequence.numbers != NULL;

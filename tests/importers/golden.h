@@ -1,5 +1,5 @@
-/* What a fixture's expected.npz says about a run: a table of methods, their arrays and which rows
- * are seen. How close is in the manifest. */
+/* The meaning of a fixture's expected.npz: a table of methods with their arrays and the rows
+ * that are visible. Tolerances are in the manifest. */
 #ifndef SPIN_TESTS_IMPORTERS_GOLDEN_H
 #define SPIN_TESTS_IMPORTERS_GOLDEN_H
 
@@ -90,7 +90,7 @@ ARRAYS(comp, A("mean", MEANS), A("cov6", COV6), A("opacity", OPACITIES),
        A("sh_folded", SH, .at = "sh_time_index"));
 ARRAYS(ftgs, A("mean", MEANS), A("raw_scale", LOG_SCALES, .bound = "", .abs = 1e-5),
        A("raw_rotation", QUATS, .bound = "", .abs = 1e-5), A("opacity", OPACITIES),
-       A("sh48", SH, .at = "sh_time_index", .width = 48)); /* what its renderer uses */
+       A("sh48", SH, .at = "sh_time_index", .width = 48)); /* as its renderer does */
 ARRAYS(centres, A("centre", MEANS));
 ARRAYS(keyed, A("xyz", MEANS), A("?cov6", COV6), A("?opacity", OPACITIES), A("?sh", SH),
        A("?rot", QUATS, .rows = "moving"), A("?scale", SCALES, .rows = "moving"));
@@ -314,7 +314,7 @@ static inline void covariance_of_row(const struct spin_splats *s, size_t i, doub
     spin_covariance_of(scale, quat, out);
 }
 
-/* Colours seen from `eye` [3]: max(0, 1/2 + SH), as 3DGS shows them. */
+/* Colours seen from `eye` [3]: max(0, 1/2 + SH), as in 3DGS. */
 static inline void colour_of_row(const struct spin_splats *s, size_t i, const double *eye,
                                  double out[3])
 {
@@ -338,7 +338,7 @@ static inline void colour_of_row(const struct spin_splats *s, size_t i, const do
     }
 }
 
-/* Row i as an array of this kind has it. Returns its width. */
+/* Row i in the form of an array of this kind. Returns its width. */
 static inline size_t golden_row(enum golden_kind kind, const struct spin_splats *s, size_t i,
                                 const double *eye, double *want, double out[SPIN_SH_MAX * 3])
 {
@@ -379,7 +379,7 @@ static inline size_t golden_row(enum golden_kind kind, const struct spin_splats 
     return kind == BASE ? 3 : width;
 }
 
-/* The row of an array that is about row `row` of all; -1: none. */
+/* The row of an array for row `row` of the model; -1: none. */
 static inline long golden_place(const struct golden_array *a, const struct table *marks, size_t row)
 {
     size_t n = 0;
@@ -454,7 +454,7 @@ static inline void golden_compare(const struct golden_now *now, const struct gol
             width = n_sh - 3;
         n_rows++;
         for (size_t c = 0; c < width; c++) {
-            /* Some methods leave 0..1, which a logit cannot express. */
+            /* Some methods exceed 0..1, which a logit cannot represent. */
             double to = a->kind == OPACITIES ? fmin(fmax(want[c], 0), 1) : want[c];
             double error = fabs((c < n ? out[c] : 0) - to);
             double most = b.abs * extent + b.rel * (b.of_trace ? trace : fabs(want[c]));
@@ -471,7 +471,7 @@ static inline void golden_compare(const struct golden_now *now, const struct gol
     free(eye.value);
 }
 
-/* Rows that all marks are above their bounds for; '?': a mark that may be missing. */
+/* Rows for which all marks exceed their bounds; '?': a mark that may be missing. */
 static inline size_t golden_rows(const struct golden *g, struct spin_npz *npz, size_t n_all,
                                  size_t index, size_t *row)
 {
@@ -497,7 +497,7 @@ static inline size_t golden_rows(const struct golden *g, struct spin_npz *npz, s
     return n;
 }
 
-/* Each column asked for alone is the same, bit for bit. */
+/* Each column requested alone is identical. */
 static inline void golden_columns(struct run *run, int frame, double time,
                                   const struct spin_splats *s, const char *name)
 {
@@ -542,7 +542,7 @@ static inline int golden_index(const struct run *run, int number)
     return i;
 }
 
-/* One time: what was read, all at once and column by column. */
+/* One time: the values read, all at once and column by column. */
 static inline void golden_time(const struct golden *g, struct run *run, struct golden_now *now,
                                double time)
 {
@@ -568,7 +568,8 @@ static inline void golden_time(const struct golden *g, struct run *run, struct g
     spin_splats_free(&s);
 }
 
-/* The run at `path` against the numbers of fixture `folder`; later: what to add to their times. */
+/* Compares the run at `path` with the numbers of fixture `folder`; later: an offset of their
+ * times. */
 static inline void golden_run(const struct golden *g, const char *from, const char *path,
                               const char *const *pairs, const char *folder, double later,
                               const char *name)
@@ -620,14 +621,14 @@ static inline void golden_run(const struct golden *g, const char *from, const ch
     run_close(&run);
 }
 
-/* As the first row of the table about this method, but read from `path` with these options. */
+/* Uses the first row of the table for this method, but reads from `path` with these options. */
 static inline void golden_as(const char *method, const char *path, const char *const *pairs,
                              const char *folder, double later, const char *name)
 {
     golden_run(golden_of(method), method, path, pairs, folder, later, name);
 }
 
-/* A fixture by a row of the table, where it is of its kind. */
+/* Compares a fixture as a row of the table says, if it is of that kind. */
 static inline void golden_fixture(const struct golden *g, const char *folder, const char *name)
 {
     const char *expected = path_in(folder, g->expected ? g->expected : "expected.npz"), *path;

@@ -1,5 +1,4 @@
-/* What the tests of Grid4D and DASH share: settings that are missing or wrong, and folders that are
- * not whole. */
+/* Shared by the tests of Grid4D and DASH: missing or wrong settings, and incomplete folders. */
 #ifndef SPIN_TESTS_IMPORTERS_HASHFIELDS_H
 #define SPIN_TESTS_IMPORTERS_HASHFIELDS_H
 

@@ -1,5 +1,5 @@
-/* What the tests of methods with a network share: opening a model with options, and checkpoints
- * made here: a fixture's tensors with some of them changed. */
+/* Shared by the tests of methods with a network: opening a model with options, and checkpoints
+ * made by tests: a fixture's tensors with some of them changed. */
 #ifndef SPIN_TESTS_IMPORTERS_MODELS_H
 #define SPIN_TESTS_IMPORTERS_MODELS_H
 
@@ -22,7 +22,7 @@ static inline spin_status model_open(const char *from, const char *path, const c
     return status;
 }
 
-/* Opening fails, and the message is one line with both words in it. */
+/* Opening fails with a message of one line that contains both words. */
 static inline void model_fails(const char *from, const char *path, const char *const *pairs,
                                const char *file, const char *word, const char *what)
 {
@@ -306,7 +306,7 @@ static inline void pth_save(const struct pth *pth, const char *path)
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
-/* Byte for byte, also what the library would not open. */
+/* Byte for byte, including what the library would refuse to open. */
 static inline void copy_file(const char *from, const char *to)
 {
     char part[4096];

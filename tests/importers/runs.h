@@ -1,4 +1,4 @@
-/* What the importers' tests share: opening a run, comparing its frames with expected.npz, and
+/* Shared by the importers' tests: opening a run, comparing its frames with expected.npz, and
  * reading every truncation of a file. */
 #ifndef SPIN_TESTS_IMPORTERS_RUNS_H
 #define SPIN_TESTS_IMPORTERS_RUNS_H
@@ -24,13 +24,13 @@ static inline const char *path_in(const char *folder, const char *name)
     return path;
 }
 
-/* Of some methods the repository holds fewer runs than the larger set. */
+/* For some methods the repository contains fewer runs than the larger set. */
 static inline bool has(const char *root, const char *name)
 {
     return spin_path_exists(path_in(root, name));
 }
 
-/* The file in a folder whose name ends so. */
+/* The file in a folder whose name has this ending. */
 static inline const char *file_in(const char *folder, const char *ending)
 {
     const char *found = NULL;
@@ -79,7 +79,7 @@ static inline void run_close(struct run *run)
     run->self = NULL;
 }
 
-/* On failure everything is closed again. */
+/* On failure everything is closed. */
 static inline spin_status run_open(const char *from, const char *path, struct run *run)
 {
     spin_status status;
@@ -107,7 +107,7 @@ static inline spin_status read_all(const char *from, const char *path)
     return status;
 }
 
-/* Reading fails, and the message has this word in it (NULL: any). */
+/* Reading fails with a message that contains this word (NULL: any). */
 static inline void fails(const char *from, const char *path, const char *word, const char *what)
 {
     spin_status status = read_all(from, path);
@@ -136,15 +136,15 @@ static inline double manifest_tolerance(const spin_json *manifest, const char *k
     return value;
 }
 
-/* What a fixture's manifest allows: of "abs 1e-4 + rel 1e-3", or with a comma, both numbers, of a
- * plain one the first. */
+/* The tolerance in a fixture's manifest: both numbers of "abs 1e-4 + rel 1e-3", or of two with a
+ * comma; otherwise the first. */
 struct bound {
     double abs, rel;
 };
 
 static const char *bounds_of; /* the fixture's folder, for bound() */
 
-/* `b` is for manifests that do not tell. */
+/* `b` is used if a manifest has no tolerance. */
 static inline struct bound bound_or(const char *key, struct bound b)
 {
     spin_json *manifest = load_manifest(bounds_of);
@@ -169,7 +169,7 @@ static inline struct bound bound(const char *key)
     return b;
 }
 
-/* Compare finished attributes with `count` expected values that begin at `first`. */
+/* Compares activated attributes with `count` expected values that begin at `first`. */
 struct expected {
     struct spin_npz *npz;
     double abs, rel;
@@ -204,7 +204,7 @@ static inline float *map_values(const float *in, size_t n, double (*fn)(double))
 
 static inline double sigmoid(double x) { return 1 / (1 + exp(-x)); }
 
-/* q and -q are the same rotation: turn each to the expected side. */
+/* q and -q are the same rotation: choose the expected sign. */
 static inline void compare_quats(const struct expected *e, const char *key, uint64_t first,
                                  size_t n, const float *quats)
 {
@@ -226,9 +226,9 @@ static inline void compare_quats(const struct expected *e, const char *key, uint
     free(want);
 }
 
-/* Cut the file `copy`, which the run at `path` holds, at up to 800 lengths, longest first, at all
- * where it has at most 2000 bytes; reading must fail or succeed, not crash. Returns how many of
- * them could still be read. */
+/* Truncates the file `copy`, which the run at `path` contains, to up to 800 lengths, longest
+ * first (every length if it has at most 2000 bytes); reading must fail or succeed, and not
+ * crash. Returns how many could still be read. */
 static inline int read_cuts(const char *from, const char *path, const char *copy)
 {
     struct spin_map map;
@@ -250,7 +250,7 @@ static inline int read_cuts(const char *from, const char *path, const char *copy
     return n_good;
 }
 
-/* The same of a copy of a file that is the whole run. */
+/* The same for a copy of a file that is the whole run. */
 static inline int read_truncations(const char *from, const char *path)
 {
     const char *copy = path_in(new_folder(), spin_path_name(path));

@@ -1,4 +1,5 @@
-/* What the tests of data set readers share: small sets made here, comparing with expected.npz. */
+/* Shared by the tests of data set readers: small sets made here, and comparisons with
+ * expected.npz. */
 #ifndef SPIN_TESTS_IMPORTERS_SETS_H
 #define SPIN_TESTS_IMPORTERS_SETS_H
 
@@ -38,7 +39,7 @@ static inline void make_text(const char *folder, const char *name, const char *t
     make_file(folder, name, text, strlen(text));
 }
 
-/* folder/name is another name of the file `target`. */
+/* Creates the link folder/name to the file `target`. */
 static inline void make_link(const char *target, const char *folder, const char *name)
 {
     char *absolute = NULL;
@@ -64,7 +65,7 @@ static inline void set_refused(const char *folder, const char *from, const char 
         spin_views_free(&views);
 }
 
-/* Reads, or says why not. */
+/* Reads, or reports the error. */
 static inline bool set_opens(const char *folder, const char *from, struct spin_views *views,
                              const char *what)
 {
@@ -95,7 +96,7 @@ static inline void pose_of(const struct spin_view *view, float out[16])
         out[j] = j < 12 ? (float)view->camera.w2c[j] : j == 15;
 }
 
-/* Every truncation of a file is refused, or read without harm. Returns how many were read. */
+/* Every truncation of a file is refused or read without harm. Returns how many were read. */
 static inline int set_truncations(const char *folder, const char *name, const char *from)
 {
     const char *path = path_in(folder, name);
@@ -175,10 +176,9 @@ static inline void each_set(const char *kind, void (*test)(const char *folder, c
     each_set_in("datasets", kind, test);
 }
 
-/* ---- Cameras with folders of frames, or films --------------------------------------------------
- */
+/* ---- Cameras with a folder of frames, or a video, each */
 
-/* A number of the manifest's tolerances, or the one that its text begins with. */
+/* A number of the manifest's tolerances, or the one at the start of its text. */
 static inline double rig_tolerance(const spin_json *manifest, const char *key)
 {
     const spin_json *all = spin_json_get(manifest, "tolerance");
@@ -187,8 +187,8 @@ static inline double rig_tolerance(const spin_json *manifest, const char *key)
     return text ? strtod(text, NULL) : manifest_tolerance(manifest, key, NAN);
 }
 
-/* The views of all frames and cameras, in this order, against the arrays w2c ([C] or [T][C]), K,
- * size and `time`. */
+/* Compares the views of all frames and cameras, in this order, with the arrays w2c ([C] or
+ * [T][C]), K, size and `time`. */
 static inline void check_rig(const struct spin_views *views, struct spin_npz *npz,
                              const spin_json *manifest, const char *time_key, const char *name)
 {
@@ -234,7 +234,7 @@ static inline void check_rig(const struct spin_views *views, struct spin_npz *np
     free(time);
 }
 
-/* Means of the pictures' channels against mean_rgb [T][C][3]. */
+/* Compares the mean of each image's channels with mean_rgb [T][C][3]. */
 static inline void check_rig_colours(const struct spin_views *views, struct spin_npz *npz,
                                      const spin_json *manifest)
 {

@@ -1,5 +1,5 @@
-/* What the tests of methods that are defined at any time share: opening with options, and comparing
- * the Gaussians that a time sees with the rows of expected.npz that should be seen. */
+/* Shared by the tests of methods that are defined at any time: opening with options, and
+ * comparing the Gaussians visible at a time with the rows of expected.npz that should be. */
 #ifndef SPIN_TESTS_IMPORTERS_SLICES_H
 #define SPIN_TESTS_IMPORTERS_SLICES_H
 
@@ -22,7 +22,7 @@ static inline spin_status open_with(const char *from, const char *path, const ch
     return status;
 }
 
-/* Opening with these options fails, and the message has the word and the file's name in it. */
+/* Opening with these options fails with a message that contains the word and the file's name. */
 static inline void fails_with(const char *from, const char *path, const char *const *pairs,
                               const char *word, const char *what)
 {
@@ -36,7 +36,7 @@ static inline void fails_with(const char *from, const char *path, const char *co
     run_close(&run);
 }
 
-/* An array of n_rows rows; NULL with a failed line when it is missing. */
+/* An array of n_rows rows; NULL after a failed test if it is missing. */
 struct table {
     double *value;
     size_t n_blocks, n_rows, width; /* [n_blocks][n_rows][width] */
@@ -60,7 +60,7 @@ static inline struct table table_load(struct spin_npz *npz, const char *key, int
     return t;
 }
 
-/* Rows of block `b` that are wanted, one after the other (malloc'd). */
+/* The rows of block `b` that are compared, one after the other (malloc'd). */
 static inline double *table_rows(const struct table *t, size_t b, const size_t *row, size_t n)
 {
     double *out = malloc(n * t->width * sizeof *out + 1);
@@ -71,7 +71,7 @@ static inline double *table_rows(const struct table *t, size_t b, const size_t *
     return out;
 }
 
-/* Compare floats [row][step] with rows of a table, which may be narrower. */
+/* Compares floats [row][step] with rows of a table, which may be narrower. */
 static inline void compare_rows(const struct table *t, size_t block, const size_t *row, size_t n,
                                 const float *got, size_t step, double abs, double rel,
                                 const char *what)
@@ -88,7 +88,7 @@ static inline void compare_rows(const struct table *t, size_t block, const size_
     free(want);
 }
 
-/* So much and such a part of the trace of each Gaussian, as the manifests say. */
+/* The size and part of each Gaussian's motion, as the manifests define it. */
 static inline void compare_covariances(const struct table *t, size_t block, const size_t *row,
                                        const struct spin_splats *s, const char *what)
 {
@@ -123,7 +123,7 @@ static inline void compare_opacities(const struct table *t, size_t block, const 
     free(got);
 }
 
-/* Unit quaternions, and nothing that is not finite. */
+/* Unit quaternions, and only finite values. */
 static inline void check_sane(const struct spin_splats *s, unsigned columns, const char *what)
 {
     size_t width = 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1)), bad = 0;
@@ -144,8 +144,8 @@ static inline void check_sane(const struct spin_splats *s, unsigned columns, con
     near((double)bad, 0, 0, what);
 }
 
-/* Flip single bytes of a copy, a few hundred of them spread over the file: reading must not crash.
- * */
+/* Flips single bytes of a copy, a few hundred of them spread over the file: reading must not
+ * crash. */
 static inline void survive_flips(const char *from, const char *path)
 {
     const char *copy = path_in(new_folder(), spin_path_name(path));
@@ -157,7 +157,7 @@ static inline void survive_flips(const char *from, const char *path)
         return;
     }
     for (size_t i = 0; i < 400; i++) {
-        /* Half of them where the pickle lies, at the front. */
+        /* Half of them inside the pickle, which is at the front. */
         size_t at = i % 2 ? i * 17 % map.size : i * (map.size / 400);
         FILE *file = fopen(copy, "wb");
 

@@ -1,11 +1,11 @@
-/* Checkpoints made by tests, as torch.save wrote them before its zip form. */
+/* Checkpoints made by tests in the format of torch.save() before zip files. */
 #ifndef SPIN_TESTS_IMPORTERS_STREAMS_H
 #define SPIN_TESTS_IMPORTERS_STREAMS_H
 
 #include "tests/importers/runs.h"
 
-/* A legacy torch stream, written as protocol 2. Storages are float, all cut from one stock of
- * zeros. */
+/* A legacy torch stream, written with protocol 2. Storages are floats, all taken from one array
+ * of zeros. */
 struct writer {
     FILE *file;
     int n_storages, count[64];
@@ -76,7 +76,7 @@ static inline void begin_stream(struct writer *w, const char *path)
     PUT(w, "}u.\x80\x02");
 }
 
-/* Storages hold this: logits 0, scales 1, quaternions of four equal numbers. */
+/* Storages contain: logits 0, scales 1, quaternions of four equal numbers. */
 static inline void end_stream(struct writer *w, float value)
 {
     PUT(w, ".\x80\x02](");
@@ -103,7 +103,7 @@ struct item {
     int a, b, c;
 };
 
-/* (model, 123), where all tensors hold one value. */
+/* (model, 123), where all tensors contain the same value. */
 static inline const char *write_items(const char *path, const struct item *item, int n, float value)
 {
     struct writer w;

@@ -1,5 +1,5 @@
 /* 3dgstream: moved clouds and evaluated networks against the official classes, both layouts, and
- * folders that lie.
+ * malformed folders.
  * K: 3dgstream import */
 #include "importers/lib/ntc_eval.h"
 #include "tests/importers/expected_clouds.h"

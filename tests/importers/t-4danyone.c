@@ -1,5 +1,6 @@
-/* 4danyone: clips against the method's own cameras and the colours of their films, pictures in
- * place from the videos, and files that lie. K: 4danyone import views video */
+/* 4danyone: clips compared with the method's own cameras and the colours of their videos, image
+ * files instead of videos, and malformed files.
+ * K: 4danyone import views video */
 #include "io/video.h"
 #include "tests/importers/sets.h"
 
@@ -30,7 +31,7 @@ static void test_set(const char *folder, const char *name, const spin_json *mani
 
 #define K_GOOD "[[10, 0, 4], [0, 11, 3], [0, 0, 1]]"
 
-/* What a camera has. */
+/* The parameters of a camera. */
 struct entry {
     const char *id, *k, *pose, *size, *video;
 };
@@ -53,7 +54,7 @@ static void make_cameras(const char *folder, const char *model, const struct ent
 
 #define MODEL "\"camera_model\": \"OPENCV\", "
 
-/* Two cameras, whose films are extracted: two frames. */
+/* Two cameras whose videos have been extracted: two frames. */
 static const char *make_set(void)
 {
     const char *folder = new_folder();

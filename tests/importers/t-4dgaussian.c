@@ -1,4 +1,4 @@
-/* 4dgaussian: flags from cfg_args or options, rare networks made here, and files that lie.
+/* 4dgaussian: flags from cfg_args or options, rare networks made here, and malformed files.
  * K: 4dgaussian import threads */
 #include "tests/importers/edits.h"
 
@@ -7,7 +7,7 @@
 #define CLOUD SAVE "/point_cloud.ply"
 #define NETWORK SAVE "/deformation.pth"
 
-/* The repository's own export: all right but for the opacity, which it forgets to deform. */
+/* The repository's own export: all correct but the opacity, which it forgets to deform. */
 static void test_official(const char *root)
 {
     const char *folder = path_in(root, "dynerf_like");
@@ -179,7 +179,8 @@ static void test_prefix_and_threads(const char *root)
     spin_splats_free(&b);
 }
 
-/* ---- Files that lie -------------------------------------------------------------------------- */
+/* ---- Malformed files --------------------------------------------------------------------------
+ */
 
 #define NET "deformation_net."
 

@@ -1,4 +1,4 @@
-/* .4dgs against what the format's own reader makes of it.
+/* .4dgs compared with the format's own reader.
  * K: 4dgs import */
 #include "tests/importers/models.h"
 
@@ -30,8 +30,8 @@ static void compare_colours(const struct expected *e, const struct spin_splats_4
     free(codes);
 }
 
-/* Infinite sigmas, and windows, which may only be narrower than those of the file: chunks cut them
- * too. */
+/* Infinite sigmas, and windows, which may only be narrower than those of the file, since chunks
+ * clip them too. */
 static void compare_windows(const struct expected *e, const struct spin_splats_4d *s)
 {
     struct spin_array info;

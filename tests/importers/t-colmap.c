@@ -1,5 +1,5 @@
 /* colmap: binary and text models against what the reference reader yields, one folder per frame,
- * and files that lie.
+ * and malformed files.
  * K: colmap import views */
 #include "tests/importers/sets.h"
 
@@ -311,7 +311,7 @@ static void test_lies(void)
                     cases[i].what);
 }
 
-/* A folder that all readers know goes to them in the order of the methods' own code. */
+/* A folder that all readers recognise is read in the order of the methods' own code. */
 static void test_order(void)
 {
     static const char *const order[][2] = {{"sparse", "colmap"},
@@ -443,7 +443,8 @@ static void test_no_rig(void)
     }
 }
 
-/* A fixture whose pictures have an alpha channel: white less black is what they let through. */
+/* A fixture whose images have an alpha channel: the difference over white and over black is
+ * their transparency. */
 static void test_freetimegs(const char *folder, const char *name, const spin_json *manifest)
 {
     static const float white[3] = {1, 1, 1};
@@ -476,7 +477,7 @@ static void test_freetimegs(const char *folder, const char *name, const spin_jso
     spin_views_free(&views);
 }
 
-/* A clip of 4DAnyone has a folder videos/sparse, which is no model. */
+/* A clip of 4DAnyone has a folder videos/sparse, which is no COLMAP model. */
 static void test_clip(void)
 {
     const char *clip = new_folder();

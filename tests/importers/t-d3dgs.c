@@ -1,4 +1,4 @@
-/* d3dgs: layouts, the altered files of the fixtures, and files that lie.
+/* d3dgs: layouts, the altered files of the fixtures, and malformed files.
  * K: d3dgs import */
 #include <sys/resource.h>
 
@@ -71,7 +71,7 @@ struct member {
 static float numbers[T * N * 4];
 static double doubles[T * N * 4];
 
-/* A small whole run, of which `change` replaces the member of its name (data NULL: drops it). */
+/* A small complete run; `change` replaces the member of its name (data NULL: drops it). */
 static const char *make_run(const struct member *change)
 {
     static const char *folder;
@@ -208,7 +208,8 @@ static void test_lies(void)
           "a cut file is still recognised");
 }
 
-/* Zeros, deflated to a thousandth: a frame of BOMB Gaussians, the last array `narrow` wide. */
+/* Zeros, which deflate to a thousandth: a frame of BOMB Gaussians, with a last array of width
+ * `narrow`. */
 enum { BOMB = 1500000 };
 
 static const char *make_bomb(const char *name, uint64_t narrow)
@@ -245,7 +246,7 @@ static rlim_t address_space(void)
     return (rlim_t)pages * (rlim_t)sysconf(_SC_PAGESIZE);
 }
 
-/* What an array will take is held against the memory that is there before anything is unpacked. */
+/* The size of an array is compared with the available memory before anything is unpacked. */
 static void test_bomb(void)
 {
 #ifdef __SANITIZE_ADDRESS__

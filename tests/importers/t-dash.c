@@ -1,4 +1,4 @@
-/* dash: what stands still, settings from cfg_args or options, and files that lie.
+/* dash: static Gaussians, settings from cfg_args or options, and malformed files.
  * K: dash import threads */
 #include "tests/importers/hashfields.h"
 
@@ -13,7 +13,7 @@ static void test_options(const char *fixture)
     golden_as(FROM, model, best, fixture, 0, "--iteration best");
 }
 
-/* Static Gaussians keep every digit. */
+/* Static Gaussians keep all digits. */
 static void test_static(const char *folder)
 {
     struct spin_splats early = {0}, late = {0};

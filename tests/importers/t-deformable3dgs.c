@@ -1,5 +1,6 @@
-/* deformable3dgs: saves that do not belong together, what cfg_args tells of MotionGS, and networks
- * that lie. K: deformable3dgs motiongs import threads */
+/* deformable3dgs: saves of different iterations, MotionGS recognised by cfg_args, and malformed
+ * networks.
+ * K: deformable3dgs motiongs import threads */
 #include "tests/importers/edits.h"
 
 #define FROM "deformable3dgs"
@@ -74,7 +75,7 @@ static void test_saves(const char *fixture)
     run_close(&run);
 }
 
-/* MotionGS is told by its cfg_args alone. */
+/* Only cfg_args identifies MotionGS. */
 static void test_motiongs(const char *fixture)
 {
     static const struct {

@@ -1,7 +1,8 @@
-/* Which importer every fixture is recognised as, without --from and --data-from.
+/* Which importer recognises each fixture without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash
- * 4dgaussian K: modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat
- * splat4d 4dgs sog tsog sogst gltf usd gifstream panoptic colmap dynerf K: transforms 4danyone easyvolcap */
+ * K: 4dgaussian modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat
+ * K: splat4d 4dgs sog tsog sogst gltf usd gifstream panoptic colmap dynerf
+ * K: transforms 4danyone easyvolcap */
 #include "tests/importers/runs.h"
 
 struct known {

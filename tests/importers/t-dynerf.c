@@ -1,5 +1,5 @@
 /* dynerf: poses_bounds.npy with frames in three layouts against the true cameras and what
- * 4DGaussians' reader yields, and arrays that lie.
+ * 4DGaussians' reader yields, and malformed arrays.
  * K: dynerf import views */
 #include "io/video.h"
 #include "tests/importers/sets.h"
@@ -324,8 +324,9 @@ static void test_videos(void)
     }
 }
 
-/* Every view's pixels, asked for in an order that jumps, beside those of the image that its path
- * names (tests/io/t-video.c holds those to what was encoded). The worst difference. */
+/* Reads the pixels of every view in a non-sequential order, and compares them with the image at
+ * the view's path (tests/io/t-video.c compares those with the encoded ones). Returns the largest
+ * difference. */
 static double read_all_views(struct spin_image_cache *pixels, const struct spin_views *views)
 {
     const size_t plane = VIDEO_W * VIDEO_H;

@@ -1,5 +1,6 @@
-/* easyvolcap: sets against what the method's own reader yields, cameras that stand and that move,
- * and files that lie. K: easyvolcap import views */
+/* easyvolcap: sets compared with the method's own reader, static and moving cameras, and
+ * malformed files.
+ * K: easyvolcap import views */
 #include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
@@ -120,7 +121,7 @@ static void test_still(void)
     }
 }
 
-/* A rotation vector is a turn by its length; that of length 0, none. */
+/* A rotation vector rotates by its length; length 0 is the identity. */
 static void test_rotations(void)
 {
     static const double none[12] = {1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3};
@@ -268,7 +269,7 @@ static void test_lies(void)
     set_refused(folder, NULL, "contains no images", "a camera without pictures");
 }
 
-/* Only the last line's end may be missing. */
+/* Only the end of the last line may be missing. */
 static void test_cuts(void)
 {
     const char *folder = make_set(INTRI, EXTRI);

@@ -1,5 +1,6 @@
-/* ed3dgs: what the iteration and the options of a run change, other shapes of the same network, and
- * files that lie. K: ed3dgs import threads */
+/* ed3dgs: the effect of a run's iteration and options, other shapes of the same network, and
+ * malformed files.
+ * K: ed3dgs import threads */
 #include "tests/importers/edits.h"
 
 #define FROM "ed3dgs"
@@ -8,7 +9,7 @@
 #define NETWORK SAVE "/deformation.pth"
 #define DEGREE_2 "drop f_rest_ 24 44"
 
-/* A model of which an option is another one. */
+/* A model with one option changed. */
 static const char *make_with(const char *model, const char *word, const char *by)
 {
     const char *copy = copy_of(model);
@@ -108,7 +109,7 @@ static void test_iteration(const char *fixture)
     golden_as(FROM, save, settings, fixture, 0, "settings by --cfg-args");
 }
 
-/* Which rows of the table count, told by options that come to the same. */
+/* The rows of the table that are used, shown by equivalent options. */
 static void test_rows(const char *model)
 {
     const char *late = make_with(model, "c2f_temporal_iter=10000", "c2f_temporal_iter=5400");
@@ -137,7 +138,7 @@ static void test_rows(const char *model)
     spin_splats_free(&b);
 }
 
-/* Times are shifted by the offsets that are not 0, and reflected at 0 and at 1. */
+/* Times are shifted by the nonzero offsets, and reflected at 0 and at 1. */
 static void test_times(const char *fixture)
 {
     const char *model = path_in(fixture, "model"), *still;
@@ -187,7 +188,7 @@ static void test_times(const char *fixture)
     spin_splats_free(&b);
 }
 
-/* Both stages add to the same attributes; heads and stages that are off leave them alone. */
+/* Both stages add to the same attributes; disabled heads and stages leave them unchanged. */
 static void test_switches(const char *model)
 {
     static const struct {
@@ -243,7 +244,7 @@ static void test_switches(const char *model)
     spin_splats_free(&canonical);
 }
 
-/* The same network in other clothes: words before the keys, a layer more that changes nothing. */
+/* The same network in another form: prefixes of the keys, and an extra layer without effect. */
 static void test_shapes(const char *fixture)
 {
     static const char *const words[] = {"", "deformation_net.", "module."};
@@ -280,7 +281,8 @@ static void test_shapes(const char *fixture)
     }
 }
 
-/* ---- Files that lie -------------------------------------------------------------------------- */
+/* ---- Malformed files --------------------------------------------------------------------------
+ */
 
 static void test_lies(const char *model)
 {
@@ -352,7 +354,7 @@ static void test_lies(const char *model)
                 "9 properties embedding_*", "an embedding more than the network takes");
 }
 
-/* What is not used may be missing. */
+/* Unused tensors may be missing. */
 static void test_unused(const char *model)
 {
     const char *copy = copy_of(model), *path = golden_path(copy, NETWORK);

@@ -1,4 +1,4 @@
-/* ex4dgs: what is told by cfg_args and by options, rows and files that lie.
+/* ex4dgs: cfg_args, options, rows and malformed files.
  * K: ex4dgs import */
 #include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
@@ -175,7 +175,7 @@ static void test_options(const char *fixture)
              "needs the key frames 12 to 13", "lines need fewer, and begin one interval later");
 }
 
-/* The newest save counts; of one save the checkpoint. */
+/* The latest save is used; of one save the checkpoint. */
 static void test_saves(const char *fixture, const char *checkpoint)
 {
     const char *model = make_run(fixture, 30000, CFG ")"),
@@ -328,7 +328,7 @@ static void test_names(const char *fixture)
 
 enum { STILL = 4, MOVING = 3, KEYS = 9 };
 
-/* A small model, of which one item is another. */
+/* A small model with one item changed. */
 static const char *write_model(const char *folder, int index, struct item other, float value)
 {
     struct item items[40];

@@ -1,4 +1,4 @@
-/* freetimegs: how many frames a clip has, what another writer says, and files that lie.
+/* freetimegs: the number of frames of a clip, files of another writer, and malformed files.
  * K: freetimegs ftgs_ply ftgs import 4d */
 #include "tests/importers/models.h"
 #include "scene/probe.h"
@@ -20,7 +20,8 @@ static void test_frames(const char *path, const char *folder, const char *name)
     run_close(&run);
 }
 
-/* ---- Checkpoints that lie -------------------------------------------------------------------- */
+/* ---- Malformed checkpoints --------------------------------------------------------------------
+ */
 
 static void load(const char *path, struct pth *pth)
 {
@@ -124,7 +125,8 @@ static void test_checkpoint(const char *from)
     survive_flips(FROM, from);
 }
 
-/* ---- PLYs that lie --------------------------------------------------------------------------- */
+/* ---- Malformed PLYs ---------------------------------------------------------------------------
+ */
 
 static void test_ply(const char *path)
 {
@@ -157,7 +159,7 @@ static void test_ply(const char *path)
     survive_flips(FROM, path);
 }
 
-/* Other methods have folders and checkpoints of the same names. */
+/* Other methods use the same names of folders and checkpoints. */
 static void test_foreign_folder(const char *checkpoint)
 {
     const char *run = new_folder(), *alone = new_folder();

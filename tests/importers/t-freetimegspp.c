@@ -1,5 +1,5 @@
-/* freetimegspp: the file of a folder, and the range of times; t-golden.c compares the values,
- * t-variants.c follows altered files.
+/* freetimegspp: the file of a folder, and the range of times. t-golden.c compares the values,
+ * t-variants.c reads altered files.
  * K: freetimegspp import 4d gates */
 #include "tests/importers/edits.h"
 

@@ -1,5 +1,6 @@
-/* gifstream: cfg.yml, the direction of view, files of several ranks, and files that lie; t-golden.c
- * compares the values, t-variants.c follows altered files. K: gifstream import */
+/* gifstream: cfg.yml, the viewing direction, files of several ranks, and malformed files.
+ * t-golden.c compares the values, t-variants.c reads altered files.
+ * K: gifstream import */
 #include "tests/importers/edits.h"
 
 #define FROM "gifstream"

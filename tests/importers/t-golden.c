@@ -1,8 +1,10 @@
-/* Every fixture with numbers of its method's own code, by the table of golden.h and the tolerances
- * of its manifest. TAP_PART is a folder of fixtures, or one of them: ed3dgs/annealed_early. K:
- * golden import deformable3dgs motiongs grid4d dash ed3dgs 4dgaussian spacetimegs rotor4dgs
- * realtime4dgs hybrid4dgs omg4 modecgs ex4dgs freetimegs ftgs_ply freetimegspp scgs shapeofmotion
- * stglite gifstream usd d3dgs pamosplat trackersplat tc3dgs threads */
+/* Every fixture with values computed by its method's own code, by the table of golden.h and the
+ * tolerances of its manifest. TAP_PART is a folder of fixtures, or one of them:
+ * ed3dgs/annealed_early.
+ * K: golden import deformable3dgs motiongs grid4d dash ed3dgs 4dgaussian spacetimegs rotor4dgs
+ * K: realtime4dgs hybrid4dgs omg4 modecgs ex4dgs freetimegs ftgs_ply freetimegspp scgs
+ * shapeofmotion
+ * K: stglite gifstream usd d3dgs pamosplat trackersplat tc3dgs threads */
 #include "tests/importers/golden.h"
 
 static void fixtures_of(const char *method)

@@ -1,4 +1,4 @@
-/* grid4d: settings from cfg_args or options, and files that lie.
+/* grid4d: settings from cfg_args or options, and malformed files.
  * K: grid4d import threads */
 #include "tests/importers/hashfields.h"
 

@@ -1,13 +1,13 @@
-/* What spin-import makes of files that are malformed, hostile or cut short: exit code 1 and one
- * line that names the file and the reason, nothing on stdout, no output, and no more memory than
- * the file is large, 64 MiB and what the bare command takes.
+/* spin-import of malformed, hostile or truncated files: exit code 1 and one line that names the
+ * file and the reason, nothing on stdout, no output, and a memory use of at most the size of the
+ * file, plus 64 MiB, plus the use of a command that does nothing.
  *
- *   1  every case that a manifest lists as refused, by detection and by the importers that it may be for
+ *   1  every case that a manifest lists as refused, by detection and by its possible importers
  *   2  the same checkpoints in place of those inside whole runs
- *   3  one run of each method, each of its files cut short at five places
+ *   3  one run of each method, each of its files truncated at five places
  *   4  the files of fixtures/hostile, which need not be refused
  *
- * Code inside a checkpoint is refused by the name of what it would have called.
+ * Code inside a checkpoint is refused, naming the function that it would have called.
  * K: long hostile malformed import */
 #include <fcntl.h>
 #include <fnmatch.h>
@@ -22,7 +22,7 @@
 #define MIB (1024L * 1024L)
 #define ALLOWED (64 * MIB)
 
-/* The sanitisers' own memory is not the command's. */
+/* The command's memory does not include that of sanitisers. */
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 enum { MEASURED = 0 };
 #else
@@ -30,11 +30,11 @@ enum { MEASURED = 1 };
 #endif
 
 static const char *command, *work;
-static long bare_peak; /* bytes, of the command that does nothing */
-static long most;      /* bytes beyond it and the input, of all imports */
+static long bare_peak; /* bytes, of a command that does nothing */
+static long most;      /* bytes beyond that and the input, of all imports */
 
 struct outcome {
-    int code; /* exit code; 128 and more: died of a signal */
+    int code; /* exit code; 128 and more: killed by a signal */
     long peak;
     char out[256], err[4096];
 };
@@ -56,7 +56,7 @@ static void redirect(const char *path, int fd)
         _exit(126);
 }
 
-/* What the command calls, and its exit code and line, without an end, in this process. */
+/* The calls of the command, with its exit code and message, in this process. */
 static int call(const struct spin_import_options *options, char *line, size_t n)
 {
     spin_status status = spin_import(options, NULL);
@@ -70,8 +70,8 @@ static int call(const struct spin_import_options *options, char *line, size_t n)
     return status == SPIN_E_USAGE ? 2 : 1;
 }
 
-/* The command with these arguments, or, which starts in a fifth of the time, the call with these
- * options. A loop that never ends is a failure like any other. */
+/* Runs the command with these arguments or, five times faster, calls the library with these
+ * options. An infinite loop is a failure too. */
 static void run_child(const char *const *args, const struct spin_import_options *options,
                       struct outcome *outcome)
 {
@@ -100,8 +100,8 @@ static void run_child(const char *const *args, const struct spin_import_options 
     read_text(err, outcome->err, sizeof outcome->err);
 }
 
-/* Under a sanitiser, where a command takes long to start and to look for leaks, all in this
- * process. */
+/* Everything runs in this process under a sanitiser, which makes commands slow to start and
+ * checks each for leaks. */
 static void run_import(const struct spin_import_options *options, bool by_command,
                        struct outcome *o)
 {
@@ -157,7 +157,7 @@ static bool left_something(const char *output)
     return n_left > 0;
 }
 
-/* What is wrong with how it was refused, or NULL. `word` has to be in the line. */
+/* Returns what is wrong with the refusal, or NULL. `word` must be in the line. */
 static const char *refusal_fault(const struct outcome *o, const char *word)
 {
     const char *end = strchr(o->err, '\n');
@@ -177,8 +177,8 @@ static const char *refusal_fault(const struct outcome *o, const char *word)
 
 enum wish { REFUSED, ANY };
 
-/* Import `input`, the first time that its line is to have this word by the command; what was found
- * is one line of the test. */
+/* Imports `input`, the first time that its line must contain this word with the command; the
+ * result is one line of the test. */
 static void import(const char *from, const char *input, const char *word, enum wish wish,
                    struct outcome *o)
 {
@@ -193,7 +193,8 @@ static void import(const char *from, const char *input, const char *word, enum w
     last_word = word;
     options.output = path_in(output, "out.spin");
     run_import(&options, by_command, o);
-    /* A method that is defined at any time asks where to sample it before it looks at its files. */
+    /* A method that is defined at any time requires options for sampling before it reads its
+     * files. */
     if (o->code == 2 && strstr(o->err, "--frames")) {
         options.n_frames = 2;
         run_import(&options, by_command, o);
@@ -257,8 +258,8 @@ static void listed(const char *name, const char *const *importers)
     }
 }
 
-/* What a code-carrying checkpoint would have called is in the line, and not the word for it alone.
- */
+/* The message names the function that a code-carrying checkpoint would have called, beyond the
+ * word for it. */
 static void names_the_code(void)
 {
     static const struct {
@@ -284,10 +285,10 @@ static void names_the_code(void)
     }
 }
 
-/* ---- Runs of which one file is another ------------------------------------------------------- */
+/* ---- Runs with one file replaced */
 
-/* One run of each method: what is given to spin-import, and the files in it. `needed` ones are
- * read, so that nothing may be taken from a run in which they are broken. */
+/* One run of each method: the input of spin-import, and the files in it. `needed` ones are read,
+ * so nothing may be imported from a run in which they are broken. */
 static const struct run_files {
     const char *run;
     const char *needed[4]; /* patterns of paths below it */
@@ -305,13 +306,13 @@ static const struct run_files {
       "point_cloud/iteration_14000/point_cloud.ply"}},
     {"ed3dgs/annealed_early/model",
      {"point_cloud/iteration_5400/deformation.pth", "point_cloud/iteration_5400/point_cloud.ply"}},
-    {"spacetimegs/full_techni/model", {"*.ply"}}, /* the network not: there are no cameras */
+    {"spacetimegs/full_techni/model", {"*.ply"}}, /* without the network: there are no cameras */
     {"deformable3dgs/real_small/model", {"*/deform.pth", "*/point_cloud.ply"}},
     {"grid4d/dnerf_like/model", {"deform/iteration_50000/*", "point_cloud/iteration_50000/*"}},
     {"dash/default_like/model",
      {"deform/iteration_50000/*", "point_cloud/iteration_50000/point_cloud.ply"}},
     {"modecgs/default_like/model", {"*/deformation_GAD.pth", "*.ply", "*.npy"}},
-    {"3dgstream", {"frame*.ply"}}, /* not the networks: the moved clouds are there */
+    {"3dgstream", {"frame*.ply"}}, /* without the networks: the moved clouds are there */
     {"3dgstream/fvv", {"*.pth", "*.ply"}},
     {"ply/inria_sh1", {"*.ply"}},
     {"splats/spz2", {"*.spz"}},
@@ -327,7 +328,7 @@ static const char *tree_root, *tree_copy;
 static const char *tree_file[MAX_FILES]; /* as in the run, below its root */
 static int n_tree_files;
 
-/* Folders are made, files linked to. What a fixture is compared with is no part of the run. */
+/* Creates folders and links files. Expected values of a fixture are not part of the run. */
 static int link_entry(const char *path, const struct stat *info, int kind, struct FTW *walk)
 {
     const char *below = path + strlen(tree_root), *name = spin_path_name(path);
@@ -407,8 +408,7 @@ static void replace_checkpoint(const struct run_files *r, const char *run)
     }
 }
 
-/* ---- 3: every file cut short ------------------------------------------------------------------
- */
+/* ---- 3: every file truncated */
 
 static void write_part(const char *path, const struct spin_map *whole, size_t n)
 {
@@ -420,9 +420,9 @@ static void write_part(const char *path, const struct spin_map *whole, size_t n)
         exit(1);
 }
 
-/* A file that is not read, or whose absence is borne, may be cut without harm. Under a sanitiser,
- * where a command takes long to start, each file is cut at one of the places; the importers' own
- * tests cut it at many. */
+/* A file that is not read, or that may be missing, can be truncated without harm. Under a
+ * sanitiser, where a command takes long to start, each file is truncated at one of the places;
+ * the importers' own tests truncate it at many. */
 static void cut_file(const struct run_files *r, const char *run, const char *copy, const char *file)
 {
     const char *place = path_in(copy, file), *source = path_in(run, file);
@@ -453,8 +453,7 @@ static void cut_short(const struct run_files *r, const char *run)
         cut_file(r, run, copy, tree_file[f]);
 }
 
-/* ---- 4: the finds -----------------------------------------------------------------------------
- */
+/* ---- 4: saved inputs of fuzzers */
 
 /* Under a sanitiser, where a command takes long to start, each goes to one importer, in turn. */
 static void finds(const char *name, const char *const *importers)

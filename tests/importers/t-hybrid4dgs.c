@@ -1,4 +1,4 @@
-/* hybrid4dgs: settings found and guessed, either half missing, and files that lie.
+/* hybrid4dgs: settings found and guessed, a missing half, and malformed files.
  * K: hybrid4dgs import */
 #include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
@@ -87,7 +87,7 @@ static void list_items(int n_moving, int n_still, int rest, struct item items[N_
     items[18] = (struct item){'i', 2, 0, 0};
 }
 
-/* A small model, of which one item is another. */
+/* A small model with one item changed. */
 static const char *write_model(const char *path, int index, struct item other, float value)
 {
     struct item items[N_ITEMS];
@@ -189,7 +189,7 @@ static void test_checkpoints(void)
     spin_splats_free(&s);
 }
 
-/* What training takes as loaded_pth. */
+/* The form that training reads as loaded_pth. */
 static void test_dict(void)
 {
     static const struct {

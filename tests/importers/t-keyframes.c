@@ -1,4 +1,4 @@
-/* Values between key frames, against numbers worked out by hand.
+/* Values between key frames, compared with manual calculations.
  * K: keyframes ex4dgs import */
 #include "math/keyframes.h"
 
@@ -51,7 +51,7 @@ static void test_turns(void)
            "half of a half turn, of keys of any length");
     turned((const float[]){1, 0, 0, 0, 0, 1, 0, 0}, 1.0 / 3, (const float[]){c30, 0.5f, 0, 0},
            "a third of it");
-    /* 120 degrees between the keys: 60 from either, not 30 by way of the opposite sign. */
+    /* 120 degrees between the keys: 60 from either, not 30 through the opposite sign. */
     turned((const float[]){1, 0, 0, 0, -0.5f, c30, 0, 0}, 0.5, (const float[]){0.5f, c30, 0, 0},
            "the longer way where keys have opposite signs");
     turned((const float[]){1, 0, 0, 0, -1, 0, 0, 0}, 0.5, (const float[]){1, 0, 0, 0},

@@ -1,4 +1,4 @@
-/* modecgs: files that lie, and those that may be missing.
+/* modecgs: malformed files, and those that may be missing.
  * K: modecgs import threads */
 #include "tests/importers/edits.h"
 

@@ -1,4 +1,4 @@
-/* omg4: times, and files that lie: in the xz, and in the pickle inside it.
+/* omg4: times, and malformed files: in the xz, and in the pickle inside it.
  * K: omg4 import threads */
 #include "tests/importers/edits.h"
 
@@ -36,7 +36,8 @@ static void test_times(const char *folder)
     spin_splats_free(&b);
 }
 
-/* ---- Files that lie -------------------------------------------------------------------------- */
+/* ---- Malformed files --------------------------------------------------------------------------
+ */
 
 static const char *write_bytes(const char *path, const void *bytes, size_t n)
 {
@@ -93,7 +94,7 @@ static void test_changed(const unsigned char *bytes, size_t n)
                   "fewer positions than the others have");
 }
 
-/* Single bytes of the pickle, behind a sound checksum. */
+/* Changes single bytes of the pickle, with a valid checksum. */
 static void test_flips(const unsigned char *bytes, size_t n)
 {
     const char *path = path_in(new_folder(), "comp.xz");
@@ -135,8 +136,8 @@ static void test_xz(const char *file)
     free(zeros);
     fails(FROM, folder, path, "a folder with that file");
     fails(FROM, new_folder(), "contains no comp.xz", "an empty folder");
-    /* Packed anew: the dictionary of the file is many times its size, and each reading makes one.
-     */
+    /* Recompressed: the dictionary is many times the size of the file, and each reading
+     * allocates one. */
     if (spin_xz_load(file, 1u << 30, &bytes, &n) != SPIN_OK)
         exit(1);
     write_xz(path, bytes, n);

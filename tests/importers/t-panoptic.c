@@ -1,5 +1,5 @@
 /* panoptic: a data set of the D3DGS layout against what the method's own reader yields, and
- * lists that lie.
+ * malformed lists.
  * K: panoptic import views */
 #include "tests/importers/sets.h"
 

@@ -1,4 +1,4 @@
-/* ply: every writer's layout against what the INRIA reader yields, sequences, and files that lie.
+/* ply: every writer's layout compared with the INRIA reader, sequences, and malformed files.
  * K: ply import */
 #include "tests/importers/expected_clouds.h"
 #include "tests/importers/models.h"
@@ -187,7 +187,7 @@ static void test_flat(void)
     spin_splats_free(&s);
 }
 
-/* Writes n rows, of which the first n_bad have a position that is not a number. */
+/* Writes n rows, the first n_bad of which have a nonfinite position. */
 static const char *write_bad(const char *folder, int n, int n_bad)
 {
     const char *path = write_ply(folder, "bad.ply", gaussian, n, "");
@@ -240,8 +240,7 @@ static void test_far(void)
     spin_splats_free(&s);
 }
 
-/* ---- What few writers write -------------------------------------------------------------------
- */
+/* ---- Rare layouts */
 
 static const char *text_in(const char *folder, const char *name, const char *text)
 {
@@ -307,7 +306,7 @@ static void test_colours_of_16_bits(void)
     spin_splats_free(&s);
 }
 
-/* Text files whose vertices stand between other elements, one of which has lists. */
+/* Text files with other elements before and after the vertices, one of which has lists. */
 static void test_second_element(void)
 {
     static const char head[] =
@@ -339,7 +338,7 @@ static void test_second_element(void)
     spin_splats_free(&s);
 }
 
-/* A frame of SH degree 1 between those of degree 0, into the same columns. */
+/* A frame of SH degree 1 between frames of degree 0, read into the same columns. */
 static void test_lower_degree(void)
 {
     static const char rest[] =

@@ -1,5 +1,6 @@
-/* realtime4dgs: both conventions of rotation, settings found and guessed, forks, and files that
- * lie. K: realtime4dgs import */
+/* realtime4dgs: both conventions of rotation, settings found and guessed, forks, and malformed
+ * files.
+ * K: realtime4dgs import */
 #include "importers/lib/gaussian4d.h"
 #include "tests/importers/edits.h"
 #include "tests/importers/streams.h"
@@ -233,7 +234,7 @@ static void test_refused(void)
     fails(FROM, "no/such.pth", "no/such.pth", "a missing file");
 }
 
-/* What loaded_pth takes: features with their axes swapped. */
+/* The form of loaded_pth: features with exchanged axes. */
 static void test_dicts(void)
 {
     const char *folder = new_folder(), *path = path_in(folder, "init.pth");
@@ -304,7 +305,7 @@ static void test_hostile(void)
     spin_folder_list_free(names);
 }
 
-/* SH of degree 2 whose rows use what the arguments say: the degree that is left, with or without
+/* SH of degree 2 whose rows use what the arguments select: the remaining degree, with or without
  * cosines. */
 static bool zeros_leave(int used, bool cosines, int degree)
 {

@@ -1,4 +1,4 @@
-/* rotor4dgs: options, and files that lie.
+/* rotor4dgs: options, and malformed files.
  * K: rotor4dgs import */
 #include "tests/importers/edits.h"
 

@@ -1,18 +1,19 @@
-/* 4D splats against frames: for every fixture of every importer that gives both, slices of the rows
- * are the rows of frame(), in their order. Errors are printed; docs/importers.md states the
- * largest. K: import realtime4dgs hybrid4dgs rotor4dgs spacetimegs ex4dgs omg4 */
+/* 4D splats compared with frames: for every fixture of every importer that returns both, slices
+ * of the rows equal the rows of frame(), in their order. Errors are printed; docs/importers.md
+ * states the largest.
+ * K: import realtime4dgs hybrid4dgs rotor4dgs spacetimegs ex4dgs omg4 */
 #include "base/number.h"
 #include "math/motion.h"
 #include "tests/importers/models.h"
 
-/* What a frame and a slice may differ by. */
+/* Tolerances between a frame and a slice. */
 struct errors {
-    double place;    /* over 1 + the place */
+    double place;    /* over 1 + the position */
     double rotation; /* degrees */
     double opacity, sh;
 };
 
-/* Of importers whose frames are more than slices; at a row's own time nothing is lost. */
+/* Importers whose frames are more than slices; at a row's own time they agree exactly. */
 static const struct {
     const char *name;
     struct errors bound;
@@ -81,8 +82,8 @@ static bool same_splat(const struct spin_splats *frame, size_t i, const struct s
            errors_of(frame, i, slice, k).place <= 1e-6;
 }
 
-/* Errors of all rows of a time, of row `only` of the slice alone when that is not SIZE_MAX. False
- * when rows are not the same: of the frame's, only those that nobody draws may be missing. */
+/* The errors of all rows at a time, or of row `only` of the slice unless that is SIZE_MAX.
+ * Returns false if the rows differ; rows of the frame may be missing only if they are invisible. */
 static bool compare_at(struct run *run, const struct spin_splats_4d *rows, double time, size_t only,
                        struct errors *out)
 {
@@ -113,7 +114,7 @@ static bool compare_at(struct run *run, const struct spin_splats_4d *rows, doubl
     return good;
 }
 
-/* Some rows at their own times, where they are what the method draws whatever it does elsewhere. */
+/* Some rows at their own times, where they equal the method's result in any case. */
 static bool compare_own(struct run *run, const struct spin_splats_4d *rows, struct errors *out)
 {
     bool good = true;
@@ -132,7 +133,7 @@ static bool compare_own(struct run *run, const struct spin_splats_4d *rows, stru
     return good;
 }
 
-/* Where some rows begin and end, and just before: there is no gap and no row twice. */
+/* The times at which some rows begin and end, and just before: no gap, and no row twice. */
 static bool compare_cuts(struct run *run, const struct spin_splats_4d *rows, struct errors *out)
 {
     size_t n = rows->cuts ? 2 * rows->n : 0;

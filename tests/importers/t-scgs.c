@@ -1,5 +1,5 @@
-/* scgs: the checkpoint, cfg_args, skinning, and files that lie; t-golden.c compares the values,
- * t-variants.c follows altered files.
+/* scgs: the checkpoint, cfg_args, skinning, and malformed files. t-golden.c compares the values,
+ * t-variants.c reads altered files.
  * K: scgs import */
 #include "tests/importers/edits.h"
 

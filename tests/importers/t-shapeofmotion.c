@@ -1,5 +1,5 @@
-/* shapeofmotion: what is opened, rows that are dropped, and files that lie; t-golden.c compares the
- * values, t-variants.c follows altered files.
+/* shapeofmotion: which files are opened, which rows are dropped, and malformed files. t-golden.c
+ * compares the values, t-variants.c reads altered files.
  * K: shapeofmotion import */
 #include "tests/importers/edits.h"
 

@@ -1,5 +1,6 @@
-/* spacetimegs: what the full model's network makes of colours, options, clouds changed in many
- * ways, and files that lie. K: spacetimegs import threads */
+/* spacetimegs: the colours of the full model's network, options, clouds edited in many ways, and
+ * malformed files.
+ * K: spacetimegs import threads */
 #include "tests/importers/edits.h"
 
 #define FROM "spacetimegs"
@@ -11,7 +12,7 @@ static const char *const anywhere[] = {"rgb-function", "sandwichnoact", "camera"
 
 /* ---- Colours --------------------------------------------------------------------------------- */
 
-/* For one camera the colours are exactly the network's. */
+/* For one camera the colours equal the network's exactly. */
 static void compare_camera(const char *folder, struct spin_npz *npz, const double *camera, size_t c)
 {
     static const struct golden_array decoded = {.key = "rgb_decoded", .kind = BASE};
@@ -60,8 +61,8 @@ static double seen(const struct spin_splats *s, size_t i, const double d[3], siz
     return sum;
 }
 
-/* For three cameras: no worse for any Gaussian than their mean colour, far better for all, and near
- * to the mean colour without its slope. */
+/* For three cameras: for no Gaussian worse than their mean colour, far better over all, and
+ * close to the mean colour if the slope is removed. */
 static void compare_views(const char *folder, struct spin_npz *npz, const double *cameras)
 {
     struct spin_array info, of_times;
@@ -157,7 +158,7 @@ static bool read_at(const char *path, const char *const *pairs, double time,
     return good;
 }
 
-/* Colours of a lite model are the numbers of the file. */
+/* Colours of a lite model are stored in the file. */
 static void test_lite(const char *model)
 {
     const char *views[] = {"colour", "views", NULL}, *lite;
@@ -179,7 +180,7 @@ static void test_lite(const char *model)
     cloud_free(&c);
 }
 
-/* Rows whose values are at the edge of what can be evaluated. */
+/* Rows with values at the limits of evaluation. */
 static void test_edges(const char *model)
 {
     const char *copy = copy_of(model), *path = golden_path(copy, CLOUD);
@@ -191,7 +192,7 @@ static void test_edges(const char *model)
 
     cloud_load(path, &c);
     n = c.n;
-    /* no rotation; seen at one time only; always seen */
+    /* no rotation; visible at one time only; always visible */
     edit_file(path,
               "set rot_0 0 0; set rot_1 0 0; set rot_2 0 0; set rot_3 0 0; set omega_0 0 0; "
               "set omega_1 0 0; set omega_2 0 0; set omega_3 0 0; set trbf_scale 1 -1000; "
@@ -224,7 +225,7 @@ static void test_edges(const char *model)
     cloud_free(&c);
 }
 
-/* Which save, how many frames, from which one on. */
+/* The chosen save, the number of frames, and the first of them. */
 static void test_settings(const char *model)
 {
     const char *third[] = {"duration", "75", NULL}, *none[] = {"duration", "0", NULL};
@@ -266,7 +267,7 @@ static void test_settings(const char *model)
     spin_splats_free(&s);
 }
 
-/* What the full model's colours become, by what is there and what is asked for. */
+/* The colours of the full model, by the available files and the options. */
 static void test_colours(const char *model)
 {
     const char *views[] = {"colour", "views", NULL};
@@ -328,7 +329,7 @@ static void test_colours(const char *model)
     spin_splats_free(&t);
 }
 
-/* More places than there is room for are thinned out evenly. */
+/* More positions than the capacity are thinned out evenly. */
 static void test_many_cameras(const char *model)
 {
     const char *copy = copy_of(model);
@@ -347,7 +348,8 @@ static void test_many_cameras(const char *model)
     free(text);
 }
 
-/* ---- Files that lie -------------------------------------------------------------------------- */
+/* ---- Malformed files --------------------------------------------------------------------------
+ */
 
 static void test_lies(const char *model)
 {

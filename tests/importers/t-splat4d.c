@@ -1,4 +1,4 @@
-/* .splat4d of splats4D against what its viewer makes of it.
+/* .splat4d of splats4D compared with its viewer.
  * K: splat4d import */
 #include "io/zstd.h"
 #include "tests/importers/models.h"
@@ -9,7 +9,7 @@ static double in_bytes(double x) { return rint(255 * x); }
 static double colour(double dc) { return in_bytes(0.5 + C0 * dc); }
 static double opacity(double logit) { return in_bytes(sigmoid(logit)); }
 
-/* Frame f, which stands in arrays of all frames. */
+/* Frame f, taken from arrays of all frames. */
 static void compare_frame(const struct expected *e, size_t f, const struct spin_splats *s)
 {
     struct expected whole = {e->npz, 0, 0, e->name};

@@ -1,5 +1,6 @@
-/* SPZ, .splat, .ksplat, SOG and GLB as sources: what other programs write, what ours writes, and
- * files that lie. K: spz splat ksplat sog gltf glb import */
+/* SPZ, .splat, .ksplat, SOG and GLB as sources: files of other programs, our own, and malformed
+ * files.
+ * K: spz splat ksplat sog gltf glb import */
 #include "tests/importers/expected_clouds.h"
 
 #include "spin_run.h"
@@ -19,8 +20,7 @@ static const char *write_file(const char *folder, const char *name, const void *
     return path;
 }
 
-/* ---- What others write -------------------------------------------------------------------------
- */
+/* ---- Files of other programs */
 
 static void test_fixture(const char *name, const char *importer)
 {
@@ -49,13 +49,13 @@ static void test_fixture(const char *name, const char *importer)
            run.sequence.numbers && run.sequence.numbers[0] == 0,
        "%s: a file is one frame with its number", name);
     run_close(&run);
-    /* .splat has no header: whole rows are a file. */
+    /* .splat has no header: any number of whole rows is a file. */
     ok(read_truncations(importer, first) == (strcmp(importer, "splat") == 0 ? 39 : 0),
        "%s: no truncation of a file can be read but whole rows", name);
     spin_json_free(manifest);
 }
 
-/* The files of a SOG as they lie in a folder. */
+/* The files of a SOG in a folder. */
 static void test_loose(void)
 {
     const char *sog = check_fixture("splats/sog"), *folder = new_folder(), *meta;
@@ -114,12 +114,11 @@ static void test_loose(void)
     spin_splats_free(&loose);
 }
 
-/* ---- What we write -----------------------------------------------------------------------------
- */
+/* ---- Our own files */
 
 static const char *work;
 
-/* The frames of `path` against those of the bundle `in`, which has the same order. */
+/* Compares the frames of `path` with those of the bundle `in`, which has the same order. */
 static void compare_with(struct spin_bundle *in, const char *path, const char *const *options,
                          const double bound[5], const char *name)
 {
@@ -177,8 +176,9 @@ static void compare_with(struct spin_bundle *in, const char *path, const char *c
     spin_splats_free(&back);
 }
 
-/* Places, rotations (degrees), log scales, opacities, SH: half a step of each format (for rotations
- * of all that is rounded together), and the roundings of floats that are read and written. */
+/* Positions, rotations (degrees), log scales, opacities, SH: half a quantisation step of each
+ * format (for rotations, of all components together), and the rounding of floats that are read
+ * and written. */
 #define BYTE (0.5 / 255 * 1.001)
 #define SPZ_BOUNDS                                                                                 \
     {                                                                                              \
@@ -208,7 +208,7 @@ static const struct written {
     {"ply", "ply", {0}, {0}, {0, 1e-4, 0, 1e-6, 0}},
 };
 
-/* A clip whose values lie inside what all the formats hold, by way of the library. */
+/* A clip whose values are within the range of every format, opened by the library. */
 static const char *write_clip(void)
 {
     const char *path = path_in(work, "in.spin");
@@ -305,7 +305,8 @@ static void move(const char *from, const char *to)
         exit(1);
 }
 
-/* A clip in one file keeps the times of the bundle; among the frames of another it is refused. */
+/* A clip in one file keeps the times of the bundle; among the frames of another clip it is
+ * refused. */
 static void test_clip(void)
 {
     const char *clip = path_in(work, "clip.glb");
@@ -359,7 +360,7 @@ static void test_degrees(void)
     spin_splats_free(&s);
 }
 
-/* An SPZ that says it holds right, up, back is turned without being told. */
+/* An SPZ that declares right, up, back as its axes is rotated automatically. */
 static void test_axes(void)
 {
     static const unsigned char record[] = {3, 0, 0xbe, 0xad, 4, 0, 0, 0, SPIN_SPZ_RIGHT_UP_BACK,
@@ -439,7 +440,7 @@ static void test_refused(void)
     fails("splat", folder, "1.splat': it is a Git LFS", "and one among the frames of a clip");
 }
 
-/* A run of 3DGS, beside whose clouds somebody laid the file of a viewer. */
+/* A run of 3DGS with a viewer's file beside its clouds. */
 static void test_stray(void)
 {
     static const char *const clouds[] = {"point_cloud/iteration_7", "iteration_7", "."};

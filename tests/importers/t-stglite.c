@@ -1,4 +1,5 @@
-/* stglite: range of times, the three layouts and files that lie; t-golden.c compares the values.
+/* stglite: range of times, the three layouts and malformed files. t-golden.c compares the
+ * values.
  * K: stglite ply import 4d */
 #include "tests/importers/edits.h"
 

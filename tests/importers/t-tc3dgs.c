@@ -1,4 +1,4 @@
-/* tc3dgs: masks of every shape and masks that lie.
+/* tc3dgs: masks of every shape, and malformed masks.
  * K: tc3dgs d3dgs import */
 #include "tests/importers/models.h"
 
@@ -8,7 +8,7 @@ enum { T = 3, N = 4 };
 
 static float numbers[T * N * 4], mask[T * N];
 
-/* A small whole run with a mask of this shape (n_dims 0: none). */
+/* A small complete run with a mask of this shape (n_dims 0: none). */
 static const char *make_run(int n_dims, const uint64_t *shape)
 {
     const char *path = path_in(new_folder(), "params.npz");

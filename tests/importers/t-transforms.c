@@ -1,10 +1,11 @@
-/* transforms: JSON of D-NeRF, n3v2blender and nerfstudio against what the reference readers yield,
- * and files that lie. K: transforms import views */
+/* transforms: JSON of D-NeRF, n3v2blender and nerfstudio compared with the reference readers,
+ * and malformed files.
+ * K: transforms import views */
 #include "tests/importers/sets.h"
 
 /* ---- Fixtures -------------------------------------------------------------------------------- */
 
-/* One key of expected.npz as one row per view of the split, in the order of their paths. */
+/* A key of expected.npz with one row per view of the split, in the order of their paths. */
 static const struct spin_view **split_views(const struct spin_views *views, bool test, size_t *n)
 {
     const struct spin_view **list = malloc(views->n * sizeof *list + 1);
@@ -29,7 +30,7 @@ struct context {
     double abs, rel;
 };
 
-/* Poses, times and, when known, angles of view or K = fx fy cx cy. */
+/* Poses, times and, if known, angles of view or K = fx fy cx cy. */
 static void compare_split(const struct context *x, const struct spin_views *views, bool test)
 {
     const char *split = test ? "test" : "train";
@@ -170,8 +171,8 @@ static void test_blender(const char *folder, const char *name, const spin_json *
     set_cases(folder, "transforms", manifest);
 }
 
-/* The JSON that n3v2blender writes lies in a folder of the dynerf fixture; its images are the same
- * under other names. */
+/* The JSON of n3v2blender is in a folder of the dynerf fixture, whose images it refers to by
+ * other names. */
 static void test_n3v(const char *folder, const char *name, const spin_json *manifest)
 {
     const char *json = path_in(folder, "n3v2blender"), *copy = new_folder();
@@ -216,7 +217,7 @@ static void test_n3v(const char *folder, const char *name, const spin_json *mani
 
 /* ---- Files made here ------------------------------------------------------------------------- */
 
-/* Looks along +z from (3, 0, 0); OpenGL's y and z are turned round. */
+/* Looks along +z from (3, 0, 0), with the y and z of OpenGL negated. */
 #define POSE "[[1,0,0,3],[0,-1,0,0],[0,0,-1,0],[0,0,0,1]]"
 #define FRAME(path, time)                                                                          \
     "{\"file_path\":\"" path "\",\"time\":" time ",\"transform_matrix\":" POSE "}"

@@ -1,10 +1,10 @@
-/* TSOG and .sogst: every fixture against the values of its format's own decoder, the profile's
- * cases of meta.json, and archives, pictures and ranges that lie. K: tsog sogst import */
+/* TSOG and .sogst: every fixture compared with its format's own decoder, the profile's cases of
+ * meta.json, and malformed archives, images and ranges.
+ * K: tsog sogst import */
 #include "io/webp.h"
 #include "tests/importers/slices.h"
 
-/* ---- Fixtures: what their manifests allow ------------------------------------------------------
- */
+/* ---- Fixtures: tolerances of their manifests */
 
 static void compare_column(struct spin_npz *npz, const char *key, const float *got, size_t n,
                            double abs, double rel, const char *name)
@@ -12,7 +12,7 @@ static void compare_column(struct spin_npz *npz, const char *key, const float *g
     compare(&(struct expected){npz, abs, rel, name}, key, 0, n, got);
 }
 
-/* SH above degree 0, colour by colour as the manifest has them: [n][3][k - 1]. */
+/* SH above degree 0, channel by channel as in the manifest: [n][3][k - 1]. */
 static float *by_colour(const float *sh, size_t n, int degree)
 {
     size_t k = (size_t)(degree + 1) * (size_t)(degree + 1);
@@ -57,7 +57,7 @@ static void compare_looks(struct spin_npz *npz, const struct spin_splats *s, con
     free(dc.value);
 }
 
-/* The columns of a slice against rows of expected.npz. */
+/* Compares the columns of a slice with rows of expected.npz. */
 static void compare_slice(struct spin_npz *npz, const struct spin_splats *s, const size_t *row,
                           size_t block, const char *place, bool opacity, const char *name)
 {
@@ -76,7 +76,7 @@ static void compare_slice(struct spin_npz *npz, const struct spin_splats *s, con
     free(alpha.value);
 }
 
-/* Every time: what it shows, and no more. */
+/* Every time: all visible splats, and no others. */
 static void compare_times(struct run *run, struct spin_npz *npz, const struct spin_splats_4d *s4,
                           const char *name)
 {
@@ -143,7 +143,7 @@ static void compare_4d(struct run *run, struct spin_npz *npz, const struct spin_
     free(scale);
 }
 
-/* Discrete and static ones: rows of each frame, all of them. */
+/* Discrete and static splats: all rows of each frame. */
 static void compare_frames(struct run *run, struct spin_npz *npz, const char *name)
 {
     bool still = !spin_npz_has(npz, "frame");
@@ -273,7 +273,7 @@ static const char *write_zip(const struct member *m, size_t n)
     return path;
 }
 
-/* Sets "a.b.c" of an object; NULL takes it away. */
+/* Sets "a.b.c" of an object; NULL deletes it. */
 static void set_at(spin_json *j, const char *path, spin_json *value)
 {
     char key[64];
@@ -359,7 +359,7 @@ static void test_cases(void)
     free(picture);
 }
 
-/* Whether n numbers are those of a list, from `first` on. */
+/* Whether n numbers equal those of a list, from `first` on. */
 static bool are_listed(const spin_json *all, const char *key, size_t first, const float *got,
                        size_t n)
 {
@@ -374,7 +374,7 @@ static bool are_listed(const spin_json *all, const char *key, size_t first, cons
     return true;
 }
 
-/* The profile's own file of two splats against what its player makes of it. */
+/* The profile's own file of two splats, compared with its player. */
 static void test_vector(void)
 {
     const char *file = check_fixture("tsog/conformance/decode-vector.json");
@@ -427,13 +427,13 @@ static void test_vector(void)
     spin_json_free(all);
 }
 
-/* A copy of a fixture with an edit of meta.json, and one of a member: "-" is left out, else bytes
- * of it change. */
+/* A copy of a fixture with an edit of meta.json and of a member: "-" omits it, otherwise its
+ * bytes change. */
 struct change {
-    const char *at, *json; /* "a.b", its text; NULL: nothing */
+    const char *at, *json; /* "a.b", its text; NULL: no edit */
     const char *member;    /* or NULL */
     int offset,
-        byte; /* offset -1: it is left out; -2: a byte more; -3: twice; -4: another's picture */
+        byte; /* offset -1: omitted; -2: an extra byte; -3: twice; -4: another member's image */
     const char *word, *what;
 };
 
@@ -592,7 +592,7 @@ static const struct change sogst_changes[] = {
      .what = "a picture of another size"},
 };
 
-/* Bytes of a real file: headers that say other than the directory. */
+/* Edits of a real file: local headers that contradict the directory. */
 static void test_headers(void)
 {
     static const struct {

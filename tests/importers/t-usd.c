@@ -1,5 +1,6 @@
-/* usd: composition of layers, value clips, transforms, and files that lie; t-golden.c compares the
- * values. K: usd usda usdz import */
+/* usd: composition of layers, value clips, transforms, and malformed files. t-golden.c compares
+ * the values.
+ * K: usd usda usdz import */
 #include "tests/importers/crates.h"
 #include "tests/importers/slices.h"
 
@@ -34,7 +35,7 @@ static bool opens(const char *path, const char *const *pairs, struct run *run)
     return good;
 }
 
-/* Whether row `row` of a frame is at this place, to 1e-5. */
+/* Whether row `row` of a frame is at this position, to 1e-5. */
 static bool is_at(struct run *run, int frame, size_t row, double x, double y, double z)
 {
     struct spin_splats s = {0};
@@ -222,7 +223,7 @@ static void test_samples(void)
     run_close(&run);
 }
 
-/* Frames of clips that begin later, run faster, and have none of their own samples. */
+/* Frames of clips that start later, run faster, or have no samples of their own. */
 static void test_clips(void)
 {
     const char *folder = new_folder(), *path = path_in(folder, "clip.usda");
@@ -348,7 +349,7 @@ static void test_lies(void)
     survive_flips("usd", good);
 }
 
-/* Layers that never end. */
+/* Layers nested too deeply, and cyclic ones. */
 static void test_cycles(void)
 {
     static char deep[20000], nested[20000];
@@ -380,7 +381,7 @@ static void put_member(struct spin_zip_writer *w, const char *name, const char *
         exit(1);
 }
 
-/* Crates, plain ones and those with compressed numbers, that are cut or damaged. */
+/* Truncated or damaged crates, plain ones and those with compressed integers. */
 static void test_crates(void)
 {
     static const char *const names[] = {"usd/clip_packed", "usd/clip_half"};

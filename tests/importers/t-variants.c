@@ -1,5 +1,5 @@
-/* The altered runs of fixtures, whose manifest lists what has to become of each: an error of one
- * line that names the file, or the splats of the unaltered run, but for a few rows.
+/* The altered runs of fixtures, whose manifests list the expected result of each: an error of
+ * one line that names the file, or the splats of the unaltered run, except for a few rows.
  * TAP_PART is a folder of fixtures.
  * K: variants import malformed freetimegspp scgs shapeofmotion stglite usd gifstream */
 #include "tests/importers/models.h"
@@ -44,7 +44,7 @@ static bool same_row(const struct spin_splats *a, size_t i, const struct spin_sp
                 b->sh + 3 * k * (size_t)((b->sh_degree + 1) * (b->sh_degree + 1)), 3, tolerance);
 }
 
-/* Number of rows of either slice that the other lacks, in order. */
+/* The number of rows of either slice that the other lacks, in order. */
 static size_t n_differ(const struct spin_splats *a, const struct spin_splats *b, double tolerance)
 {
     size_t i = 0, k = 0, n = 0;
@@ -71,7 +71,7 @@ static spin_status read_slice(struct slice *slice, double time)
                                       SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &slice->s);
 }
 
-/* Compares the run that `one` has opened with the unaltered one. */
+/* Compares the run opened in `one` with the unaltered one. */
 static bool is_like_base(struct slice *one, struct slice *base, const spin_json *times,
                          double tolerance)
 {
@@ -103,7 +103,7 @@ static bool is_good_error(const char *path)
     return good;
 }
 
-/* Tracks of objects, sound and scenes without splats are not read. */
+/* Animated objects, sound and scenes without splats are not read. */
 static bool is_read(const char *name)
 {
     return !strstr(name, "Object") && !strstr(name, "NoData") && strncmp(name, "sound_", 6) != 0;

@@ -1,4 +1,5 @@
-/* Pickles as data: every opcode that is known, code that is refused by name, and streams that lie.
+/* Pickles as data: every opcode that is known, code that is refused by name, and malformed
+ * streams.
  * K: io pickle torch hostile */
 #include "base/err.h"
 #include "io/pickle.h"

@@ -1,4 +1,4 @@
-/* PyTorch checkpoints: one object in six containers, files that lie, and what is not read.
+/* PyTorch checkpoints: one object in six containers, malformed files, and what is not read.
  * K: io torch hostile */
 #include "base/err.h"
 #include "base/log.h"
@@ -232,7 +232,7 @@ static void test_wanted(const char *folder)
     spin_torch_close(&torch);
 }
 
-/* ---- Files that lie -------------------------------------------------------------------------- */
+/* ---- Malformed files ------------------------------------------------------------------------- */
 
 /* Opening, or binding the tensor that is its root, fails. */
 static spin_status read_root(const char *file, struct spin_array *t)

@@ -1,4 +1,4 @@
-/* xz: what comes out, bounds, and files that lie. */
+/* xz: decompressed data, bounds, and malformed files. */
 #include <lzma.h>
 
 #include "io/xz.h"

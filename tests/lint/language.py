@@ -16,10 +16,6 @@ NEVER = ("tests/lint/language.", "fixtures/", "src/packaging/copyright", "LICENS
 faults = []
 
 
-def complain(room_of, text):
-    faults.append((room_of, text))
-
-
 def read_list(name):
     lines = prose.read(os.path.join("tests/lint", name)).split("\n")
     return [line.strip() for line in lines if line.strip() and not line.startswith("#")]
@@ -58,7 +54,7 @@ def check_words(path, words):
             text = re.sub(r"^\.(Fl|It|Ar|Pa|Xr|Sx|Nm|Ev|D1|Dl|Va|Cm|Li|\\).*$", "x", text, flags=re.M)
         for word, instead in words:
             for m in word.finditer(text):
-                complain(path, "%s:%d: '%s': write: %s" %
+                faults.append("%s:%d: '%s': write: %s" %
                          (path, first + text.count("\n", 0, m.start()), " ".join(m.group().split()), instead))
 
 
@@ -69,7 +65,7 @@ def check_columns(path):
     for first, last, _ in prose.comments(path):
         for n in range(first, last + 1):
             if len(lines[n - 1]) > COLUMNS:
-                complain(path, "%s:%d: a comment reaches column %d, past %d" % (path, n, len(lines[n - 1]), COLUMNS))
+                faults.append("%s:%d: a comment reaches column %d, past %d" % (path, n, len(lines[n - 1]), COLUMNS))
 
 
 def check_subjects(since):
@@ -88,35 +84,24 @@ def check_subjects(since):
     for line in subjects:
         commit, _, subject = line.partition(" ")
         if len(subject) > SUBJECT:
-            complain("", "commit %s: a subject of %d letters, at most %d: %s" % (commit, len(subject), SUBJECT, subject))
+            faults.append("commit %s: a subject of %d letters, at most %d: %s" % (commit, len(subject), SUBJECT, subject))
     return len(subjects)
 
 
 def main():
     words = read_words()
-    exempt = read_list("language.exempt")
     paths = [p for p in prose.files() if not p.startswith(NEVER) and os.path.getsize(p) < 1 << 20 and
              (p.endswith(prose.C_LIKE + prose.SLASH + (".md", ".html", ".1", ".5", ".7")) or prose.is_hash(p))]
     for path in paths:
         check_columns(path)
         check_words(path, words)
     subjects = check_subjects(sys.argv[1] if len(sys.argv) > 1 else None)
-    shown = 0
-    waiting = set()
-    for path, text in faults:
-        rooms = [e for e in exempt if path == e or path.startswith(e.rstrip("/") + "/")]
-        waiting.update(rooms)
-        if not rooms:
-            shown += 1
-            print("language: " + text)
-    for room in exempt:
-        if room not in waiting:
-            print("language: %s is done: take it out of tests/lint/language.exempt" % room)
-    if shown:
+    for fault in faults:
+        print("language: " + fault)
+    if faults:
         sys.exit(1)
-    print("language: %d files%s, %s" %
-          (len(paths), ", %d rooms exempt" % len(exempt) if exempt else "",
-           "no history, subjects not compared" if subjects is None else "%d subjects of commits" % subjects))
+    print("language: %d files, %s" %
+          (len(paths), "no history, subjects not compared" if subjects is None else "%d subjects of commits" % subjects))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-/* bundle: what was written comes back bit for bit; files that lie are refused.  K: bundle */
+/* bundle: what was written comes back bit for bit; malformed files are refused.  K: bundle */
 
 #include "base/err.h"
 #include "base/log.h"

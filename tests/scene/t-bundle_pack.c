@@ -1,4 +1,4 @@
-/* bundle_pack: packed arrays come back bit for bit, rounded ones within bounds; files that lie are
+/* bundle_pack: packed arrays come back bit for bit, rounded ones within bounds; malformed files are
  * refused, in one line that names file and array.  K: bundle pack */
 #include <float.h>
 

@@ -1,6 +1,6 @@
-/* compare-images A B...: the largest and the mean difference of the pictures A and B, of steps of
- * 255; more pairs may follow, the worst counts. A picture may be a frame of a video, FILE#NUMBER.
- * Exit status 1: they are of different sizes, or cannot be read. */
+/* compare-images A B...: prints the largest and the mean difference of images A and B, in steps
+ * of 255; of several pairs, the worst. An image may be a frame of a video, FILE#NUMBER. Exit
+ * status 1: the sizes differ, or an image cannot be read. */
 #include <stdio.h>
 #include <stdlib.h>
 

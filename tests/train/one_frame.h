@@ -1,5 +1,5 @@
-/* A frame by itself through the training's loop, from settings that say all: what 3DGS does, unless
- * they are changed. */
+/* Trains a single frame through the training loop, with complete settings: those of 3DGS unless
+ * a test changes them. */
 #ifndef SPIN_TESTS_TRAIN_ONE_FRAME_H
 #define SPIN_TESTS_TRAIN_ONE_FRAME_H
 
@@ -10,9 +10,9 @@
 #include "train/train_frame.h"
 #include "train/loop.h"
 
-/* What a step did. */
+/* The record of one iteration. */
 struct one_step {
-    int iteration, view; /* from 1; index of the view drawn */
+    int iteration, view; /* from 1; index of the rendered view */
     size_t n;            /* points drawn */
     double loss;
     bool densified;
@@ -33,7 +33,7 @@ struct one_frame {
     void *context;
 };
 
-/* What all steps did. */
+/* The record of all iterations. */
 struct one_stats {
     int densifications;
     struct spin_densify_change change;
@@ -64,7 +64,7 @@ __attribute__((unused)) static void one_frame_defaults(struct one_frame *o, int 
     o->lambda_dssim = 0.2;
 }
 
-/* All that stands around a loop. */
+/* Everything that a loop needs. */
 struct one_bench {
     struct spin_retrain_options o;
     struct spin_plan plan;
@@ -121,7 +121,7 @@ static void one_plan(struct one_bench *b, const struct one_frame *o, struct spin
                SPIN_EXPOSURE * sizeof(float));
 }
 
-/* With an order one epoch is as long as the run. The pictures lie at the numbers of their views. */
+/* With a given order, one epoch is the whole run. images is indexed by the numbers of the views. */
 static void one_sampler(struct one_bench *b, const struct one_frame *o,
                         const struct spin_images *images, int n_views, bool ordered)
 {
@@ -205,8 +205,8 @@ static spin_status one_loop(struct one_bench *b, const struct one_frame *o, stru
     return SPIN_OK;
 }
 
-/* The cloud's points after the iterations, and what became of them. order [iterations]: the view of
- * each; NULL: drawn. images by the numbers of their views. */
+/* Returns the cloud's points after the iterations, and their record. order [iterations]: the
+ * view of each; NULL: drawn at random. images is indexed by the numbers of the views. */
 __attribute__((unused)) static spin_status
 one_frame_run(struct spin_device *d, const struct one_frame *o, const struct spin_images *images,
               const struct spin_camera *camera, int n_views, const int *order,

@@ -1,4 +1,4 @@
-/* Places whose look changes, as cameras tell them from what passes in front.
+/* Static places whose appearance changes, as opposed to objects that pass in front of them.
  * K: tracks appearance */
 #include "train/tracks.h"
 
@@ -12,8 +12,8 @@ static int camera_ids[CAMERAS] = {2, 5, 7};
 static struct spin_plan plan;
 static struct spin_photos photos;
 
-/* Cameras on the z axis look along it, each sees [-2, 2] x [-1, 1] at z = 0 in 8 pixels a unit; the
- * last sees the right half only. All pixels are grey. */
+/* Cameras on the z axis that look along it; each sees [-2, 2] x [-1, 1] at z = 0 with 8 pixels
+ * per unit, the last one the right half only. All pixels are grey. */
 static void open_views(void)
 {
     for (int f = 0; f < FRAMES; f++)
@@ -67,12 +67,12 @@ TAP_MAIN
 
     open_views();
     for (int c = 0; c < CAMERAS;
-         c++) { /* all see it, one after it has been so for most of the clip */
+         c++) { /* all cameras see it; one of them has shown the change for most of the clip */
         paint(3, c, 1.5, 80);
         paint(2, c, 0.5, 104);
     }
-    paint(1, 0, 1, 200); /* one of three sees it */
-    paint(1, 0, -1, 60); /* two cameras see the place, both of them this */
+    paint(1, 0, 1, 200); /* one of three shows it */
+    paint(1, 0, -1, 60); /* two cameras see the place, and both show it */
     paint(1, 1, -1, 60);
     ok(spin_appearance_varies(&plan, &photos, N, place[0], varies) == SPIN_OK,
        "looks at places: %s", spin_last_error());

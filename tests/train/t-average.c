@@ -1,10 +1,10 @@
-/* The mean over the last steps is that of the iterations that count, and the last step leaves it as
- * the parameters. K: retrain */
+/* The Polyak average covers the right iterations, and the last step makes it the parameters.
+ * K: retrain */
 #include "tests/train/tracked.h"
 
 #include "train/checkpoint.h"
 
-/* The iterations that count, and the mean of their numbers. */
+/* The averaged iterations, and the mean of their numbers. */
 static int counts(double share, int64_t until, int64_t iterations, int64_t *first, double *mean)
 {
     struct spin_trainer t = {.average = spin_average_of(share, until, iterations)};
@@ -30,7 +30,7 @@ static int counts(double share, int64_t until, int64_t iterations, int64_t *firs
     return n;
 }
 
-/* All parameters, as this number; or whether they are. */
+/* Sets all parameters to this number; or checks that they are. */
 static bool all(struct spin_device *d, struct spin_trainer *t, float number, bool put)
 {
     float SPIN_DEV *at[] = {t->tracks.p, t->frame[0].pos, t->frame[1].pos, t->frame[0].residual,

@@ -1,6 +1,7 @@
-/* Gains of cameras and falloff of their lenses from points and pictures: a wall of two greys before
- * a row of cameras, of which all is known. One camera has white where the wall is bright, one is
- * dark in red, one sees a plate that hides the wall from it alone, one sees the wall's edge only.
+/* Gains of cameras and falloff of their lenses from points and images: a wall in two greys in
+ * front of a row of cameras, with known ground truth. One camera is overexposed where the wall
+ * is bright, one is dark in red, one sees a plate that hides the wall from it alone, one sees
+ * the wall's edge only.
  * K: lens falloff exposure */
 #include "spin_run.h"
 #include "train/camera_colours.h"
@@ -89,8 +90,8 @@ static void put_grid(FILE *f, int columns, int rows, double x, double y, double 
                 y * ((i / columns + 0.5) / rows * 2 - 1), z);
 }
 
-/* The plate comes first: it is more than every fourth of all points, which is how many are
- * compared. */
+/* The plate's points come first: they are more than every fourth of all points, which is how
+ * many are compared. */
 static void write_points(void)
 {
     FILE *f = open_in("points/000000.ply");

@@ -1,5 +1,6 @@
-/* An unfinished state comes back to the bit, whole or not at all; what it was made from tells
- * whether it may. K: retrain resume tracks */
+/* A checkpoint restores the exact bits, completely or not at all; its digest of the inputs
+ * decides whether it may be used.
+ * K: retrain resume tracks */
 #include "tests/device/strict.h"
 #include "tests/train/tracked.h"
 
@@ -11,7 +12,7 @@
 #include "train/key.h"
 #include "train/trainer.h"
 
-/* In place of Jansson's: what the library allocates by, so that the memory can end. */
+/* Replaces Jansson's allocator, which the library calls, so that memory can run out. */
 static int n_left = INT_MAX;
 
 static void *starving(size_t bytes) { return n_left-- > 0 ? malloc(bytes) : NULL; }
@@ -26,8 +27,7 @@ enum { ITERATION = 7, ITERATIONS = 20 };
 static char path[600], other[620];
 static struct spin_field field;
 
-/* ---- A state -----------------------------------------------------------------------------------
- */
+/* ---- A checkpoint */
 
 struct run {
     struct spin_trainer t;
@@ -36,7 +36,7 @@ struct run {
     struct spin_checkpoint c;
 };
 
-/* A trainer of these sizes with a lazy table, as a run begins it. */
+/* A trainer of these sizes with a lazy table, as at the start of a run. */
 static void begin(struct run *r, struct spin_device *d, const struct spin_frame_size *frame,
                   size_t n, size_t n_moving, size_t n_varying)
 {
@@ -96,7 +96,7 @@ static int list(struct spin_trainer *t, struct array *a)
 }
 enum { MOST_ARRAYS = 40 };
 
-/* Every array gets numbers of its own, and what is told apart beside them. */
+/* Gives every array and every recorded value different numbers. */
 static void fill(struct run *r)
 {
     static const float gradient[2][5] = {{0.1f, 0.2f, 0.3f, 0.4f, 0.5f}, {0.6f, 0.7f, 0.8f, 0.9f}};
@@ -133,7 +133,7 @@ static void save(struct run *r)
     ok(spin_checkpoint_save(&r->c, &r->t) == SPIN_OK, "saves: %s", spin_last_error());
 }
 
-/* A trainer of the sizes that the state has, and the state in it. */
+/* A trainer of the checkpoint's sizes, and the checkpoint read into it. */
 static spin_status resume(struct run *r, struct spin_device *d, const char *from)
 {
     struct spin_frame_size frame[TRACKED_FRAMES];
@@ -155,7 +155,7 @@ static spin_status resume(struct run *r, struct spin_device *d, const char *from
     return status;
 }
 
-/* What state.json has no memory for costs this state, not the last one. */
+/* Running out of memory for state.json loses this checkpoint, not the previous one. */
 static void check_starved(struct run *r)
 {
     struct spin_map map;
@@ -227,10 +227,9 @@ static void check_back(struct spin_device *d)
     end(&now);
 }
 
-/* ---- States that are not taken -----------------------------------------------------------------
- */
+/* ---- Refused checkpoints */
 
-/* The state with value i of an array changed to these bits, as another file. */
+/* The checkpoint with value i of an array changed to these bits, in another file. */
 static void alter(const char *name, size_t i, uint32_t bits)
 {
     struct spin_npz npz;
@@ -330,8 +329,7 @@ static void check_refused(struct spin_device *d)
     end(&r);
 }
 
-/* ---- The fingerprint
- * ----------------------------------------------------------------------------- */
+/* ---- The digest of inputs */
 
 /* Two frames of a bundle of three, two cameras. */
 struct input {
@@ -425,7 +423,7 @@ static void check_fingerprint(void)
     static const struct {
         const char *what;
         void (*change)(struct input *);
-        bool explicit_too; /* frame by frame it counts as well */
+        bool explicit_too; /* frame by frame too */
     } by[] = {{"a frame's number", by_number, true},
               {"which frames these are", by_order, true},
               {"splats of a frame", by_count, true},
@@ -463,7 +461,7 @@ static void check_fingerprint(void)
         }
 }
 
-/* Earlier versions recorded options that are constants now. */
+/* Earlier versions recorded options that are now constants. */
 static void check_former_options(void)
 {
     static const char own[] = "{\"normalise\":1,\"options\":{\"lr_table\":0.04}}";
@@ -488,8 +486,7 @@ static void check_former_options(void)
     ok(!spin_fingerprint_equal("{", own), "a damaged fingerprint is another run");
 }
 
-/* ---- Code paths ---------------------------------------------------------------------------------
- */
+/* ---- SIMD paths */
 
 static int n_warnings;
 

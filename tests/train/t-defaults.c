@@ -1,5 +1,5 @@
-/* Defaults of a retraining by preset, limits of each option, and the settings that a bundle stores.
- * defaults.json has every value a second time, so that no change to one goes unnoticed.
+/* Defaults of a retraining by preset, limits of each option, and the settings that a bundle
+ * stores. defaults.json repeats every value, so that any change is noticed.
  * K: retrain defaults presets limits */
 
 #include "train/options.h"
@@ -72,8 +72,8 @@ static void print_json(FILE *to, const char *name, enum spin_options_of of, cons
     spin_json_free(j);
 }
 
-/* An option that affects the result and is missing from the JSON would pass for unchanged when a
- * training is resumed. */
+/* An option that affects the result but is missing from the JSON would count as unchanged on
+ * resume. */
 static void print_stored(FILE *to)
 {
     o = of_preset[2];
@@ -115,7 +115,7 @@ static void test_golden(void)
     free(text);
 }
 
-/* Fields that are not in the table are cleared, but for two. */
+/* Fields that are not in the table are cleared, except for two. */
 static void test_other_fields(struct spin_retrain_options preset, const char *name)
 {
     const char *bytes = (const char *)&preset;
@@ -147,7 +147,7 @@ static void test_presets(void)
 /* ---- Limits of the library call -----------------------------------------------------------------
  */
 
-/* The input is not there, which is found after the options were checked. */
+/* The input does not exist, which is found after the options were checked. */
 static void is_refused(bool want, const char *field)
 {
     struct spin_retrain_report report;
@@ -166,7 +166,7 @@ static void is_refused(bool want, const char *field)
     o.output = "nowhere/out.spin";
 }
 
-/* One value on the limit, one beyond it. */
+/* One value at the limit, one beyond it. */
 #define LIMIT(field, on, beyond)                                                                   \
     do {                                                                                           \
         o.field = on;                                                                              \

@@ -1,4 +1,4 @@
-/* Clone, split and prune against the reference, which used the random numbers given here.
+/* Clone, split and prune compared with the reference, whose random numbers are given here.
  * K: golden refine */
 #include "train/densify.h"
 #include "train/plan.h"
@@ -10,7 +10,7 @@ struct fixture {
     struct spin_refine_cloud start;
     double *xyz_after, *scale_after, *opacity_after, *source, *pruned;
     size_t n_after, clones, splits, n_pruned;
-    double prune_opacity; /* under it, and above every point that is to go */
+    double prune_opacity; /* below it, and above every point that must be pruned */
     float *noise;
     size_t n_noise;
 };
@@ -27,7 +27,7 @@ static size_t marked(struct fixture *f, const char *key)
     return n;
 }
 
-/* An opacity that parts those that the reference pruned from the others. */
+/* An opacity between those of the points that the reference pruned and the others. */
 static double between(const struct fixture *f)
 {
     double below = 0, above = 1;
@@ -61,7 +61,7 @@ static void load(struct fixture *f)
         for (size_t c = 0; c < 3; c++) {
             p->p.pos_w[c] = (float)xyz[3 * i + c];
             p->p.log_scale[c] = (float)log(scale[3 * i + c]);
-            p->p.dc[c] = (float)i; /* to be recognised by */
+            p->p.dc[c] = (float)i; /* marks that identify a point */
             p->m.pos_w[c] = p->v.dc[c] = (float)i + 1;
         }
         for (size_t c = 0; c < 4; c++)
@@ -139,7 +139,8 @@ static struct spin_densify_options options_of(struct fixture *f)
     return o;
 }
 
-/* Every field of what is left, in order, with the rows named in `pruned` left out (NULL: none). */
+/* Every remaining point, in order, without the rows named in `pruned` (NULL: none), is
+ * unchanged. */
 static void compare(struct fixture *f, const struct spin_refine_cloud *c, const double *pruned,
                     const char *what)
 {
@@ -203,7 +204,7 @@ static void against_reference(struct fixture *f)
     spin_refine_cloud_free(&c);
 }
 
-/* With room for two more, the two largest mean gradients win. */
+/* With capacity for two more points, those with the two largest mean gradients win. */
 static void capped(struct fixture *f)
 {
     struct spin_densify_options o = options_of(f);
@@ -280,7 +281,7 @@ static void not_finite(struct fixture *f)
     spin_refine_cloud_free(&c);
 }
 
-/* What a cloud of this degree has and hands on of splats with degree 1. */
+/* What a cloud of this degree stores, and passes to its copies, of splats with SH degree 1. */
 static void check_sh(struct spin_refine_cloud *c, const struct spin_splats *from, int degree)
 {
     size_t width = 3 * (size_t)(degree + 1) * (size_t)(degree + 1);
@@ -326,7 +327,7 @@ static void from_splats(void)
     spin_refine_cloud_free(&c);
 }
 
-/* What 3DGS takes (docs/method.md, section 2). */
+/* The defaults of 3DGS (docs/method.md, section 2). */
 static void defaults(void)
 {
     struct spin_train_rates r = spin_rates_3dgs(2, 700);
@@ -354,8 +355,7 @@ static void defaults(void)
     ok(spin_plan_schedule(&plan).every == 0, "or never");
 }
 
-/* Two halves of a point that stands across: its longest axis, the second, is turned from y to -x.
- */
+/* The two halves of a rotated point: its longest axis, the second, points from y to -x. */
 static void check_long_axis(void)
 {
     static const float want[2][3] = {{1.6f, 2, 3}, {0.4f, 2, 3}}; /* 0.6 of the longest scale */

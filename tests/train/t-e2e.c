@@ -1,6 +1,6 @@
-/* Whole training steps against PyTorch: losses iteration by iteration, the first picture, the
- * first gradients, the final weights; and the same bits for any number of threads, and
- * on a device that works late and whose memory the host cannot read.
+/* Whole training iterations compared with PyTorch: the loss of each, the first image, the first
+ * gradients and the final weights; and identical bits for any number of threads, and on a device
+ * that works asynchronously and whose memory the host cannot read.
  * K: golden threads e2e */
 #include "train/step.h"
 #include "base/number.h"
@@ -9,7 +9,7 @@
 #include "tests/device/strict.h"
 #include "tests/tap.h"
 
-enum { MOST = 16 }; /* frames, cameras, pictures of a batch */
+enum { MOST = 16 }; /* frames, cameras, images of a batch */
 
 static const char *const head_name[SPIN_HEADS] = {"scale", "rot", "sh", "opacity"};
 static const char *const part_name[6] = {"w1", "b1", "w2", "b2", "w3", "b3"};
@@ -69,7 +69,7 @@ static void shape_of(struct fixture *f, const char *key, int shape[2])
     shape[1] = (int)info.shape[1];
 }
 
-/* The fixture's grid and a network of its size. */
+/* The grid of the fixture, and a network of its size. */
 static void load_model(struct fixture *f, struct spin_field *field)
 {
     const int base[4] = {2, 2, 2, 2};
@@ -102,7 +102,7 @@ static void load_model(struct fixture *f, struct spin_field *field)
     free(offset);
 }
 
-/* Where part k of head h lies among the heads' parameters, and how many floats it has. */
+/* Offset and length in floats of part k of head h within the heads' parameters. */
 static size_t part_at(const struct spin_field *m, int head, int part, size_t *n)
 {
     size_t hidden = (size_t)m->heads.hidden, in = (size_t)m->heads.n_in;
@@ -200,7 +200,7 @@ static void keep_first(struct fixture *f, struct spin_trainer *t, struct result 
     }
 }
 
-/* The first picture, before any step. */
+/* The first image, before any step. */
 static float *draw_first(struct fixture *f, struct spin_trainer *t,
                          const struct spin_train_item *item)
 {
@@ -316,9 +316,9 @@ static double five_times(const char *key, const char *what)
     return 5 * setting(path);
 }
 
-/* Adam turns gradients of 1e-12 into full steps, so final weights are held to medians and 95th
- * percentiles of the deviation: five times what PyTorch's own float32 shows (the manifest), beyond
- * two units in the last place of the number itself. */
+/* Adam turns gradients of 1e-12 into full steps, so final weights are compared by medians and
+ * 95th percentiles of the deviation: five times that of PyTorch's own float32 (see the
+ * manifest), beyond two units in the last place. */
 static void check_spread(struct fixture *f, const char *key, const float *got, size_t n,
                          double median, double p95)
 {
@@ -336,7 +336,7 @@ static void check_spread(struct fixture *f, const char *key, const float *got, s
     free(off);
 }
 
-/* A bias of four numbers has no percentile: the limits are those of the head's worst part. */
+/* A bias of four numbers has no percentile: its limits are those of the head's worst part. */
 static void check_head(struct fixture *f, const struct result *r, int head)
 {
     double median = 0, p95 = 0;
@@ -386,7 +386,7 @@ static void check_first(struct fixture *f, struct result *r)
         }
 }
 
-/* Everything against PyTorch. */
+/* Compares everything with PyTorch. */
 static void check_golden(struct fixture *f, struct result *r, const char *what)
 {
     double *loss = check_load(&f->npz, "loss", NULL);
@@ -433,8 +433,8 @@ static void check_path(struct fixture *f, const char *path)
     free_result(&one);
 }
 
-/* Late, and with memory that is not the host's: nothing is used before it was asked for. Then with
- * all frames and views of a step in one call. */
+/* Asynchronously, and with memory that the host cannot read: nothing is used before it was
+ * requested. Then with all frames and views of an iteration in one call. */
 static void check_strict(struct fixture *f)
 {
     struct result one, late;
@@ -455,7 +455,7 @@ static void check_strict(struct fixture *f)
     free_result(&late);
 }
 
-/* Another device: the golden values, also when its work is queued and its memory closed to the
+/* Another device: the golden values, also if its work is queued and its memory is closed to the
  * host. */
 static void check_device_golden(struct fixture *f)
 {

@@ -1,6 +1,7 @@
-/* Frames refined by spin-retrain are what the loop makes of the frame's splats and its training
- * views with the options that were given: the same bits. So no option is lost or changed on the
- * way. K: long refine explicit retrain options */
+/* Frames refined by spin-retrain have the same bits as the training loop called directly with
+ * the frame's splats, its training views and the same options, so no option is lost or changed
+ * on the way.
+ * K: long refine explicit retrain options */
 #include "spin_run.h"
 #include "run/run.h"
 #include "tests/train/one_frame.h"
@@ -112,7 +113,7 @@ static void open_photos(const struct spin_retrain_options *from, const struct sp
     photos->images.mask_weight[1] = (float)from->dynamic_weight;
 }
 
-/* The falloff that the run found, by the bundle it wrote. */
+/* The lens falloff of the run, from the bundle that it wrote. */
 static void take_falloff(float falloff[SPIN_EXPOSURE])
 {
     struct spin_bundle bundle;
@@ -127,7 +128,7 @@ static void take_falloff(float falloff[SPIN_EXPOSURE])
     spin_bundle_close(&bundle);
 }
 
-/* What none of the views sees begins as the source has it. */
+/* Splats that no view sees keep the source's values. */
 static void take_unseen(const struct spin_splats *s, const struct spin_camera *view, int n,
                         struct spin_refine_cloud *cloud)
 {
@@ -243,7 +244,7 @@ static void compare(const struct spin_retrain_options *o, const char *what)
     spin_bundle_close(&bundle);
 }
 
-/* Before a network the colour of a refined frame goes on, cut off at 0 and 1. */
+/* For a network the colour of a refined frame is clamped to 0 and 1. */
 static void compare_colours(void)
 {
     struct spin_retrain_options o = explicit_options(5);
@@ -280,14 +281,14 @@ static void compare_colours(void)
     spin_bundle_close(&bundle);
 }
 
-/* ---- Keys
- * ------------------------------------------------------------------------------------------ */
+/* ---- Cache keys */
 
 enum { MOST_KEYS = 32 };
 static char keys[MOST_KEYS][40];
 static int n_keys;
 
-/* The key of the first frame refined with these options; it is that of no run before. */
+/* The cache key of the first frame refined with these options; it differs from those of all
+ * previous runs. */
 static void another_key(struct spin_retrain_options o, const char *what)
 {
     struct spin_retrain_report r;
@@ -308,7 +309,8 @@ static void another_key(struct spin_retrain_options o, const char *what)
     spin_bundle_close(&bundle);
 }
 
-/* Whatever decides what becomes of a frame is in its key: else old work passes for new. */
+/* The key contains everything that affects a refined frame; otherwise outdated frames would be
+ * reused. */
 static void compare_keys(void)
 {
     static const int others[] = {3, 23};

@@ -1,4 +1,5 @@
-/* Refined frames on a shelf: found and read under their key only.  K: retrain refine */
+/* The cache of refined frames: a frame is found and read only by its key.
+ * K: retrain refine */
 #include <unistd.h>
 
 #include "train/refinement.h"

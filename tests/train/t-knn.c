@@ -1,5 +1,5 @@
-/* Distances to the nearest neighbours against counting them all, and the start of a refinement from
- * coloured points.
+/* Distances to the nearest neighbours compared with a brute-force search, and the start of a
+ * refinement from coloured points.
  * K: golden threads refine */
 #include "base/pool.h"
 #include "train/densify.h"
@@ -8,7 +8,7 @@
 #include "tests/check.h"
 #include "tests/tap.h"
 
-/* The mean of the three smallest, by trying all. */
+/* The mean of the three smallest distances, by brute force. */
 static double slow_mean_dist2(const float *p, size_t n, size_t self)
 {
     double best[3] = {INFINITY, INFINITY, INFINITY}, sum = 0;
@@ -34,7 +34,7 @@ static double slow_mean_dist2(const float *p, size_t n, size_t self)
     return found ? sum / found : 0;
 }
 
-/* Clusters, a line, exact duplicates: what a k-d tree could get wrong. */
+/* Clusters, a line, exact duplicates: hard cases for a k-d tree. */
 static void fill(float *p, size_t n)
 {
     for (size_t i = 0; i < n; i++)

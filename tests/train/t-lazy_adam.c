@@ -1,5 +1,5 @@
-/* A lazy table: what it reads and what it ends as are those of a table whose every line takes every
- * step, but for rounding; looking at it between steps changes nothing; the same bits for any number
+/* A lazy table reads and ends with the values of a table whose lines are all updated in every
+ * step, up to rounding; reading it between steps changes nothing; identical bits for any number
  * of threads.
  * K: adam network threads lazy */
 
@@ -67,7 +67,7 @@ static float *fetch(struct table *t, const float SPIN_DEV *from, size_t n)
     return to;
 }
 
-/* As if every line had taken every step. */
+/* Updates every line in every step. */
 static float *flush(struct table *t)
 {
     float SPIN_DEV *out = lend_to(&t->loans, NULL, NULL, t->n * sizeof(float));
@@ -80,7 +80,7 @@ static float *flush(struct table *t)
     return flushed;
 }
 
-/* The points of a set are needed together; set k comes rarely when k is large. */
+/* The points of a set are used together; set k is used rarely if k is large. */
 static int set_of(int step)
 {
     int k = 0;
@@ -181,12 +181,12 @@ static void same_bits(void)
         struct table t = table_of(threads[i], 1);
         float *p;
 
-        if (!t.d->is_host) /* which has none: once without looking, once with */
+        if (!t.d->is_host) /* a set without gradients: once without reading the table, once with */
             n = 2;
         t.d->deterministic = true;
         for (int k = 1; k <= STEPS; k++) {
             step(&t, k);
-            if (i % 2 && k % 10 == 0) /* looking changes nothing */
+            if (i % 2 && k % 10 == 0) /* reading changes nothing */
                 free(flush(&t));
         }
         p = fetch(&t, t.group.p, t.n);
@@ -200,7 +200,7 @@ static void same_bits(void)
     free(first);
 }
 
-/* Long enough for lines to fall behind and to be brought back. */
+/* Long enough for lines to fall behind and to be updated later. */
 static void few_steps(void)
 {
     struct table t = table_of(1, 1);

@@ -1,4 +1,5 @@
-/* Links between the splats of two frames, against trying all pairs, and the search of the k-d tree.
+/* Matches between the splats of two frames, compared with a search of all pairs, and the search
+ * of the k-d tree.
  * K: tracks threads */
 #include "train/track_matching.h"
 
@@ -9,8 +10,7 @@
 enum { N = 700, M = 650, WIDTH = 2 };
 static float at[3 * N], look[WIDTH * N], reach[N], to_at[3 * M], to_look[WIDTH * M];
 
-/* M of the N splats a step further, and as many again elsewhere; every ninth is the double of
- * another. */
+/* M of the N splats displaced by a step, and as many elsewhere; every ninth duplicates another. */
 static void fill(void)
 {
     for (size_t i = 0; i < N; i++) {
@@ -49,8 +49,8 @@ static double cost(size_t i, size_t k)
     return sum;
 }
 
-/* The cheapest pair of all that are free, one after the other, is what rounds of best pairs come
- * to. */
+/* Repeatedly choosing the cheapest free pair gives the same matches as rounds of mutual best
+ * pairs. */
 static void slow_link(uint32_t *next)
 {
     static uint8_t taken[M];
@@ -109,7 +109,7 @@ static void test_link(void)
     ok(same == N && twice == 0, "the cheapest first of all pairs, and nothing twice: %zu", same);
 }
 
-/* Nothing on one side. */
+/* One side is empty. */
 static void test_none(void)
 {
     struct spin_pool *pool = NULL;

@@ -1,5 +1,6 @@
-/* Gains of cameras and falloff of their lenses from points that several cameras see: made-up rigs
- * of which all is known. K: lens falloff exposure */
+/* Gains of cameras and falloff of their lenses from points that several cameras see: synthetic
+ * rigs with known ground truth.
+ * K: lens falloff exposure */
 #include "train/photometric_fit.h"
 
 #include "tests/tap.h"
@@ -21,7 +22,7 @@ static double gain(int camera, int rgb)
     return 0.02 * (camera - 4) + 0.01 * rgb * (camera % 3 - 1);
 }
 
-/* every: each such sample is a wrong one; 0: none. */
+/* every: each such sample is an outlier; 0: none. */
 static void make(int every)
 {
     uint32_t state = 7;
@@ -74,7 +75,7 @@ static void check(const char *what, double most_gain, double most_falloff)
     ok(zero == 0, "%s: no offsets", what);
 }
 
-/* A camera that shows nothing stays at 0, and what is wrong in red changes no other colour. */
+/* A camera without samples stays at 0, and outliers in red do not affect other colours. */
 static void test_apart(void)
 {
     float clean[CAMERAS + 1 + LENSES][6], red[CAMERAS + 1 + LENSES][6];
@@ -98,12 +99,12 @@ static void test_apart(void)
     ok(same, "change red alone");
 }
 
-/* A rig of one lens. What cameras show of a point differs by `noise`, as a logarithm. */
+/* A rig of one lens. The cameras' values of a point have `noise`, in the logarithm. */
 struct rig {
     int cameras;
-    double falloff[2];   /* of the corners, in the halves of the scene: 0.1: one tenth darker */
+    double falloff[2];   /* darkening of the corners, in the halves of the scene: 0.1: by a tenth */
     double gain[2];      /* of every other camera, in the halves */
-    double noise, radii; /* r^2 of a point is within such a range in all pictures */
+    double noise, radii; /* r^2 of a point is within such a range in all images */
 };
 
 static void check_rig(const char *what, const struct rig *rig, enum spin_photometric_why gains,

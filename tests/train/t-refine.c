@@ -1,11 +1,11 @@
-/* Refining one frame: iterations with densifications against the reference, the same bits
- * for any number of threads, and what the options promise.
+/* Refinement of one frame: iterations with densifications compared with the reference, identical
+ * bits for any number of threads, and the guarantees of the options.
  * K: golden threads refine */
 #include "tests/train/one_frame.h"
 #include "base/number.h"
 #include "tests/device/strict.h"
 
-/* STEPS: of the runs that no reference is for. */
+/* STEPS: for runs without a reference. */
 enum { MOST_VIEWS = 16, MOST_STEPS = 1000, STEPS = 40, MOST_DENSIFY = 16 };
 
 struct fixture {
@@ -14,7 +14,7 @@ struct fixture {
     struct spin_camera view[MOST_VIEWS];
     size_t pixels;   /* of a view */
     float *truth;    /* [views][3][height][width] */
-    bool upper_half; /* only those pixels count */
+    bool upper_half; /* only these pixels count */
     int densify_at[MOST_DENSIFY];
     float *noise[MOST_DENSIFY];
     size_t n_noise[MOST_DENSIFY];
@@ -22,7 +22,7 @@ struct fixture {
     struct spin_refine_cloud start;
 };
 
-/* What the watcher saw. */
+/* What the observer recorded. */
 struct log {
     struct fixture *f;
     struct one_step step[MOST_STEPS];
@@ -143,8 +143,7 @@ static void position_rates(double *from, double *to)
     }
 }
 
-/* The fixture's settings, of its manifest: the extent for densification is another than that of the
- * rates. */
+/* The fixture's settings, from its manifest: densification uses another extent than the rates. */
 static struct one_frame fixture_options(struct fixture *f, struct log *log)
 {
     const spin_json *background = spin_json_get(check_meta("refine.npz"), "background");
@@ -234,10 +233,9 @@ static spin_status run(struct fixture *f, const struct one_frame *o, const int *
     return status;
 }
 
-/* Adam turns tiny gradients into whole steps, so a few values may go another way in float32; 95
- * of 100 must not. The manifest allows ten times the worst group's deviation of PyTorch's own
- * float32; here each group is held to ten times its own. `first` and `width` are floats of a
- * row. */
+/* Adam turns tiny gradients into full steps, so a few values may diverge in float32, but not 95
+ * of 100. The manifest allows ten times the deviation of PyTorch's own float32 in the worst
+ * group; here each group has ten times its own. `first` and `width` are floats of a row. */
 static void check_group(struct fixture *f, const struct spin_refine_cloud *c, const char *group,
                         size_t first, size_t width)
 {
@@ -287,7 +285,7 @@ static void check_losses(struct fixture *f, const struct log *log)
     free(count);
 }
 
-/* What the manifest says of a densification: clones, splits, points pruned. */
+/* The densifications listed in the manifest: clones, splits, points pruned. */
 static void check_change(struct fixture *f, const struct log *log, int k, size_t *clones)
 {
     const spin_json *list = spin_json_get(check_meta("refine.npz"), "clone_split_prune");
@@ -337,7 +335,7 @@ static void against_reference(struct fixture *f)
     spin_refine_cloud_free(&many);
 }
 
-/* Every view once in each round; rounds differ; another seed, other rounds. */
+/* Each round contains every view once; rounds differ, and so do seeds. */
 static void random_views(struct fixture *f)
 {
     struct log log = {0}, same = {0}, other = {0};
@@ -407,7 +405,7 @@ static void window_and_cap(struct fixture *f)
     spin_refine_cloud_free(&c);
 }
 
-/* How far the coefficients of a degree have moved from 0, at most. */
+/* The largest distance of the coefficients of a degree from 0. */
 static double moved(const struct spin_refine_cloud *c, int degree)
 {
     size_t first = 3 * (size_t)(degree * degree - 1), last = first + 3 * (size_t)(2 * degree + 1);
@@ -419,8 +417,8 @@ static double moved(const struct spin_refine_cloud *c, int degree)
     return largest;
 }
 
-/* A cloud with SH: the degree rises by one after so many iterations. A coefficient's first step of
- * Adam, in iteration k, has a length that follows from k and the rate alone. */
+/* A cloud with SH: the degree rises by one after a fixed number of iterations. Adam's first step
+ * of a coefficient, in iteration k, has a length that depends on k and the rate alone. */
 static void sh_rises(struct fixture *f)
 {
     static const struct {
@@ -465,7 +463,7 @@ static void sh_rises(struct fixture *f)
     f->start.sh_degree = 0;
 }
 
-/* An iteration that densifies leaves values and moments of the points that stay as they were. */
+/* An iteration with densification keeps values and moments of the remaining points. */
 static void sh_densified(struct fixture *f)
 {
     struct log log = {0};
@@ -485,7 +483,7 @@ static void sh_densified(struct fixture *f)
     o.densify.gradient_threshold = 5e-3; /* some stay */
     o.densify.prune_opacity = 0.09;
     ok(run(f, &o, NULL, 1, &log, &after, NULL) == SPIN_OK, "and one that densifies");
-    /* those that stay come first, in the order in which they were */
+    /* remaining points come first, in their previous order */
     for (size_t i = 0; i < before.n && kept < after.n; i++) {
         if (memcmp(&after.point[kept].p, &before.point[i].p, 3 * sizeof before.point[i].p) != 0)
             continue;
@@ -519,8 +517,8 @@ static void sh_fits(struct fixture *f, const struct one_frame *plain, double wit
     spin_refine_cloud_free(&c);
 }
 
-/* Cameras that see other colours: with gains and offsets of their own the frame fits them better,
- * and keeps the colours of the mean camera; the same bits for any number of threads. */
+/* Cameras with different colours: gains and offsets per camera fit the frame better, and it
+ * keeps the colours of the mean camera; identical bits for any number of threads. */
 static void camera_colours(struct fixture *f)
 {
     static const float gain[3] = {1.6f, 1, 1 / 1.6f};
@@ -565,7 +563,7 @@ static void camera_colours(struct fixture *f)
     free(exposed.truth);
 }
 
-/* Each option does what it is for. */
+/* Each option has its effect. */
 static void options_act(struct fixture *f)
 {
     struct log log = {0}, weighted = {0}, faint = {0};
@@ -591,7 +589,7 @@ static void options_act(struct fixture *f)
     spin_refine_cloud_free(&plain);
 }
 
-/* On a device that works late and whose memory the host cannot read. */
+/* On a device that works asynchronously and whose memory the host cannot read. */
 static void strictly(struct fixture *f)
 {
     struct log log = {0};
@@ -640,7 +638,7 @@ static void refuses(struct fixture *f)
        "a frame that loses all its points ends early");
     spin_refine_cloud_free(&c);
     o = plain_options(&log);
-    o.rates.residual[SPIN_HEAD_OPACITY] = 1e45; /* sends what is seen out of the range of floats */
+    o.rates.residual[SPIN_HEAD_OPACITY] = 1e45; /* overflows the floats of visible splats */
     o.schedule.every = 0;
     o.iterations = 1;
     ok(run(f, &o, NULL, 1, &log, &c, NULL) == SPIN_E_MALFORMED &&

@@ -1,5 +1,6 @@
-/* Retraining does not go wrong silently: values that are not finite, times in any order, a scene
- * seen from one place, a state that must not be resumed. K: retrain sound d3dgs */
+/* Retraining does not fail silently: nonfinite values, times in any order, a scene seen from a
+ * single position, a checkpoint that must not be resumed.
+ * K: retrain sound d3dgs */
 #include <sys/statvfs.h>
 
 #include "base/log.h"
@@ -13,8 +14,8 @@
 
 static char from[400], input[500], output[500], part[600];
 
-/* No rate that is allowed overflows: this one is set behind the check of the options, when the room
- * on the disk is asked for. Stands in place of the C library's. */
+/* No permitted rate overflows, so this one is set after the options were checked, when the free
+ * disk space is queried. Replaces the C library's function. */
 static struct spin_retrain_report report;
 static double *late_rate, late_value;
 
@@ -70,8 +71,8 @@ static bool run(const struct spin_retrain_options *o, spin_status want, const ch
 /* ---- Values that are not finite -----------------------------------------------------------------
  */
 
-/* A rate that takes an array out of the range of floats in the first step. The loss, made before
- * the step, says nothing; the state does, before it is kept. */
+/* A rate that makes an array overflow in the first step. The loss, computed before the step,
+ * does not show it; the check before a checkpoint does. */
 static void test_array(const char *array, size_t rate, bool colour)
 {
     struct spin_retrain_options o = small(3);
@@ -87,8 +88,8 @@ static void test_array(const char *array, size_t rate, bool colour)
     remove(part);
 }
 
-/* Splats that are nowhere are not seen, so the loss stays finite: found at the next look, or at the
- * end. */
+/* Splats at nonfinite positions are invisible, so the loss stays finite: they are found at the
+ * next check, or at the end. */
 static void test_when(int iterations, const char *when)
 {
     struct spin_retrain_options o = small(iterations);
@@ -100,7 +101,7 @@ static void test_when(int iterations, const char *when)
     remove(output);
 }
 
-/* Every array of the state is finite. */
+/* Every array of the checkpoint is finite. */
 static bool state_is_finite(const char *path, size_t *n_arrays)
 {
     struct spin_npz npz;
@@ -128,7 +129,7 @@ static bool state_is_finite(const char *path, size_t *n_arrays)
     return good;
 }
 
-/* Rates rise to where positions overflow; a state is kept after every step before. */
+/* Rates rise until positions overflow; each earlier iteration has saved a checkpoint. */
 static void test_last_good(void)
 {
     struct spin_retrain_options o = small(200);
@@ -151,7 +152,7 @@ static void test_last_good(void)
 /* ---- Times --------------------------------------------------------------------------------------
  */
 
-/* The bundle once more, with other times of its first three frames. */
+/* The bundle with other times of its first three frames. */
 static void write_times(double a, double b, double c)
 {
     struct spin_bundle in;
@@ -227,7 +228,7 @@ static void test_check_times(void)
 /* ---- Seeds --------------------------------------------------------------------------------------
  */
 
-/* From 2^53 on a number of JSON may be another one. */
+/* From 2^53 on a JSON number cannot represent every integer. */
 static void test_seeds(void)
 {
     struct spin_retrain_options o = small(2);
@@ -254,7 +255,7 @@ static size_t no_memory(struct spin_device *d)
     return 0;
 }
 
-/* A splat before the camera, on a device that has no more memory for the lists. */
+/* A splat in front of the camera, on a device without memory for the lists. */
 static void test_pairs(void)
 {
     struct spin_camera camera = {.width = 64,

@@ -1,4 +1,5 @@
-/* A disk that is too small is told before the first step.  K: retrain outputs */
+/* A disk that is too small is reported before the first iteration.
+ * K: retrain outputs */
 #include <errno.h>
 #include <fcntl.h>
 #include <sys/statvfs.h>
@@ -9,7 +10,7 @@
 #include "tests/check.h"
 #include "tests/tap.h"
 
-/* In place of the C library's. */
+/* Replaces the C library's function. */
 static uint64_t n_free;
 
 int statvfs(const char *restrict path, struct statvfs *restrict fs)
@@ -40,8 +41,8 @@ static struct spin_digest imprint_of(const char *path)
     return digest;
 }
 
-/* Splats that grow beyond the disk: the training stops while its state fits, and goes on where
- * there is more. */
+/* Splats that outgrow the disk: the training stops while its checkpoint fits, and resumes on a
+ * larger disk. */
 static void test_growth(struct spin_retrain_options o, const char *folder)
 {
     struct spin_retrain_report report;
@@ -107,7 +108,7 @@ TAP_MAIN
     n_free += 1 << 20;
     ok(spin_train(&o, &report) == SPIN_OK && spin_path_exists(output), "with more it goes on");
 
-    spin_retrain_preset("quick", &o); /* no table, and splats share what they have */
+    spin_retrain_preset("quick", &o); /* no table, and splats share attributes */
     o.input = bundle;
     o.output = output;
     o.image_scale = 0.1;

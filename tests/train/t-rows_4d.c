@@ -1,4 +1,4 @@
-/* How the tracks of a trained clip become 4D splats: where they are cut, and how they move.
+/* Conversion of a trained clip's tracks to 4D splats: their segments, and their motion.
  * K: retrain 4d tracks */
 #include "train/rows_4d.h"
 

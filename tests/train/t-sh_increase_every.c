@@ -1,5 +1,6 @@
-/* Degrees of SH that join one after the other: exactly zero until then, learned from then on, and
- * the degree of every step. K: retrain sh */
+/* SH degrees that are added one after the other: exactly zero before, trained afterwards; and
+ * the degree of every iteration.
+ * K: retrain sh */
 #include "train/step.h"
 
 #include "spin_run.h"

@@ -1,5 +1,5 @@
-/* Which splats are one Gaussian, how frames are put in order, and what a densification makes of
- * them. K: tracks densify */
+/* Which splats form a track, the order of frames, and the densification of tracks.
+ * K: tracks densify */
 
 #include "tests/device/strict.h"
 #include "tests/train/tracked.h"
@@ -14,7 +14,7 @@ static size_t counts[FRAMES];
 static const float *colours; /* [n][3] of every frame's splats, or NULL */
 static int frame_of[FRAMES] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11};
 
-/* A bundle of these frames, n[f] places each. */
+/* A bundle of these frames, with n[f] positions each. */
 static void write_clip(const float *const place[FRAMES], const size_t *n, bool identity)
 {
     struct spin_bundle_writer w;
@@ -90,7 +90,7 @@ static void check_identity(void)
     spin_tracks_close(&t);
 }
 
-/* Places that occur in two of three frames or more, each once a frame. */
+/* Positions that occur in at least two of three frames, each once a frame. */
 static void check_places(void)
 {
     static const float a[12] = {0, 0, 0, 1, 1, 1, 7, 7, 7, 1, 1, 1},
@@ -101,8 +101,8 @@ static void check_places(void)
     struct spin_tracks t;
     struct spin_frame_size size;
 
-    colours = unlike;           /* no row is linked to another */
-    write_clip(place, n, true); /* not so: the numbers of rows differ */
+    colours = unlike;           /* no row is matched with another */
+    write_clip(place, n, true); /* it is not, since the numbers of rows differ */
     find(&t);
     colours = NULL;
     ok(!t.identity && t.n == 2 && t.n_moving == 0, "two places are there in two frames");
@@ -116,7 +116,7 @@ static void check_places(void)
     spin_tracks_close(&t);
 }
 
-/* A place of two frames of four, beside one of all. */
+/* A position in two of four frames, beside one in all. */
 static void check_half(void)
 {
     static const float a[6] = {0, 0, 0, 1, 1, 1}, b[6] = {0, 0, 0, 2, 2, 2},
@@ -133,7 +133,7 @@ static void check_half(void)
     n_frames = 3;
 }
 
-/* A row of splats that goes faster and faster, in another order in each frame. */
+/* A row of accelerating splats, in another order in each frame. */
 static void check_chains(void)
 {
     enum { N = 20 };
@@ -162,7 +162,7 @@ static void check_chains(void)
     spin_tracks_close(&t);
 }
 
-/* Six splats, two of another colour than their neighbours; they go half a step. */
+/* Six splats, two of them with another colour than their neighbours; they move by half a step. */
 static void check_chains_by_colour(void)
 {
     static const float a[18] = {0, 0, 0, 1, 0, 0, 2, 0, 0, 3, 0, 0, 4, 0, 0, 5, 0, 0},
@@ -174,7 +174,7 @@ static void check_chains_by_colour(void)
     bool right = true;
 
     for (int i = 0; i < 6; i++)
-        b[3 * i] = a[3 * i] + 0.8f; /* nearer to where the next one was */
+        b[3 * i] = a[3 * i] + 0.8f; /* nearer to the previous position of its neighbour */
     colours = rgb;
     write_clip(place, n, false);
     find(&t);
@@ -185,8 +185,8 @@ static void check_chains_by_colour(void)
     colours = NULL;
 }
 
-/* Rows with noise of a hundredth of a unit: alone, on a slow way, of a unit; and a tremble too
- * small to be seen. */
+/* Rows with noise of a hundredth of a unit: by itself, on a slow path of a unit, and jitter too
+ * small to be visible. */
 static void check_noise(void)
 {
     static const float noise[FRAMES] = {3, -5, 2, 6, -4, 0, -3, 5, 1, -6, -2, 3};
@@ -324,10 +324,10 @@ static void check_densify(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
-/* ---- What is carried over
- * ------------------------------------------------------------------------ */
+/* ---- State kept by densification */
 
-/* Old tracks and rows of the new ones; a negative number less one: new, so without moments. */
+/* Old tracks and the rows of new ones; a negative number: -1 - row, new and therefore without
+ * moments. */
 static const int track_from[5] = {0, 1, 2, -3, 3}, n_row[2] = {5, 5},
                  row_from[2][5] = {{0, 2, 3, -4, 4}, {0, 1, 2, -3, 3}};
 
@@ -347,8 +347,8 @@ static int wrong_values(const float *got, size_t n, int part, int frame, const i
     return wrong;
 }
 
-/* Track 2 has a mean gradient of three eighths to the bit, track 3 of less, seen most where it is
- * least; the second splat without a track is almost transparent. */
+/* The mean gradient of track 2 is exactly 3/8, that of track 3 is smaller and visible mostly
+ * where it is smallest; the second splat without a track is almost transparent. */
 static void check_carried(struct spin_device *d)
 {
     static const float gradient[2][5] = {{0, 0, 0.1f, 0.5f, 0.9f}, {0, 0.18f, 0.25f, 0.3f}};
@@ -408,8 +408,8 @@ static void check_carried(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
-/* Everything is large and split: where the children are, of tracks and of the splats without one of
- * frame 0. */
+/* Everything is large and split: the positions of the children, of tracks and of the splats
+ * without one in frame 0. */
 static void split_all(struct spin_device *d, uint64_t seed, int iteration, float *of_tracks,
                       float *of_free)
 {
@@ -472,8 +472,8 @@ static void check_numbers_drawn(struct spin_device *d)
     ok(farthest(track[0], own[0], 3) > 0.1, "tracks and splats without do not share their numbers");
 }
 
-/* No frame comes to more splats than it may have, by tracks and splats without together; tracks
- * come first. */
+/* No frame exceeds its splat budget, tracks and splats without tracks together; tracks have
+ * priority. */
 static void check_most(struct spin_device *d)
 {
     static const float gradient[2][5] = {{3, 3, 1, 1, 1}, {2, 1, 1, 1}};
@@ -507,7 +507,7 @@ static void check_most(struct spin_device *d)
     }
 }
 
-/* Where the last track is pruned no gradient of its splats is left for steps without tracks. */
+/* If the last track is pruned, no gradient of its splats remains for iterations without tracks. */
 static void check_last(struct spin_device *d)
 {
     struct spin_trainer t;
@@ -536,8 +536,8 @@ static void check_last(struct spin_device *d)
     spin_trainer_close(&t);
 }
 
-/* A step moves each number by about its rate. Tracks that move take half the rate for their
- * displacement, and go on when those that stand still have stopped. */
+/* A step changes each number by about its rate. Dynamic tracks use half of the rate for their
+ * displacement, and continue after static tracks have stopped. */
 static void check_rates(struct spin_device *d)
 {
     static const struct spin_camera camera = {

@@ -1,5 +1,6 @@
-/* A step of a frame's own parameters: each group at its rate, and what splats with a track have at
- * a part of it. K: tracks adam */
+/* The optimiser step of a frame's own parameters: each group at its rate, and splats with a
+ * track at a fraction of it.
+ * K: tracks adam */
 #include "train/train_frame.h"
 
 #include "tests/device/strict.h"
@@ -23,7 +24,8 @@ static float SPIN_DEV *lend(struct spin_device *d, size_t n, float value)
     return (float SPIN_DEV *)at;
 }
 
-/* Adam's first step has the length of the rate. Rows [first, end) of `width` values moved by it. */
+/* Adam's first step has the length of the rate. Checks that rows [first, end) of `width` values
+ * changed by it. */
 static bool moved(const float *rows, size_t width_of, size_t first, size_t end, double by)
 {
     for (size_t i = width_of * first; i < width_of * end; i++)

@@ -1,6 +1,7 @@
-/* Turns of splats from the places of their neighbours: bodies that rotate, noise, neighbours that
- * do something else, and frames that lack some of them; the same bits for any number of threads. K:
- * tracks threads */
+/* Rotations of splats from the positions of their neighbours: rotating bodies, noise, neighbours
+ * that move differently, and frames that lack some of them; identical bits for any number of
+ * threads.
+ * K: tracks threads */
 
 #include "math/quat.h"
 #include "math/rng.h"
@@ -9,13 +10,13 @@
 #include "train/track_matching.h"
 
 enum { FRAMES = 5, SIDE = 8, BODY = SIDE * SIDE, MIDDLE = (FRAMES + 1) / 2 };
-/* Where the kinds of tracks begin, see place_of(). */
+/* The first track of each kind, see place_of(). */
 enum { GOES = BODY, ALONE = 2 * BODY, ROD = ALONE + 4, TRACKS = ROD + SIDE };
 
 static const float axis[3] = {0.48f, 0.6f, 0.64f};
 static double noise; /* standard deviation, of the distance between neighbours */
 
-/* About the axis, by 0.4 a frame from the middle on. */
+/* About the axis, by 0.4 per frame relative to the middle frame. */
 static void turn_of(int frame, float q[4])
 {
     double half = 0.2 * (frame - MIDDLE);
@@ -25,8 +26,8 @@ static void turn_of(int frame, float q[4])
         q[1 + c] = (float)sin(half) * axis[c];
 }
 
-/* A sheet that turns and goes along; a second one beside it, which only stays; points far away from
- * all others; and a rod that turns about z, of which no one can tell whether it spins. */
+/* A sheet that rotates and translates; a static one beside it; isolated points; and a rod that
+ * rotates about z, whose spin about its own axis cannot be observed. */
 static void place_of(int frame, uint32_t track, float at[3])
 {
     size_t i = track % BODY;
@@ -57,7 +58,8 @@ static bool is_there(int frame, uint32_t track)
 static void find(int n_threads, struct spin_turns *turns)
 {
     struct spin_pool *pool = NULL;
-    spin_status status = spin_turns_open(turns, FRAMES + 1); /* nothing moves in the last */
+    spin_status status =
+        spin_turns_open(turns, FRAMES + 1); /* everything is static in the last frame */
 
     for (int f = 0; f < FRAMES && status == SPIN_OK; f++) {
         size_t n = 0;
@@ -83,7 +85,7 @@ static void find(int n_threads, struct spin_turns *turns)
     }
 }
 
-/* The angle between a splat's turn and q. */
+/* The angle between a splat's rotation and q. */
 static double angle(const float turn[4], const float q[4])
 {
     double dot = 0;
@@ -93,7 +95,7 @@ static double angle(const float turn[4], const float q[4])
     return 2 * acos(fmin(1, fabs(dot)));
 }
 
-/* The greatest and the mean angle between the turns of tracks [first, end) and what they are. */
+/* The largest and the mean angle between the rotations of tracks [first, end) and the true ones. */
 static double off(const struct spin_turns *turns, uint32_t first, uint32_t end, bool turns_too,
                   double *mean)
 {
@@ -120,7 +122,7 @@ static double off(const struct spin_turns *turns, uint32_t first, uint32_t end, 
     return worst;
 }
 
-/* The rod's turn is the shortest: about z. */
+/* The rod's rotation is the shortest one: about z. */
 static double off_rod(const struct spin_turns *turns)
 {
     double worst = 0;
@@ -136,7 +138,8 @@ static double off_rod(const struct spin_turns *turns)
     return worst;
 }
 
-/* Track 1 is not in the middle frame: its own is that before, as near as the one after. */
+/* Track 1 is missing from the middle frame: its reference is the frame before, as near as the
+ * one after. */
 static void check_own_frame(const struct spin_turns *turns)
 {
     double worst = 0;

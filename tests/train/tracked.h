@@ -1,4 +1,4 @@
-/* A trainer with tracks, every value and moment of which says whose it is. */
+/* A trainer with tracks, every value and moment of which identifies its owner. */
 #ifndef SPIN_TESTS_TRAIN_TRACKED_H
 #define SPIN_TESTS_TRAIN_TRACKED_H
 
@@ -7,15 +7,15 @@
 #include "train/checkpoint.h"
 #include "train/densify.h"
 
-/* Four tracks: 0 and 1 move, 2 stands still and varies, 3 does neither. Frame 0 has two splats
- * without a track and lacks track 1, frame 1 has one and lacks track 0. */
+/* Four tracks: 0 and 1 are dynamic, 2 is static and varying, 3 is neither. Frame 0 has two
+ * splats without a track and lacks track 1, frame 1 has one and lacks track 0. */
 enum { TRACKED = 4, TRACKED_FRAMES = 2, TRACKED_MOST = 16 };
 static const uint32_t tracked_of[2][5] = {{SPIN_NO_TRACK, SPIN_NO_TRACK, 0, 2, 3},
                                           {SPIN_NO_TRACK, 1, 2, 3}};
 static const struct spin_frame_size tracked_size[2] = {{5, 2, 3, 4}, {4, 1, 2, 3}};
 
-/* Column c (0 to 13) of part 0 to 2 (value, moments) of a track, or of row `of` of a frame. Sizes
- * of about a twentieth, opacities of a half, turned by nothing. */
+/* Column c (0 to 13) of part 0 to 2 (value, moments) of a track, or of row `of` of a frame.
+ * Scales of about a twentieth, opacities of a half, identity rotations. */
 static float tracked_value(int part, int frame, int of, int c)
 {
     static const float base[14] = {0, 1, 2, -3, -3, -3, 1, 0, 0, 0, 0.1f, 0.2f, 0.3f, 0};
@@ -24,7 +24,7 @@ static float tracked_value(int part, int frame, int of, int c)
     return part > 0 ? (float)(10 * part + c) + own : base[c] + (c < 6 || c > 9 ? own : 0);
 }
 
-/* The place of column c of row i: groups of 3, 3, 4, 3 columns and of one, n rows each. */
+/* The offset of column c of row i: groups of 3, 3, 4, 3 columns and of one, n rows each. */
 static size_t tracked_at(size_t n, size_t i, int c)
 {
     return c < 3    ? 3 * i + (size_t)c
@@ -65,7 +65,7 @@ static float SPIN_DEV *tracked_part(const struct spin_train_frame *f, int part, 
     return residual ? own[part] : pos[part];
 }
 
-/* Values, times and steps. second: the logit of the opacity of frame 0's second splat without a
+/* Values, times and step counts. second: the opacity logit of frame 0's second splat without a
  * track. */
 static void tracked_fill(struct spin_device *d, struct spin_trainer *t, float second)
 {
