@@ -92,6 +92,11 @@ enum spin_export_backdrop { SPIN_EXPORT_BACKDROP_AUTO, SPIN_EXPORT_BACKDROP_OFF 
 
 struct spin_export_options {
     const char *input, *output, *to;
+    /* The program that the output is for, such as "unreal"; NULL: none. spin_export() sets options
+     * that are not given for it, and `to` may then be NULL. */
+    const char *target;
+    /* Warn if frames do not have the same splats in the same order. Set for some programs. */
+    bool equal_rows;
     struct spin_range range;
     bool source, force;
     bool sync;  /* flush files to the disk (fsync) before renaming them */
@@ -156,6 +161,7 @@ struct spin_convert_options {
      * folder. */
     const char *input, *output;
     const char *to;               /* exporter; NULL: by the extension of the output */
+    const char *target;           /* see struct spin_export_options */
     const char *from;             /* importer; NULL: detect */
     const char *data, *data_from; /* data set; NULL: the only one in or beside the run */
     int n_frames;                 /* see struct spin_import_options */

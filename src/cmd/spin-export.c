@@ -60,6 +60,9 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("to", 0, "NAME", STRING, options.to, "exporter (default: by the extension of OUT)"),
     SPIN_ARG("output", 'o', "OUT", STRING, options.output,
              "file or folder to write: .ply, .glb, .html, ..."),
+    SPIN_ARG("for", 0, "PROGRAM", STRING, options.target,
+             "set format and options for unreal, unity, nuke, houdini, omniverse, blender, "
+             "supersplat, spark, playcanvas, babylon or visionos, unless they are given"),
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
              "export frames numbered A to B-1 (all)"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
@@ -125,9 +128,9 @@ static const char *const examples[] = {
     NULL,
 };
 
-static const char *const main_options[] = {"output", "to",   "range", "source",
-                                           "check",  "list", "data",  "background",
-                                           "force",  "json", "help",  NULL};
+static const char *const main_options[] = {"output", "to",   "for",  "range",      "source",
+                                           "check",  "list", "data", "background", "force",
+                                           "json",   "help", NULL};
 
 static const struct spin_args_command command = {
     .name = "spin-export",
@@ -200,13 +203,13 @@ static int misuse_output(const char *output)
 
 static int check_arguments(void)
 {
-    if (!options.to && options.output)
+    if (!options.to && options.output && !options.target)
         options.to = spin_exporter_for(options.output);
     if (!spin_args.word)
         return spin_args_misuse(&command, "IN.spin is missing");
-    if (!options.to && options.output)
+    if (!options.to && options.output && !options.target)
         return misuse_output(options.output);
-    if (!options.to)
+    if (!options.to && !options.target)
         return spin_args_misuse(
             &command, "choose a format with --to (see --list) or by the extension of --output");
     if (!options.output)

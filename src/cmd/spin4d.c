@@ -38,6 +38,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("output", 'o', "OUT", STRING, options.output,
              "file or folder to write: .html, .mp4, .ply, ... (RUN.html)"),
     SPIN_ARG("to", 0, "NAME", STRING, options.to, "exporter (default: by the extension of OUT)"),
+    SPIN_ARG("for", 0, "PROGRAM", STRING, options.target,
+             "set format and options for a program, see spin-export --for"),
     SPIN_ARG_END,
 };
 
@@ -59,8 +61,8 @@ static const char *const examples[] = {
 };
 
 static const char *const main_options[] = {"output", "data", "no-retrain", "preset", "iterations",
-                                           "frames", "from", "to",         "device", "force",
-                                           "json",   "help", NULL};
+                                           "frames", "from", "to",         "for",    "device",
+                                           "force",  "json", "help",       NULL};
 
 static const struct spin_args_command command = {
     .name = "spin4d",

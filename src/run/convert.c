@@ -25,6 +25,7 @@
 #include "render/player.h"
 #include "run/data_hint.h"
 #include "run/settle.h"
+#include "run/targets.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
 
@@ -79,20 +80,40 @@ static size_t stem_length(const char *path, bool has_ending)
     return dot && dot > name ? (size_t)(dot - path) : n;
 }
 
+/* Completes the default name of an output for a program: a file with the extension of its format,
+ * or a folder "NAME-PROGRAM/", since "NAME" may be the input. */
+static spin_status name_for_target(struct convert *c)
+{
+    SPIN_FREED char *stem = c->output, *named = NULL;
+    size_t n = strlen(stem);
+
+    c->output = NULL;
+    SPIN_TRY(spin_target_output(c->o->target, c->o->to, stem, &c->output));
+    if (spin_exporter_for(c->output))
+        return SPIN_OK;
+    free(c->output);
+    c->output = NULL;
+    SPIN_TRY(append_text(stem, n, "-", &named));
+    return append_text(named, n + 1, c->o->target, &c->output);
+}
+
 static spin_status name_output(struct convert *c)
 {
     const struct spin_convert_options *o = c->o;
     SPIN_FREED char *absolute = NULL, *folder = NULL;
     const char *name, *pattern;
 
+    if (o->output && o->target)
+        return spin_target_output(o->target, o->to, o->output, &c->output);
     if (o->output)
         return spin_strdup(o->output, &c->output);
     SPIN_TRY(spin_pattern_split(o->input, &folder, &pattern));
     SPIN_TRY(spin_foreign_missing(folder ? folder : o->input));
     SPIN_TRY(spin_path_absolute(folder ? folder : o->input, &absolute));
     name = spin_path_name(absolute);
-    return append_text(name, stem_length(name, !spin_path_is_folder(absolute)), ".html",
-                       &c->output);
+    SPIN_TRY(append_text(name, stem_length(name, !spin_path_is_folder(absolute)),
+                         o->target ? "" : ".html", &c->output));
+    return o->target ? name_for_target(c) : SPIN_OK;
 }
 
 /* Returns whether an exporter is to get 4D splats: if it accepts nothing else, or if it is 'tsog'
@@ -116,6 +137,8 @@ static spin_status name_all(struct convert *c)
     SPIN_TRY(name_output(c));
     ending = spin_exporter_for(c->output);
     c->to = named ? named->name : o->to ? o->to : ending;
+    if (!c->to && o->target)
+        SPIN_TRY(spin_target_exporter(o->target, &c->to));
     if (!c->to) {
         dot = strrchr(spin_path_name(c->output), '.');
         nearest = dot && dot[1] ? spin_exporter_nearest(dot) : NULL;
@@ -412,6 +435,7 @@ static spin_status export_bundle(struct convert *c, const char *bundle)
     struct spin_export_options export = {.input = bundle,
                                          .output = c->output,
                                          .to = c->to,
+                                         .target = o->target,
                                          .data = c->imports ? NULL : o->data,
                                          .data_from = c->imports ? NULL : o->data_from,
                                          .device = o->device,

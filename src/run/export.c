@@ -13,6 +13,7 @@
 #include "render/draw_renders.h"
 #include "render/player.h"
 #include "run/share_splats.h"
+#include "run/targets.h"
 #include "run/training.h"
 #include "scene/data_path.h"
 #include "scene/lens.h"
@@ -419,6 +420,19 @@ static void shift_crop(struct export *x)
     x->o = &x->moved;
 }
 
+/* Warns if the frames do not have the same splats in the same order, which the program that the
+ * output is for requires. */
+static void warn_of_rows(const struct export *x)
+{
+    bool equal = !x->report->rows_differ;
+
+    for (int f = 1; f < x->clip.n_frames; f++)
+        equal = equal && x->counts[f] == x->counts[0];
+    if (x->o->equal_rows && !x->splats_4d && (!equal || !x->clip.bundle.meta.identity))
+        spin_warn("row i is not the same splat in all frames, as this program needs for motion "
+                  "between frames: retrain with --method tracks, or write 4D splats as .stg.ply");
+}
+
 static spin_status run_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
@@ -466,6 +480,7 @@ static spin_status run_export(struct export *x)
     if (o->decimate)
         SPIN_TRY(decimate(x, &goal));
     SPIN_TRY(begin_export(x));
+    warn_of_rows(x);
     if (x->report->decimated.n_tries > 0 &&
         /* size of the final output, which may differ from that of a trial if a file contains its
            own path */
@@ -568,12 +583,16 @@ static spin_json *dropped_json(const struct spin_export_report *r)
 
 spin_status spin_export(const struct spin_export_options *o, char **report)
 {
-    const struct spin_exporter *exporter = spin_exporter_named(o->to);
+    SPIN_LEAVES(spin_target_free) struct spin_targeted targeted = {.output = NULL};
+    const struct spin_exporter *exporter;
     struct spin_export_options as_spelled = *o;
     struct spin_export_report r;
 
     *report = NULL;
-    as_spelled.to = exporter ? exporter->name : o->to;
+    if (o->target)
+        SPIN_TRY(spin_target_apply(o->target, &as_spelled, &targeted));
+    exporter = spin_exporter_named(as_spelled.to);
+    as_spelled.to = exporter ? exporter->name : as_spelled.to;
     o = &as_spelled;
     SPIN_TRY(spin_export_clip(o, &r));
     return spin_json_finish(
