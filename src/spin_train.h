@@ -95,6 +95,9 @@ struct spin_retrain_options {
     int sh_increase_every;
     /* Whether to learn gain and offset of each training camera, and falloff of each lens. */
     enum spin_exposure learn_exposure;
+    /* True: if the images show a subject in front of the background colour, or have alpha, render
+     * over random backgrounds where the alpha of an image is known. Exposures are not learned. */
+    bool learn_alpha;
     double lr_exposure;    /* learning rate of gains, offsets and falloff */
     double lr_head_factor; /* factor on the learning rates of the four heads */
     /* True: splats that are the same Gaussian in several frames form a track and share attributes.

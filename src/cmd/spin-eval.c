@@ -107,8 +107,10 @@ static const struct spin_args_command command = {
     "the "                                                                                         \
     "images){{#flicker_dynamic}}; error of the differences in dynamic regions {{flicker_dynamic "  \
     "%.3f}}{{/}}\n{{/}}"                                                                           \
-    "{{#background_shows}}holes    PSNR {{psnr_opposite %.3f}} over the opposite background: the " \
-    "splats are transparent in places\n{{/}}"                                                      \
+    "{{#background_shows}}{{^alpha_known}}holes    {{/}}{{#alpha_known}}alpha    {{/}}"            \
+    "PSNR {{psnr_opposite %.3f}} over the opposite background: "                                   \
+    "{{^alpha_known}}the splats are transparent in places{{/}}"                                    \
+    "{{#alpha_known}}the alpha of the splats differs from that of the images{{/}}\n{{/}}"          \
     "speed    {{fps %.2f}} frames per second with decoding, {{fps_draw %.2f}} without\n"           \
     "size     {{storage.file %B}} on disk, {{storage_unpacked.file %B}} unpacked; "                \
     "{{storage.measured %B}} for the measured attributes, "                                        \

@@ -247,8 +247,13 @@ struct spin_view_batch {
          * the frame. */
         size_t first, n;
         struct spin_camera_f32 camera;
-        float weight;       /* factor by which the gradient of this view's loss is multiplied */
-        uint32_t image;     /* index of the input image in struct spin_images */
+        float weight;   /* factor by which the gradient of this view's loss is multiplied */
+        uint32_t image; /* index of the input image in struct spin_images */
+        /* [h][w] Known alpha of the input image: 0 if unknown, otherwise 1 + 254 alpha, rounded.
+         * NULL: unknown everywhere. Where alpha is known, blend() adds `background_change` to the
+         * background, and loss() composites the input image over the changed background. */
+        const uint8_t SPIN_DEV *matte;
+        float background_change[3];
         int exposure, lens; /* rows of the camera and of its lens in the exposure parameters */
         int value;          /* row of the view in the values of loss() and measure() */
     } view[SPIN_MAX_VIEWS];
@@ -325,7 +330,6 @@ struct spin_host_memory {
     size_t bytes;
     bool pinned; /* whether the memory is page-locked */
 };
-
 
 struct spin_device_ops {
     const char *name; /* "cpu", "cuda" */

@@ -31,9 +31,10 @@ static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rg
     return 2 * (uint64_t)(w + h);
 }
 
-/* Number of pixels of the most frequent colour and of its neighbours in the histogram, since a flat
- * colour with noise may spread over two levels per channel. */
-static uint64_t largest_group(const uint32_t *count)
+/* Returns the number of pixels of the most frequent colour and of its neighbours in the histogram,
+ * since a flat colour with noise may spread over two levels per channel. Sets colour to
+ * the former. */
+static uint64_t largest_group(const uint32_t *count, float colour[3])
 {
     int best = 0, at[3];
     uint64_t sum = 0;
@@ -47,11 +48,14 @@ static uint64_t largest_group(const uint32_t *count)
         if (abs(i / LEVELS / LEVELS - at[0]) <= 1 && abs(i / LEVELS % LEVELS - at[1]) <= 1 &&
             abs(i % LEVELS - at[2]) <= 1)
             sum += count[i];
+    for (int c = 0; c < 3; c++)
+        colour[c] = (4.0f * (float)at[c] + 1.5f) / 255; /* the centre of the level */
     return sum;
 }
 
 spin_status spin_borders_are_flat(const struct spin_views *views, struct spin_image_cache *images,
-                                  const struct spin_pair *pairs, size_t n, bool *flat)
+                                  const struct spin_pair *pairs, size_t n, bool *flat,
+                                  float colour[3])
 {
     SPIN_FREED uint32_t *count = NULL;
     SPIN_FREED uint8_t *rgb8 = NULL;
@@ -74,6 +78,6 @@ spin_status spin_borders_are_flat(const struct spin_views *views, struct spin_im
         SPIN_TRY(spin_image_cache_get_rgb8(images, view, rgb8));
         all += count_border(&views->view[view].camera, rgb8, count);
     }
-    *flat = all > 0 && 2 * largest_group(count) >= all;
+    *flat = all > 0 && 2 * largest_group(count, colour) >= all;
     return SPIN_OK;
 }

@@ -5,7 +5,8 @@
 #include "scene/clip.h"
 
 /* Sets *flat to true if at least half of the border pixels of the images have the same colour,
- * except for noise. Decodes at most 24 of the n views in `pairs`, evenly spaced. *flat is false if
- * n is 0. */
+ * except for noise, and colour to the most frequent one, 0..1. Decodes at most 24 of the n views in
+ * `pairs`, evenly spaced. *flat is false and colour black if n is 0. */
 spin_status spin_borders_are_flat(const struct spin_views *views, struct spin_image_cache *images,
-                                  const struct spin_pair *pairs, size_t n, bool *flat);
+                                  const struct spin_pair *pairs, size_t n, bool *flat,
+                                  float colour[3]);

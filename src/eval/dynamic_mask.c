@@ -198,7 +198,7 @@ static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_vie
     return SPIN_OK;
 }
 
-static bool all_have_alpha(const struct spin_views *views, const struct spin_pair *pairs, size_t n)
+bool spin_views_have_alpha(const struct spin_views *views, const struct spin_pair *pairs, size_t n)
 {
     int width, height, channels;
 
@@ -270,7 +270,7 @@ spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_i
     *m = (struct spin_dynamic_mask){.views = views, .pixels = pixels};
     m->from = SPIN_DYNAMIC_MASKS;
     m->alpha = !all_have_masks(views, pairs, n_pairs);
-    if (m->alpha && !all_have_alpha(views, pairs, n_pairs))
+    if (m->alpha && !spin_views_have_alpha(views, pairs, n_pairs))
         return spin_not_found("--mask: some of the views have no foreground mask, and not all "
                               "their images have alpha");
     return alloc_buffers(m);

@@ -29,6 +29,8 @@ struct spin_dynamic_mask {
 spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
                                    enum spin_dynamic_from from, const struct spin_pair *pairs,
                                    size_t n_pairs, struct spin_dynamic_mask *out);
+/* Returns whether the image files of all these views have alpha. */
+bool spin_views_have_alpha(const struct spin_views *views, const struct spin_pair *pairs, size_t n);
 /* Opens masks of the subject for the views of these pairs: the foreground masks if all views have
  * one; otherwise the alpha of the images if all images have alpha; otherwise an error. */
 spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,

@@ -209,6 +209,35 @@ static spin_status measure_opposite(struct spin_metrics *m, const struct spin_ca
     return SPIN_OK;
 }
 
+/* Renders the view over one minus the background, and compares its pixels of known alpha with the
+ * ground truth over the same background, and its other pixels as before. */
+static spin_status measure_alpha(struct spin_metrics *m, const struct spin_camera *c, size_t view,
+                                 const struct pictures *p, double *psnr)
+{
+    size_t plane = (size_t)c->width * (size_t)c->height;
+    SPIN_FREED uint8_t *matte = NULL;
+    SPIN_FREED float *drawn = NULL;
+    float background[3];
+    double squares = 0;
+
+    for (int k = 0; k < 3; k++)
+        background[k] = 1 - m->background[k];
+    SPIN_TRY(spin_alloc(plane, 1, (void **)&matte));
+    SPIN_TRY(spin_alloc(plane, 3 * sizeof *drawn, (void **)&drawn));
+    SPIN_TRY(spin_mattes_find(m->mattes, view, matte));
+    SPIN_TRY(spin_player_draw(m->player, c, background, drawn));
+    for (size_t i = 0; i < 3 * plane; i++) {
+        size_t k = i / plane, at = i % plane;
+        float truth =
+            p->truth[i] + spin_matte_transmittance(matte[at]) * (background[k] - m->background[k]);
+        double d = (double)((matte[at] ? fminf(fmaxf(drawn[i], 0), 1) : p->image[i]) - truth);
+
+        squares += d * d;
+    }
+    *psnr = spin_psnr(squares / (3 * (double)plane));
+    return SPIN_OK;
+}
+
 static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures *p,
                                struct measured *one)
 {
@@ -237,7 +266,9 @@ static spin_status measure_one(struct spin_metrics *m, size_t i, struct pictures
                                         p->image, p->truth, &out->q.lpips[k], NULL));
     if (m->images)
         SPIN_TRY(save_view(m, pair, out->frame, p->truth, p->image));
-    if (m->opposite)
+    if (m->opposite && m->mattes)
+        SPIN_TRY(measure_alpha(m, &view->camera, pair->view, p, &out->q.psnr_opposite));
+    else if (m->opposite)
         SPIN_TRY(measure_opposite(m, &view->camera, p->rgb8, &out->q.psnr_opposite));
     return SPIN_OK;
 }

@@ -3,6 +3,7 @@
 
 #include "eval/lpips.h"
 #include "eval/dynamic_mask.h"
+#include "eval/matte.h"
 #include "render/player.h"
 
 /* The measures of a view, or their means over views. NaN: not measured. */
@@ -35,6 +36,7 @@ struct spin_eval_report {
     /* whether retrained or refined attributes were measured; both false: those of the source */
     bool trained, refined;
     enum spin_dynamic_from dynamic; /* origin of the dynamic regions; OFF: not measured */
+    bool alpha_known;               /* psnr_opposite compares only pixels of known alpha */
     const char *subject;   /* "masks" or "alpha": only this mask was measured; NULL: whole images */
     uint64_t left_out;     /* number of splats that cannot be rendered, over all frames */
     double seconds_decode; /* mean time to decode a frame to splats */
@@ -59,6 +61,9 @@ struct spin_metrics {
     size_t n_pairs;
     const float *background; /* [3] */
     bool opposite;           /* true: psnr_opposite is measured too */
+    /* With `opposite`, and if there are mattes: only pixels of known alpha change, and the ground
+     * truth is composited over the opposite background. */
+    struct spin_mattes *mattes;
     /* [clip->n_frames] during training: number of splats of each frame; NULL: not in training. */
     const size_t *live_counts;
     struct spin_dynamic_mask *dynamic; /* dynamic regions; NULL: not measured */

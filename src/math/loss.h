@@ -3,6 +3,7 @@
 #pragma once
 
 #include <stddef.h>
+#include <stdint.h>
 
 #include "math/portable.h"
 
@@ -17,6 +18,14 @@
         0.26601172486f, 0.21300553771f, 0.10936068951f, 0.03600077213f, 0.00759875814f,            \
             0.00102838008f                                                                         \
     }
+
+/* Transmittance of a pixel of an input image in front of a changed background, from the known alpha
+ * of the pixel: 0 if unknown, otherwise 1 + 254 alpha (device.h). Pixels of unknown alpha keep
+ * their background. */
+SPIN_FN float spin_matte_transmittance(uint8_t matte)
+{
+    return matte ? (float)(255 - matte) / 254.0f : 0;
+}
 
 /* Derivatives of the SSIM map at a pixel with respect to the windowed means of x, x^2 and x y. */
 struct spin_ssim_slope {

@@ -41,6 +41,7 @@ void spin_image_store_close(struct spin_image_store *s)
         return;
     s->device->op->release(s->device, s->pixels);
     s->device->op->release(s->device, s->masks);
+    s->device->op->release(s->device, s->mattes);
     free(s->key);
     memset(s, 0, sizeof *s);
 }
@@ -56,6 +57,18 @@ void spin_image_store_put(struct spin_image_store *s, uint32_t number, size_t n_
         op->upload(s->device, s->masks + number * s->mask_bytes, mask, (n_pixels + 7) / 8);
     else if (s->masks)
         op->zero(s->device, s->masks + number * s->mask_bytes, s->mask_bytes);
+}
+
+spin_status spin_image_store_add_mattes(struct spin_image_store *s)
+{
+    return s->device->op->reserve(s->device, s->n * s->images.max_pixels,
+                                  (void SPIN_DEV **)&s->mattes);
+}
+
+void spin_image_store_put_matte(struct spin_image_store *s, uint32_t number, size_t n_pixels,
+                                const uint8_t *matte)
+{
+    s->device->op->upload(s->device, s->mattes + number * s->images.max_pixels, matte, n_pixels);
 }
 
 void spin_image_store_begin_batch(struct spin_image_store *s) { s->turn++; }

@@ -1,7 +1,6 @@
 /* spin_eval(): measures a bundle against the images of its data set. */
 #include "base/base.h"
 #include "spin_run.h"
-#include "eval/borders.h"
 #include "eval/flicker.h"
 #include "eval/metrics.h"
 #include "eval/report/report.h"
@@ -19,6 +18,7 @@ struct eval {
     struct spin_clip clip;
     struct spin_image_cache pixels;
     struct spin_dynamic_mask dynamic, subject;
+    struct spin_mattes mattes;
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
@@ -273,13 +273,16 @@ static spin_status run_eval(struct eval *e)
     m.view = report->view;
     memcpy(m.lpips, e->lpips, sizeof m.lpips);
     if (!e->compare && !o->mask) {
-        bool flat;
+        enum spin_surroundings surroundings;
 
-        SPIN_TRY(spin_borders_are_flat(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &flat));
+        SPIN_TRY(spin_mattes_open(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &e->mattes,
+                                  &surroundings));
+        m.mattes = e->mattes.views ? &e->mattes : NULL;
         /* Rendering over the opposite background too makes holes in the scene visible. If the
          * images show a subject in front of a flat colour, that background would count as a hole,
-         * so it is not done then. */
-        m.opposite = !flat;
+         * unless the alpha of the images is known. */
+        m.opposite = surroundings == SPIN_SURROUNDED_BY_SCENE || m.mattes;
+        report->alpha_known = m.mattes != NULL;
     }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
@@ -325,6 +328,7 @@ spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_com
         spin_lpips_close(e.lpips[i]);
     spin_lenses_free(&e.lenses);
     spin_flicker_strip_free(&e.strip);
+    spin_mattes_close(&e.mattes);
     spin_image_cache_close(&e.pixels);
     spin_clip_close(&e.clip);
     spin_output_folder_abandon(&e.images); /* removes the folder if it is empty */

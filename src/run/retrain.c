@@ -425,6 +425,7 @@ static spin_status open_inputs(struct run *r)
     SPIN_TRY(spin_photos_check_images(&r->photos, &r->plan));
     SPIN_TRY(choose_exposure(r));
     SPIN_TRY(spin_backdrop_choose(&r->plan, &r->photos));
+    SPIN_TRY(spin_photos_choose_alpha(&r->photos, &r->plan));
     if (r->plan.o->refine > 0)
         SPIN_TRY(spin_refinement_keys(&r->refinement, &r->plan, &r->photos));
     return spin_fingerprint(&r->plan, r->refinement.frame, &r->photos, &r->device, &r->fingerprint);

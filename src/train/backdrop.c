@@ -8,7 +8,7 @@
 #include "train/backdrop.h"
 
 #include "base/base.h"
-#include "eval/borders.h"
+#include "eval/matte.h"
 #include "math/covariance.h"
 #include "math/sh.h"
 #include "scene/columns.h"
@@ -465,7 +465,8 @@ static spin_status place_splats(struct spin_plan *plan)
 spin_status spin_backdrop_choose(struct spin_plan *plan, struct spin_photos *photos)
 {
     enum spin_backdrop_choice *choice = &plan->report->options.backdrop;
-    bool flat;
+    enum spin_surroundings surroundings;
+    float colour[3];
 
     if (!plan->o->tracks || plan->o->refine > 0 || plan->o->method == SPIN_METHOD_4D)
         *choice = SPIN_BACKDROP_OFF;
@@ -473,9 +474,9 @@ spin_status spin_backdrop_choose(struct spin_plan *plan, struct spin_photos *pho
         *choice = SPIN_BACKDROP_OFF;
     if (*choice != SPIN_BACKDROP_AUTO)
         return SPIN_OK;
-    SPIN_TRY(spin_borders_are_flat(&plan->clip.views, &photos->cache, plan->train, plan->n_train,
-                                   &flat));
-    *choice = flat ? SPIN_BACKDROP_OFF : SPIN_BACKDROP_ON;
+    SPIN_TRY(spin_surroundings_find(&plan->clip.views, &photos->cache, plan->train, plan->n_train,
+                                    &surroundings, colour));
+    *choice = surroundings == SPIN_SURROUNDED_BY_SCENE ? SPIN_BACKDROP_ON : SPIN_BACKDROP_OFF;
     return SPIN_OK;
 }
 

@@ -24,16 +24,39 @@ spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan 
 void spin_photos_close(struct spin_photos *photos)
 {
     spin_dynamic_mask_close(&photos->dynamic);
+    spin_mattes_close(&photos->mattes);
     spin_image_cache_close(&photos->cache);
     free(photos->image);
     free(photos->digest);
 }
 
-spin_status spin_photos_open_store(const struct spin_plan *plan, struct spin_device *device,
-                                   size_t n, struct spin_image_store *store)
+spin_status spin_photos_choose_alpha(struct spin_photos *photos, struct spin_plan *plan)
+{
+    bool *choice = &plan->report->options.learn_alpha;
+    enum spin_surroundings surroundings;
+
+    /* The background of an image has no exposure, so changing it would falsify what is learned. */
+    if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
+        *choice = false;
+    if (!*choice)
+        return SPIN_OK;
+    SPIN_TRY(spin_mattes_open(&plan->clip.views, &photos->cache, plan->train, plan->n_train,
+                              &photos->mattes, &surroundings));
+    *choice = photos->mattes.views != NULL;
+    if (*choice)
+        spin_log(0, "learning the alpha of the subject, from %s",
+                 photos->mattes.alpha ? "that of the images" : "the empty pixels around it");
+    return SPIN_OK;
+}
+
+spin_status spin_photos_open_store(const struct spin_photos *photos, const struct spin_plan *plan,
+                                   struct spin_device *device, size_t n,
+                                   struct spin_image_store *store)
 {
     SPIN_TRY(spin_image_store_open(store, device, n, plan->max_pixels, SPIN_IMAGE_RGB8,
                                    spin_plan_is_weighted(plan)));
+    if (photos->mattes.views)
+        SPIN_TRY(spin_image_store_add_mattes(store));
     store->images.mask_weight[1] = (float)plan->o->dynamic_weight;
     return SPIN_OK;
 }
@@ -52,6 +75,10 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
         spin_dynamic_mask_bits(&photos->dynamic, n, mask);
     }
     spin_image_store_put(store, number, n, photos->image, mask);
+    if (photos->mattes.views) {
+        SPIN_TRY(spin_mattes_find(&photos->mattes, view, photos->image));
+        spin_image_store_put_matte(store, number, n, photos->image);
+    }
     return SPIN_OK;
 }
 
@@ -157,7 +184,8 @@ uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_
 
 /* ---- Views of an iteration ------------------------------------------------------------------- */
 
-enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33 }; /* streams of random numbers, see math/rng.h */
+/* Streams of random numbers, see math/rng.h. */
+enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33, STREAM_BACKGROUND = 34 };
 
 static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, size_t n)
 {
@@ -224,6 +252,18 @@ static void plan_epoch(struct spin_sampler *s, int64_t epoch)
     }
 }
 
+/* Draws a random background for pixels of known alpha. */
+static void change_background(struct spin_sampler *s, int64_t iteration, size_t k)
+{
+    struct spin_train_item *item = &s->items[k];
+    uint64_t at = 3 * ((uint64_t)iteration * (uint64_t)s->plan->o->batch + k);
+
+    item->matte = spin_image_store_matte(&s->images, item->image);
+    for (size_t c = 0; c < 3 && item->matte; c++)
+        item->background_change[c] =
+            spin_rng_uniform(s->seed, STREAM_BACKGROUND, at + c) - s->plan->o->background[c];
+}
+
 spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
 {
     const struct spin_plan *plan = s->plan;
@@ -248,15 +288,17 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
     }
     for (size_t k = 0; k < batch; k++)
         if (is_single_frame(plan) ||
-            spin_step_rank((int)k, (int)batch, spin_n_ranks()) == spin_rank())
+            spin_step_rank((int)k, (int)batch, spin_n_ranks()) == spin_rank()) {
             SPIN_TRY(find_image(s, s->pairs[k]->view, &s->items[k].image));
+            change_background(s, iteration, k);
+        }
     return SPIN_OK;
 }
 
 /* Returns the number of images that the store can hold. On a GPU this is as many as fit in half of
  * its free memory, but at least a batch and at most all. On the CPU it is a batch, since the image
  * cache holds more in the same memory. For a single frame it is all its images. */
-static size_t images_kept(const struct spin_plan *plan)
+static size_t images_kept(const struct spin_photos *photos, const struct spin_plan *plan)
 {
     size_t batch = (size_t)plan->o->batch, most;
 
@@ -264,7 +306,8 @@ static size_t images_kept(const struct spin_plan *plan)
         return plan->n_train;
     if (plan->device->is_host)
         return batch;
-    most = plan->device->op->memory_available(plan->device) / 2 / spin_plan_image_bytes(plan);
+    most = plan->device->op->memory_available(plan->device) / 2 /
+           (spin_plan_image_bytes(plan) + (photos->mattes.views ? plan->max_pixels : 0));
     most = plan->n_train < most ? plan->n_train : most;
     return most > batch ? most : batch;
 }
@@ -281,7 +324,8 @@ spin_status spin_sampler_open(struct spin_sampler *s, const struct spin_plan *pl
     if (is_single_frame(plan))
         s->seed = spin_rng_u64(s->seed, STREAM_FRAME, (uint64_t)spin_plan_info(plan, 0)->number);
     SPIN_TRY(spin_alloc(3 * plan->n_train, sizeof *s->sequence, (void **)&s->sequence));
-    SPIN_TRY(spin_photos_open_store(plan, plan->device, images_kept(plan), &s->images));
+    SPIN_TRY(
+        spin_photos_open_store(photos, plan, plan->device, images_kept(photos, plan), &s->images));
     SPIN_TRY(spin_alloc(batch, sizeof *s->items, (void **)&s->items));
     SPIN_TRY(spin_alloc(batch, sizeof *s->pairs, (void **)&s->pairs));
     for (size_t i = 0; is_single_frame(plan) && i < plan->n_train; i++) {

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "eval/dynamic_mask.h"
+#include "eval/matte.h"
 #include "render/image_store.h"
 #include "train/plan.h"
 #include "train/step.h"
@@ -13,7 +14,8 @@ struct spin_photos {
     struct spin_image_cache cache;
     /* Masks of dynamic pixels; used only if these have another weight (spin_plan_is_weighted()). */
     struct spin_dynamic_mask dynamic;
-    /* Scratch: an image [max pixels][3], followed by a mask of one bit per pixel. */
+    struct spin_mattes mattes; /* used if --learn-alpha is auto and the images show a subject */
+    /* Scratch: an image [max pixels][3], followed by a mask of one bit per pixel or a matte. */
     uint8_t *image;
     uint64_t *digest; /* [views] digest of each training image */
 };
@@ -28,10 +30,14 @@ spin_status spin_photos_check_images(struct spin_photos *photos, const struct sp
  * of those of all frames. Results of an earlier run are reused only if it had the same digest. */
 uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_plan *plan,
                             int frame);
-/* Reserves device memory for n images and their masks. */
-spin_status spin_photos_open_store(const struct spin_plan *plan, struct spin_device *device,
-                                   size_t n, struct spin_image_store *store);
-/* Copies the image of a view, with its mask, into a store as image `number`. */
+/* Chooses whether the alpha of the training images is learned, and opens their mattes. Exposures
+ * must have been chosen. */
+spin_status spin_photos_choose_alpha(struct spin_photos *photos, struct spin_plan *plan);
+/* Reserves device memory for n images with their masks and mattes. */
+spin_status spin_photos_open_store(const struct spin_photos *photos, const struct spin_plan *plan,
+                                   struct spin_device *device, size_t n,
+                                   struct spin_image_store *store);
+/* Copies the image of a view, with its mask and matte, into a store as image `number`. */
 spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *plan, size_t view,
                             struct spin_image_store *store, uint32_t number);
 

@@ -75,6 +75,9 @@ static void add_item(struct spin_trainer *t, const struct batch *b, int item, in
 
     view->weight = 1.0f / (float)b->n;
     view->image = b->items[item].image;
+    view->matte = b->items[item].matte;
+    memcpy(view->background_change, b->items[item].background_change,
+           sizeof view->background_change);
     view->exposure = b->items[item].exposure;
     view->lens = b->items[item].lens;
     view->value = t->n_drawn;

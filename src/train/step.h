@@ -11,8 +11,10 @@
 struct spin_train_item {
     int frame;
     const struct spin_camera *camera;
-    int exposure, lens; /* rows of the camera and of its lens in spin_exposures.param */
-    uint32_t image;     /* number of the item's image in the image store */
+    int exposure, lens;            /* rows of the camera and of its lens in spin_exposures.param */
+    uint32_t image;                /* number of the item's image in the image store */
+    const uint8_t SPIN_DEV *matte; /* see struct spin_view_of_batch */
+    float background_change[3];
 };
 
 struct spin_train_values {

@@ -443,8 +443,9 @@ def text_eval(j, verbose, quiet, fps):
             100 * j["dynamic"], {"masks": "foreground masks", "images": "the images"}[j["dynamic_from"]],
             j["psnr_dynamic"], j["psnr_static"])]
     if j["background_shows"]:
-        t += ["holes    PSNR %.3f over the opposite background: the splats are transparent in places" %
-              j["psnr_opposite"]]
+        what = ("alpha", "the alpha of the splats differs from that of the images") if j["alpha_known"] else \
+            ("holes", "the splats are transparent in places")
+        t += ["%s    PSNR %.3f over the opposite background: %s" % (what[0], j["psnr_opposite"], what[1])]
     t += ["speed    %s frames per second with decoding, %s without" % fps]
     return "\n".join(t + ["size     %s on disk, %s unpacked; %s for the measured attributes, %s per frame" % (
         size(j["storage"]["file"]), size(j["storage_unpacked"]["file"]), size(j["storage"]["measured"]),

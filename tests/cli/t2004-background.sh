@@ -35,4 +35,24 @@ greater "$(cat "$work/white")" 7
 ok $? "white is close to the images over white: $(cat "$work/white") dB"
 greater "$(cat "$work/black")" 7
 ok $? "black is close to the images over black: $(cat "$work/black") dB"
+
+# The alpha of these images is learned by default.
+is "$(member alpha_known)" true "their alpha is known"
+run "$bin/spin-import" fixtures/4dgaussian/coarse_and_fine/model --data fixtures/datasets/blender_mini -o "$work/balls.spin"
+learn() {
+    run "$bin/spin-retrain" "$work/balls.spin" -o "$work/learnt.spin" --force --device cpu --iterations 20 "$@"
+    is "$code" 0 "trains with ${*:-default options}"
+    learnt=$("$bin/spin-import" --info --json "$work/learnt.spin" | sed -n 's/.*"learn_alpha": *\([a-z]*\).*/\1/p')
+}
+learn
+err_has '^learning the alpha of the subject, from that of the images$' "says that their alpha is learned"
+is "$learnt" true "and notes it"
+psnr=$("$bin/spin-eval" "$work/learnt.spin" --json | sed -n '1,/"psnr"/s/.*"psnr": \([0-9.]*\).*/\1/p')
+learn --learn-alpha off
+is "$learnt" "" "--learn-alpha off does not"
+differs=$("$bin/spin-eval" "$work/learnt.spin" --json | sed -n '1,/"psnr"/s/.*"psnr": \([0-9.]*\).*/\1/p')
+[ -n "$psnr" ] && [ "$psnr" != "$differs" ]
+ok $? "which is another training: $psnr dB, $differs dB"
+learn --learn-exposure on
+is "$learnt" "" "nor is it learned with exposures"
 done_testing

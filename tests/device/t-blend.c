@@ -91,9 +91,12 @@ static void plain(const struct view *v, float *image, struct spin_blend_sums *su
         back.t = pixel.t;
         for (int c = 0; c < 3; c++) {
             size_t k = (size_t)c * pixels + at;
-            image[k] = pixel.colour[c] + pixel.t * v->background[c];
+            bool known = with_matte.matte && with_matte.matte[at];
+            float background = v->background[c] + (known ? with_matte.change[c] : 0);
+
+            image[k] = pixel.colour[c] + pixel.t * background;
             back.g[c] = v->d_image[k];
-            back.s += pixel.t * v->background[c] * back.g[c];
+            back.s += pixel.t * background * back.g[c];
         }
         for (int i = n - 1; i >= 0; i--) {
             const struct spin_splat2d *s = v->splat2d + intersections[i];
@@ -159,6 +162,36 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
     near(grads[3] / size[3], 0, 2e-3, "  gradient of the colour");
     free(image);
     free(sums);
+    view_free(&v);
+}
+
+/* Pixels of known alpha have another background. */
+static void mattes(struct spin_device *d)
+{
+    enum { PIXELS = 150 * 90 };
+    static uint8_t matte[PIXELS];
+    struct spin_camera camera = camera_of(150, 90, 120);
+    struct view v;
+    float *before = take(3 * PIXELS, sizeof *before);
+    size_t n_same = 0, n_unknown = 0;
+
+    for (int i = 0; i < PIXELS; i++)
+        matte[i] = (uint8_t)(i % 3 ? i % 255 : 0);
+    view_random(&v, &camera, 100, 12, 4);
+    view_forward(d, &v);
+    memcpy(before, v.image, 3 * PIXELS * sizeof *before);
+    with_matte.matte = matte;
+    with_matte.change[0] = 0.8f;
+    with_matte.change[1] = -0.3f;
+    view_forward(d, &v);
+    for (size_t i = 0; i < PIXELS; i++) {
+        n_unknown += !matte[i];
+        n_same += !matte[i] && v.image[i] == before[i];
+    }
+    ok(n_unknown >= PIXELS / 3 && n_same == n_unknown, "pixels of unknown alpha stay the same");
+    against_plain(d, 400, 12, "a matte");
+    memset(&with_matte, 0, sizeof with_matte);
+    free(before);
     view_free(&v);
 }
 
@@ -414,6 +447,7 @@ TAP_MAIN
         against_plain(d, 2000, 2, "small splats");
         against_plain(d, 150, 40, "large splats");
         against_plain(d, 600, 40, "more in a tile than any device takes at once");
+        mattes(d);
         depths(d);
         differences(d);
         cap_and_stop(d);

@@ -350,6 +350,48 @@ static void extremes(struct spin_device *d)
     free(g);
 }
 
+/* With a matte, the loss is that of an input image which has been composited over the changed
+ * background. */
+static void mattes(struct spin_device *d)
+{
+    enum { W = 40, H = 30, PLANE = W * H, N = 3 * PLANE };
+    static const float change[3] = {0.9f, -0.2f, 0.4f};
+    float *x = take(N, 4), *y = take(N, 4), *over = take(N, 4), *got = take(N, 4),
+          *want = take(N, 4);
+    uint8_t *matte = take(PLANE, 1);
+    double values[2][3], worst = 0;
+    uint64_t state = 9;
+
+    for (int i = 0; i < N; i++) {
+        x[i] = random_f(&state);
+        y[i] = random_f(&state);
+    }
+    for (int i = 0; i < PLANE; i++)
+        matte[i] = (uint8_t)(i % 5 ? i % 256 : 0);
+    for (int i = 0; i < N; i++) {
+        int m = matte[i % PLANE];
+
+        over[i] = y[i] + (m ? (float)(255 - m) / 254.0f : 0) * change[i / PLANE];
+    }
+    on_loss(d, W, H, x, over, NULL, 0.2f, 1, values[0], want);
+    with_matte.matte = matte;
+    memcpy(with_matte.change, change, sizeof change);
+    on_loss(d, W, H, x, y, NULL, 0.2f, 1, values[1], got);
+    memset(&with_matte, 0, sizeof with_matte);
+    for (int k = 0; k < 3; k++)
+        near(values[1][k], values[0][k], 1e-6,
+             "with a matte, the value is that over the background");
+    for (int i = 0; i < N; i++)
+        worst = larger(worst, fabs((double)got[i] - (double)want[i]));
+    near(worst, 0, 1e-7, "and so is the gradient");
+    free(x);
+    free(y);
+    free(over);
+    free(got);
+    free(want);
+    free(matte);
+}
+
 TAP_MAIN
 {
     for (int i = 0; i < CPU_PATHS; i++) {
@@ -362,6 +404,7 @@ TAP_MAIN
         differences(d, false);
         differences(d, true);
         weights(d);
+        mattes(d);
         wide(d);
         extremes(d);
         check_device_free(d);

@@ -393,6 +393,19 @@ static struct spin_tiles lend_tiles(struct loans *l, const struct spin_view_batc
     return tiles;
 }
 
+/* The matte of the view that on_blend(), on_blend_back() and on_loss() use; NULL: none. */
+__attribute__((unused)) static struct {
+    const uint8_t *matte;
+    float change[3];
+} with_matte;
+
+VERB void lend_matte(struct loans *l, struct spin_view_batch *views)
+{
+    if (with_matte.matte)
+        views->view[0].matte = lend(l, with_matte.matte, views->max_pixels);
+    memcpy(views->view[0].background_change, with_matte.change, sizeof with_matte.change);
+}
+
 VERB void on_blend(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                    const struct spin_splat2d *splat2d, const struct host_tiles *from,
                    const float background[3], float *image, float *final_transmittance,
@@ -403,6 +416,7 @@ VERB void on_blend(struct spin_device *d, const struct spin_camera_f32 *cam, siz
     struct spin_tiles tiles = lend_tiles(&l, &views, from);
 
     memcpy(views.background, background, sizeof views.background);
+    lend_matte(&l, &views);
     d->op->blend(d, &views, lend(&l, splat2d, n * sizeof *splat2d), &tiles,
                  lend_both(&l, image, views.max_pixels * float_row[3]),
                  lend_both(&l, final_transmittance, views.max_pixels * sizeof(float)),
@@ -433,6 +447,7 @@ VERB void on_blend_back(struct spin_device *d, const struct spin_camera_f32 *cam
     struct spin_tiles tiles = lend_tiles(&l, &views, from);
 
     memcpy(views.background, background, sizeof views.background);
+    lend_matte(&l, &views);
     d->op->blend_back(d, &views, lend(&l, splat2d, n * sizeof *splat2d), &tiles,
                       lend(&l, final_transmittance, views.max_pixels * sizeof(float)),
                       lend(&l, last_contributor, views.max_pixels * sizeof(int32_t)),
@@ -460,6 +475,7 @@ VERB void on_loss(struct spin_device *d, int width, int height, const float *ima
         mask[i / 8] |= (uint8_t)(bit << i % 8);
     }
     views.view[0].weight = weight;
+    lend_matte(&l, &views);
     images.f32 = lend(&l, truth, n * float_row[3]);
     if (pixel_weight)
         images.mask = lend(&l, mask, (n + 7) / 8);

@@ -26,6 +26,7 @@ static bool is_flat(float level, float noise, int flat_columns)
     struct spin_views views = {0};
     struct spin_image_cache images;
     struct spin_pair pairs[3] = {{0, 0}, {0, 1}, {0, 2}};
+    float colour[3];
     bool flat = false;
 
     for (int k = 0; k < 3; k++) {
@@ -44,7 +45,7 @@ static bool is_flat(float level, float noise, int flat_columns)
         need(spin_views_add(&views, &v));
     }
     need(spin_image_cache_open(&views, 1 << 20, NULL, &images));
-    need(spin_borders_are_flat(&views, &images, pairs, 3, &flat));
+    need(spin_borders_are_flat(&views, &images, pairs, 3, &flat, colour));
     spin_image_cache_close(&images);
     spin_views_free(&views);
     return flat;

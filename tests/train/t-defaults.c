@@ -82,6 +82,7 @@ static void print_stored(FILE *to)
     o.dynamic_weight = 2;
     o.antialias = true;
     o.learn_exposure = SPIN_EXPOSURE_ON;
+    o.learn_alpha = true;
     o.sh_increase_every = 5;
     o.tracks = true;
     o.backdrop = SPIN_BACKDROP_ON;

@@ -29,6 +29,8 @@ struct job {
     /* lists of the view's tiles and the start of each list, see struct spin_tiles */
     const uint32_t *lists, *start;
     const float *background;
+    const uint8_t *matte; /* NULL: none; see struct spin_view_of_batch */
+    const float *change;  /* of the background, where the matte is known */
     float *image, *final_transmittance;
     int32_t *last_contributor;
     const float *final_t_in, *d_image;
@@ -254,6 +256,18 @@ static void front_splat(struct front *f, const struct ready *r, uint32_t i, int 
     }
 }
 
+/* Changes the background of a row of the image where its alpha is known. */
+SPIN_FN void change_row_out(const struct job *job, const float *restrict t, size_t plane, int width,
+                            size_t at)
+{
+    for (size_t c = 0; c < 3; c++) {
+        float *restrict image = job->image + c * plane + at, change = job->change[c];
+
+        for (int x = 0; x < width; x++)
+            image[x] += job->matte[at + (size_t)x] ? t[x] * change : 0;
+    }
+}
+
 /* Writes one row of the tile to the output arrays. */
 SPIN_FN void row_out(const struct job *job, const struct front *f, size_t plane, int width, int i,
                      size_t at)
@@ -270,6 +284,8 @@ SPIN_FN void row_out(const struct job *job, const struct front *f, size_t plane,
         for (int x = 0; x < width; x++)
             image[x] = colour[x] + t[x] * background;
     }
+    if (job->matte)
+        change_row_out(job, t, plane, width, at);
     for (int x = 0; x < width; x++) {
         final_transmittance[x] = t[x];
         last_contributor[x] = used[x];
@@ -324,6 +340,8 @@ void SPIN_CPU(blend)(struct spin_device *d, const struct spin_view_batch *views,
                           .lists = tiles->intersections,
                           .start = tiles->start + (size_t)k * (views->max_tiles + 1),
                           .background = views->background,
+                          .matte = view->matte,
+                          .change = view->background_change,
                           .image = spin_cpu_picture(views, k, image),
                           .final_transmittance =
                               final_transmittance + (size_t)k * views->max_pixels,
@@ -401,6 +419,19 @@ struct back {
     int32_t most;                  /* largest `used` of the tile */
 };
 
+/* Changes the product of a row's gradient and background where its alpha is known. */
+SPIN_FN void change_row_in(const struct job *job, const struct back *b, int width, int i, size_t at,
+                           float *restrict through)
+{
+    for (int c = 0; c < 3; c++) {
+        const float *restrict g = b->g[c] + i;
+        float change = job->change[c];
+
+        for (int x = 0; x < width; x++)
+            through[x] += job->matte[at + (size_t)x] ? g[x] * change : 0;
+    }
+}
+
 /* Reads one row of the tile from the input arrays. */
 SPIN_FN void row_in(const struct job *job, struct back *b, size_t plane, int width, int i,
                     size_t at)
@@ -419,6 +450,8 @@ SPIN_FN void row_in(const struct job *job, struct back *b, size_t plane, int wid
             through[x] += g[x] * background;
         }
     }
+    if (job->matte)
+        change_row_in(job, b, width, i, at, through);
     for (int x = 0; x < width; x++) {
         t[x] = final_transmittance[x];
         s[x] = t[x] * through[x];
@@ -630,6 +663,8 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *v
                           .lists = tiles->intersections,
                           .start = tiles->start + (size_t)k * (views->max_tiles + 1),
                           .background = views->background,
+                          .matte = view->matte,
+                          .change = view->background_change,
                           .final_t_in = final_transmittance + (size_t)k * views->max_pixels,
                           .n_used_in = last_contributor + (size_t)k * views->max_pixels,
                           .d_image = d_image + (size_t)k * 3 * views->max_pixels,

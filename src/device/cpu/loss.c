@@ -265,9 +265,10 @@ static size_t round_up(size_t n) { return (n + 15) / 16 * 16; }
 /* ---- Input images ---------------------------------------------------------------------------- */
 
 struct photo {
-    const uint8_t *rgb8, *mask;
+    const uint8_t *rgb8, *mask, *matte;
     size_t plane;
     float weight[2];
+    const float *f32, *change; /* change: of the background, where the matte is known */
     float *truth, *pixel_weight;
 };
 
@@ -280,6 +281,12 @@ static void photo_task(void *context, size_t first, size_t last)
     for (size_t c = 0; p->rgb8 && c < 3; c++)
         for (size_t i = first; i < last; i++)
             p->truth[c * p->plane + i] = (float)p->rgb8[3 * i + c] / 255.0f;
+    for (size_t c = 0; p->f32 && c < 3; c++)
+        memcpy(p->truth + c * p->plane + first, p->f32 + c * p->plane + first,
+               (last - first) * sizeof *p->truth);
+    for (size_t c = 0; p->matte && c < 3; c++)
+        for (size_t i = first; i < last; i++)
+            p->truth[c * p->plane + i] += spin_matte_transmittance(p->matte[i]) * p->change[c];
     for (size_t i = first; p->pixel_weight && i < last; i++)
         p->pixel_weight[i] = p->weight[p->mask[i / 8] >> i % 8 & 1];
 }
@@ -304,9 +311,14 @@ static bool load_photo(struct spin_device *d, const struct spin_view_of_batch *v
         p.mask = images->mask + (size_t)view->image * ((images->max_pixels + 7) / 8);
         p.pixel_weight = scratch + 3 * plane;
     }
-    if (p.rgb8 || p.mask)
+    if (view->matte) {
+        p.matte = view->matte;
+        p.change = view->background_change;
+        p.f32 = images->rgb8 ? NULL : images->f32 + at;
+    }
+    if (p.rgb8 || p.mask || p.matte)
         spin_pool_rows(spin_cpu_pool(d), plane, PHOTO_CHUNK, photo_task, &p);
-    *truth = p.rgb8 ? p.truth : images->f32 + at;
+    *truth = p.rgb8 || p.matte ? p.truth : images->f32 + at;
     *pixel_weight = p.pixel_weight;
     return true;
 }

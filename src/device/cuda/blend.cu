@@ -32,10 +32,17 @@ static const unsigned all_lanes = 0xffffffffu;
 
 struct picture {
     struct spin_camera_f32 cam;
-    float background[3];
+    float background[3], change[3]; /* change: of the background, where the matte is known */
+    const uint8_t *matte;
     const struct spin_splat2d *splat2d;
     const uint32_t *lists, *start;
 };
+
+/* Returns channel c of the background of pixel i. */
+static __device__ float background_of(const struct picture &p, size_t i, size_t c)
+{
+    return p.background[c] + (p.matte && p.matte[i] ? p.change[c] : 0);
+}
 
 /* Prepares a splat for blending as the CPU device does, with its position relative to the tile's
  * first pixel (x0, y0). */
@@ -115,7 +122,7 @@ static __global__ void blend_kernel(struct picture p, float *image, float *final
         size_t to = (size_t)y * (size_t)p.cam.width + (size_t)x;
 
         for (size_t c = 0; c < 3; c++)
-            image[c * plane + to] = pixel.colour[c] + pixel.t * p.background[c];
+            image[c * plane + to] = pixel.colour[c] + pixel.t * background_of(p, to, c);
         final_transmittance[to] = pixel.t;
         last_contributor[to] = used;
     }
@@ -128,6 +135,8 @@ static struct picture picture_of(const struct spin_view_batch *views, int k,
 
     p.cam = views->view[k].camera;
     memcpy(p.background, views->background, sizeof p.background);
+    memcpy(p.change, views->view[k].background_change, sizeof p.change);
+    p.matte = views->view[k].matte;
     p.splat2d = splat2d + views->view[k].first;
     p.lists = tiles->intersections;
     p.start = tiles->start + (size_t)k * (views->max_tiles + 1);
@@ -352,7 +361,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
         pixel.t = final_transmittance[at];
         for (size_t c = 0; c < 3; c++) {
             pixel.g[c] = d_image[c * plane + at];
-            pixel.s += pixel.t * pixel.g[c] * p.background[c];
+            pixel.s += pixel.t * pixel.g[c] * background_of(p, at, c);
         }
     }
     for (int c = 0; c < 3; c++)

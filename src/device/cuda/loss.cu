@@ -12,9 +12,9 @@ enum { STRIP = 8, TALL = STRIP + 2 * HALF };
 struct photo {
     int width, height;
     size_t plane;
-    const uint8_t *rgb8, *mask;
+    const uint8_t *rgb8, *mask, *matte;
     const float *f32;
-    float weight[2];
+    float weight[2], change[3]; /* change: of the background, where the matte is known */
     float *image;
 };
 
@@ -36,14 +36,18 @@ static struct photo photo_of(const struct spin_view_batch *views, int k,
         p.mask = images->mask + (size_t)view->image * ((images->max_pixels + 7) / 8);
     p.weight[0] = images->mask_weight[0];
     p.weight[1] = images->mask_weight[1];
+    p.matte = view->matte;
+    memcpy(p.change, view->background_change, sizeof p.change);
     p.image = (float *)image + cuda_picture(views, k);
     return p;
 }
 
-/* Returns value i of channel c of the input image. */
+/* Returns value i of channel c of the input image, composited over the changed background. */
 static __device__ float truth_of(const struct photo &p, size_t c, size_t i)
 {
-    return p.rgb8 ? (float)p.rgb8[3 * i + c] / 255.0f : p.f32[c * p.plane + i];
+    float value = p.rgb8 ? (float)p.rgb8[3 * i + c] / 255.0f : p.f32[c * p.plane + i];
+
+    return p.matte ? value + spin_matte_transmittance(p.matte[i]) * p.change[c] : value;
 }
 
 static __device__ int bit_of(const struct photo &p, size_t i) { return p.mask[i / 8] >> i % 8 & 1; }

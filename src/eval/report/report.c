@@ -113,6 +113,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     add_flicker(r->flicker, r->n_flicker, j);
     spin_json_set_bool(j, "background_shows",
                        fabs(r->mean.psnr - r->mean.psnr_opposite) >= BACKGROUND_SHOWS);
+    spin_json_set_bool(j, "alpha_known", r->alpha_known);
     spin_json_set_string(j, "attributes",
                          r->trained   ? "retrained"
                          : r->refined ? "frames"
