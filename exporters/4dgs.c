@@ -10,6 +10,7 @@
 #include "exporters/lib/4dgs_frames.h"
 #include "exporters/lib/time_windows_check.h"
 #include "formats/4dgs_write.h"
+#include "io/sound.h"
 #include "math/motion.h"
 #include "math/sh.h"
 
@@ -280,6 +281,21 @@ static void expect_frames(struct export *x, const struct spin_export_job *job)
         .job = job, .rows = &x->rows, .coding = &x->coding, .writer = &x->writer};
 }
 
+static spin_status check_sound(const struct spin_sound *s)
+{
+    if (!s)
+        return SPIN_OK;
+    if (spin_sound_seconds(s) <= 0)
+        return spin_malformed("the duration of the sound '%s', which the file must state, cannot "
+                              "be read: convert it to WAV, or use --sound none",
+                              s->name);
+    if (s->start < 0)
+        spin_warn("players other than spin4d start the sound '%s' %.3g s late, since the format "
+                  "cannot omit its beginning: use a WAV file, which is cut",
+                  s->name, -s->start);
+    return SPIN_OK;
+}
+
 static spin_status prepare(struct export *x, const struct spin_export_job *job)
 {
     double least = job->splats_4d ? job->splats_4d->least_weight : 0;
@@ -291,6 +307,7 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
     SPIN_TRY(spin_time_windows_fps(&x->windows, &x->fps));
     x->windows.length = (job->n_frames - 1) / x->fps;
     x->segment = fmax(floor(x->fps / 2 + 0.5), 1) / x->fps;
+    SPIN_TRY(check_sound(job->sound));
     SPIN_TRY(spin_splat_rows_begin(&x->rows, job, NULL));
     x->coding =
         (struct spin_4dgs_coding){.duration = job->n_frames / x->fps,
@@ -298,7 +315,8 @@ static spin_status prepare(struct export *x, const struct spin_export_job *job)
                                   .cutoff = least > 0 && least < 1 ? least : LEAST_CUTOFF,
                                   .sh_degree = x->rows.sh_degree > 0 ? x->rows.sh_degree : 0,
                                   .up = x->rows.up,
-                                  .antialias = job->antialias};
+                                  .antialias = job->antialias,
+                                  .sound = job->sound};
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));
     x->out.sync = job->sync;
     x->writer.out = &x->out;
@@ -386,4 +404,5 @@ static const struct spin_plugin_option options[] = {
 
 SPIN_OWN_EXPORTER(4dgs, "4dgs", prepare, write_file, free_export,
                   .summary = "4D splats, or frames, as one .4dgs, which players load in parts",
-                  .options = options, .checks = true, .splats_4d = true, .frame = add_frame);
+                  .options = options, .checks = true, .splats_4d = true, .sound = "wav opus",
+                  .frame = add_frame);

@@ -14,6 +14,7 @@
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
+#include "io/sound.h"
 #include "formats/tsog.h"
 #include "io/webp.h"
 #include "math/activate.h"
@@ -64,6 +65,8 @@ struct export
     double fade_lost; /* largest error of an opacity that the quantisation of times and sigmas
                          causes */
     struct spin_out out;
+    struct spin_sound sound; /* without data if there is none */
+    unsigned char *samples;  /* memory of `sound`, or NULL */
 
     /* In the following arrays, rows are in the order of the file. */
     float *rest, *palette; /* SH coefficients above degree 0: of the rows, [n][n_rest], and of the
@@ -556,6 +559,18 @@ static void print_still(FILE *to, const struct export *x)
     print_files(to, x, SPIN_4D_CENTROIDS, 2);
 }
 
+/* Prints the sound. The profile has no word for the start of a sound, and keeps no name. */
+static void print_sound(FILE *to, const struct spin_sound *s)
+{
+    fprintf(to, ",\"audio\":{\"file\":\"sound%s\",\"mimeType\":\"%s\",\"volume\":%.9g,",
+            spin_sound_ending(s), spin_sound_mime(s), fmin(s->gain, 1));
+    fprintf(to, "\"" SPIN_TSOG_OWN "\":{\"name\":");
+    spin_text_json(to, s->name);
+    if (s->start != 0)
+        fprintf(to, ",\"start\":%.9g", s->start);
+    fprintf(to, "}}");
+}
+
 static void print_tsog(FILE *to, const struct export *x)
 {
     fprintf(to, "{\"version\":4,\"profile\":{\"id\":\"org.opsiclear.tsog-playback\","
@@ -575,6 +590,8 @@ static void print_tsog(FILE *to, const struct export *x)
         print_files(to, x, SPIN_4D_MOTION, 2);
         fprintf(to, "}");
     }
+    if (x->sound.data)
+        print_sound(to, &x->sound);
     fprintf(to, ",\"playback\":{\"duration\":%.9g,\"fps\":%.9g,\"rate\":1,\"loop\":true}}\n",
             /* In a clip of frames, the last frame is shown as long as the others. */
             (x->job->n_frames - !x->frames) / x->fps, x->fps);
@@ -685,12 +702,17 @@ static spin_status make_meta(const struct export *x, char **text, size_t *n)
 static spin_status write_members(const struct export *x, struct spin_zip_writer *zip)
 {
     SPIN_FREED char *meta = NULL;
+    char name[16];
     size_t n;
 
     SPIN_TRY(make_meta(x, &meta, &n));
     zip->plain = true;
     SPIN_TRY(spin_zip_member_whole(zip, "meta.json", meta, n, NULL, 0));
-    return spin_pictures_write(x->picture, n_pictures(x), zip);
+    SPIN_TRY(spin_pictures_write(x->picture, n_pictures(x), zip));
+    if (!x->sound.data)
+        return SPIN_OK;
+    snprintf(name, sizeof name, "sound%s", spin_sound_ending(&x->sound));
+    return spin_zip_member_whole(zip, name, "", 0, x->sound.data, x->sound.size);
 }
 
 static spin_status write_file(struct export *x)
@@ -740,6 +762,7 @@ static void free_export(void *self)
     free(x->span);
     free(x->block_quant);
     free(x->places);
+    free(x->samples);
     free(x);
 }
 
@@ -912,8 +935,26 @@ static spin_status write_all(struct export *x)
     return x->job->check ? check_file(x) : SPIN_OK;
 }
 
+/* Sounds start with the clip in TSOG, so a later WAV file begins with silence. */
+static spin_status choose_sound(struct export *x, const struct spin_sound *s)
+{
+    if (!s)
+        return SPIN_OK;
+    SPIN_TRY(spin_sound_align(s, &x->sound, &x->samples));
+    if (x->sound.start != 0)
+        spin_warn("players other than spin4d start the sound '%s' %.3g s %s, since TSOG has no "
+                  "word for its start: use a WAV file, which is cut",
+                  s->name, fabs(s->start), s->start < 0 ? "late" : "early");
+    if (s->gain > 1)
+        spin_warn("TSOG stores a volume of at most 1: the sound '%s', whose gain is %.3g, is "
+                  "quieter",
+                  s->name, s->gain);
+    return SPIN_OK;
+}
+
 static spin_status prepare_tsog(struct export *x, const struct spin_export_job *job)
 {
+    SPIN_TRY(choose_sound(x, job->sound));
     return begin_export(x, job, &tsog);
 }
 
@@ -945,7 +986,8 @@ static const struct spin_plugin_option sogst_options[] = {
 
 SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, free_export,
                   .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
-                  .options = tsog_options, .checks = true, .splats_4d = true, .frame = take_frame);
+                  .options = tsog_options, .checks = true, .splats_4d = true, .sound = "all",
+                  .frame = take_frame);
 
 SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, free_export,
                   .summary = "4D splats as one .sogst, which players load in segments: small",

@@ -49,7 +49,7 @@ static void describe_times(struct spin_sequence_info *sequence, const struct spi
     sequence->half_open = true;
 }
 
-static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, size_t n)
+static spin_status describe(struct spin_model *m, struct spin_4dgs *info, size_t n)
 {
     struct spin_sequence_info *sequence = m->sequence;
 
@@ -67,10 +67,12 @@ static spin_status describe(struct spin_model *m, const struct spin_4dgs *info, 
     spin_note(sequence, "time windows do not include their end: nothing is visible at %g s",
               info->duration);
     spin_note(sequence, "the format clamps colours of degree 0 to the visible range, 0 to 1");
-    if (info->sound || info->camera)
-        spin_note(sequence, "not imported: %s%s%s", info->sound ? "sound" : "",
-                  info->sound && info->camera ? ", " : "", info->camera ? "the camera path" : "");
-    return SPIN_OK;
+    if (info->camera)
+        spin_note(sequence, "not imported: the camera path");
+    for (char *text = info->sound_notes, *line; (line = strsep(&text, "\n"));)
+        if (*line)
+            spin_note(sequence, "%s", line);
+    return spin_model_sound(m, &info->sound);
 }
 
 static spin_status open_4dgs(void *self, const char *path)

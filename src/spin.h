@@ -291,7 +291,19 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 6; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 7
+#define SPIN_PLUGIN_ABI 8
+
+/* A sound track: a file in memory, which is stored and passed on without being decoded. */
+struct spin_sound {
+    char name[64];             /* name for users, without folder and extension */
+    const char *type;          /* "wav", "opus", "vorbis", "m4a", "aac", "mp3" or "flac"; static */
+    const unsigned char *data; /* NULL: there is no sound */
+    size_t size;               /* bytes */
+    /* Time of the clip, in seconds, at which the sound begins. If it is below 0, the sound is
+     * played from its second -start on. */
+    double start;
+    double gain; /* factor of the amplitude, 0 or more */
+};
 
 /* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
 struct spin_plugin_option {
@@ -348,6 +360,8 @@ struct spin_sequence_info {
     /* Coordinates that frame() has subtracted from all positions, which are too far from 0 for
      * floats; 0 for most runs. */
     double shift[3];
+    /* The sound track, which starts relative to the source's first frame; NULL: none. */
+    const struct spin_sound *sound;
 };
 
 struct spin_importer {
@@ -510,6 +524,9 @@ struct spin_export_job {
     bool identity; /* row i is the same splat in every frame, unless rows_differ at end() */
 
     const int *numbers; /* [n_frames] number of each frame, see struct spin_frame_info */
+    /* The sound track, which starts relative to the first exported frame; NULL: none. Only set for
+     * exporters with `sound`, and together with `fps`. */
+    const struct spin_sound *sound;
 };
 
 struct spin_frame_info {
@@ -533,6 +550,9 @@ struct spin_exporter {
     bool needs_renderer; /* the exporter uses job->renderer */
     bool alpha;          /* the exporter supports job->transparent */
     bool looks_at_views; /* the exporter uses job->views; else the data set is not opened */
+    /* Formats of sound that the exporter supports in job->sound, as in struct spin_sound: "wav
+     * opus", or "all"; NULL: none. */
+    const char *sound;
 
     /* Exactly one of end() and abort() follows a successful begin(). Files appear under their final
      * name only when complete. */

@@ -104,6 +104,9 @@ struct spin_export_options {
     /* What to keep: "5000" splats per frame, "50%" of the splats, as many as fit into a total of
      * "2MB", or as few as reach a PSNR of "40dB" against all splats; NULL: all. */
     const char *decimate;
+    /* File of a sound track that begins with the first frame of the bundle, or "none"; NULL: the
+     * sound of the bundle, if it has one. */
+    const char *sound;
     const char *data, *data_from, *pair;
     float background[3];
     bool transparent; /* render images with alpha instead of the background */
@@ -169,6 +172,7 @@ struct spin_convert_options {
     bool no_retrain;    /* false: the clip is retrained if there is a data set */
     const char *preset; /* preset of the retraining; NULL: the default */
     int iterations;     /* iterations of the retraining; 0: those of the preset */
+    const char *sound;  /* see struct spin_export_options */
     const char *device;
     int n_threads;
     bool force;

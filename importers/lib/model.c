@@ -232,6 +232,20 @@ spin_status spin_model_finish_4d(struct spin_model *m)
     return SPIN_OK;
 }
 
+spin_status spin_model_sound(struct spin_model *m, const struct spin_sound *sound)
+{
+    unsigned char *data;
+
+    if (!sound->data)
+        return SPIN_OK;
+    SPIN_TRY(spin_model_alloc(m, sound->size, 1, (void **)&data));
+    memcpy(data, sound->data, sound->size);
+    m->sound = *sound;
+    m->sound.data = data;
+    m->sequence->sound = &m->sound;
+    return SPIN_OK;
+}
+
 spin_status spin_model_slice(void *self, int frame, double time, unsigned columns,
                              struct spin_splats *out)
 {

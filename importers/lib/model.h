@@ -24,6 +24,7 @@ struct spin_model {
     struct run_config settings;       /* cfg_args and, for some methods, a YAML file */
     struct spin_splats canonical;     /* the cloud before its deformation */
     struct spin_splats_4d splats_4d;
+    struct spin_sound sound;
     struct mlp_team team;
     /* Arguments of open(), valid until open() returns. */
     const struct spin_plugin_values *values;
@@ -127,6 +128,8 @@ void spin_model_describe(const struct spin_model *m, const size_t *counts, int s
  * Importers of such models use spin_model_slice() as frame() and spin_model_splats_4d() as
  * splats_4d(). */
 spin_status spin_model_finish_4d(struct spin_model *m);
+/* Sets the sound of m->sequence to a copy of *sound, unless that has no data. */
+spin_status spin_model_sound(struct spin_model *m, const struct spin_sound *sound);
 spin_status spin_model_slice(void *self, int frame, double time, unsigned columns,
                              struct spin_splats *out);
 spin_status spin_model_splats_4d(void *self, const struct spin_splats_4d **out);

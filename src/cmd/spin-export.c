@@ -67,6 +67,9 @@ static const struct spin_args_row rows[] = {
              "export frames numbered A to B-1 (all)"),
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "write the imported attributes instead of the retrained ones"),
+    SPIN_ARG("sound", 0, "FILE|none", STRING, options.sound,
+             "sound track, from the first frame of IN.spin on: WAV, MP3, AAC, M4A, Opus, Vorbis, "
+             "FLAC (that of IN.spin)"),
     SPIN_ARG("decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
              "keep the splats that contribute most to the training views: N per frame, a share "
              "(50%), as many as fit an output size (2MB), or the fewest that reach a PSNR against "

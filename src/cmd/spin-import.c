@@ -121,6 +121,7 @@ static const char list_text[] =
 #define SPLATS_4D                                                                                  \
     "{{#splats_4d}}4D splats   {{n}}, paths of degree {{degree}}"                                  \
     "{{#arrays.0}}, with{{#arrays}} {{.}}{{/}}{{/}}: frames are their slices\n{{/}}"
+#define SOUND "{{#sound}}sound       {{name}}, {{type}}, {{bytes %B}}\n{{/}}"
 #define STATIC "{{#static.0}}static     {{#static}} {{.}}{{/}}\n{{/}}"
 /* The lines of the report that --info prints but an import does not. */
 #define RECOGNISED "recognised  {{recognised}}\nupstream    {{upstream}}\n"
@@ -133,7 +134,7 @@ static const char list_text[] =
     "{{#sampled=times}}sampled at the times of --times{{/}}"                                       \
     "{{#sampled=data}}sampled as the data set's frames are{{/}}\n{{/}}"                            \
     "{{^sampled=ends}}frames      {{frames}}" NUMBERS "{{/}}"                                      \
-    "splats      " SPLATS "\nattributes " ATTRIBUTES SPLATS_4D
+    "splats      " SPLATS "\nattributes " ATTRIBUTES SPLATS_4D SOUND
 #define REPORT_FROM_BOUNDS                                                                         \
     "bounds      [{{bounds.min.0 %g}}, {{bounds.min.1 %g}}, {{bounds.min.2 %g}}] to "              \
     "[{{bounds.max.0 %g}}, {{bounds.max.1 %g}}, {{bounds.max.2 %g}}]\n"                            \
@@ -171,7 +172,7 @@ static const char bundle_text[] =
     "bundle      {{bundle}}, by {{generator}}\n" FROM "upstream    {{upstream}}\n"
     "{{#data}}data        {{data}}, {{data_from}}{{^data_there}}: not found{{/}}\n{{/}}"
     "frames      {{frames}} of the source's {{source_frames}}" NUMBERS "splats      " SPLATS
-    "\nattributes " ATTRIBUTES SPLATS_4D STATIC "{{#refined}}refined     " SPLATS
+    "\nattributes " ATTRIBUTES SPLATS_4D SOUND STATIC "{{#refined}}refined     " SPLATS
     ", {{options.iterations}} iterations each\n" STAGE "{{#trained}}trained     " SPLATS
     ", {{options.iterations}} iterations on {{device}}"
     "{{^field}}, no network{{/}}{{#field}}; {{levels}} levels of {{features}} features, "

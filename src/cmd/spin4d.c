@@ -40,6 +40,10 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("to", 0, "NAME", STRING, options.to, "exporter (default: by the extension of OUT)"),
     SPIN_ARG("for", 0, "PROGRAM", STRING, options.target,
              "set format and options for a program, see spin-export --for"),
+    SPIN_ARG(
+        "sound", 0, "FILE|none", STRING, options.sound,
+        "sound track, from the first frame on: WAV, MP3, AAC, M4A, Opus, Vorbis, FLAC (that of "
+        "RUN)"),
     SPIN_ARG_END,
 };
 

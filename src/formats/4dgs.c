@@ -1,5 +1,6 @@
 #include "formats/4dgs.h"
 
+#include "formats/4dgs_sound.h"
 #include "formats/4dgs_states.h"
 #include "formats/gaussian.h"
 #include "io/file.h"
@@ -25,6 +26,8 @@ struct reader {
     size_t first, n_in_chunk;       /* first row and number of rows of the current chunk */
     unsigned bands;                 /* bit k: SH band k + 1 of the current chunk was read */
     struct spin_4dgs_states states; /* for keyframe-delta */
+    bool has_chunks;                /* a chunk was read */
+    struct spin_4dgs_sounds sounds;
     int32_t *steps[SPIN_4DGS_N_ATTRIBUTES];
 };
 
@@ -49,6 +52,7 @@ static spin_status read_header(struct reader *r, struct spin_4dgs_cursor *c)
     model = spin_4dgs_block(c, 4);
     spin_4dgs_bytes(c, 48);
     degree = (unsigned)spin_4dgs_number(c, 1);
+    r->sounds.declared = c->left > 0 && *c->at & 1; /* flags */
     if (c->cut)
         return SPIN_OK;
     r->info->keyframes = spin_4dgs_is(&model, SPIN_4DGS_STATES);
@@ -129,6 +133,10 @@ static void read_metadata(struct reader *r, const struct spin_4dgs_cursor *recor
             r->splats->antialias = true;
         if (spin_4dgs_is(&key, SPIN_4DGS_FPS))
             r->info->fps = read_rate(&value);
+        if (spin_4dgs_is(&key, SPIN_4DGS_SOUND_START) && value.left > 0 && *value.at == '-') {
+            spin_4dgs_bytes(&value, 1);
+            r->sounds.start = -read_rate(&value);
+        }
     }
 }
 
@@ -385,6 +393,20 @@ static spin_status fill_states(struct reader *r)
     return SPIN_OK;
 }
 
+/* Reads a record of sound, in the first pass only. */
+static spin_status read_sound(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c)
+{
+    if (r->splats->centres)
+        return SPIN_OK;
+    r->sounds.late |= r->has_chunks;
+    if (opcode == SPIN_4DGS_REC_SOUND_SOURCE)
+        return spin_4dgs_sound_source(&r->sounds, c, r->info->duration);
+    if (opcode == SPIN_4DGS_REC_SOUND_DATA)
+        return spin_4dgs_sound_data(&r->sounds, c);
+    r->sounds.old = true;
+    return SPIN_OK;
+}
+
 /* Reads a record in the first or second pass over the file. The first pass reads the records that
  * occur once and counts the splats; the second pass reads the splats. */
 static spin_status read_record(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c,
@@ -399,6 +421,7 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct spin_4d
             return spin_malformed("record %02x precedes the header", opcode);
         r->seen |= 1u << opcode;
     }
+    r->has_chunks |= opcode == SPIN_4DGS_REC_CHUNK;
     if (r->info->keyframes && opcode != SPIN_4DGS_REC_HEADER)
         switch (opcode) {
         case SPIN_4DGS_REC_CHUNK:
@@ -435,8 +458,11 @@ static spin_status read_record(struct reader *r, unsigned opcode, struct spin_4d
     case SPIN_4DGS_REC_METADATA:
         read_metadata(r, c);
         return SPIN_OK;
+    case SPIN_4DGS_REC_SOUND:
+    case SPIN_4DGS_REC_SOUND_SOURCE:
+    case SPIN_4DGS_REC_SOUND_DATA:
+        return read_sound(r, opcode, c);
     default:
-        r->info->sound |= opcode == SPIN_4DGS_REC_SOUND || opcode == SPIN_4DGS_REC_SOUND_SOURCE;
         return SPIN_OK;
     }
 }
@@ -481,6 +507,8 @@ static spin_status read_all(struct reader *r)
         return spin_malformed("record '%s' is missing",
                               !(r->seen & 1u << SPIN_4DGS_REC_QUANTIZATION) ? "quantization"
                                                                             : "window table");
+    SPIN_TRY(spin_4dgs_sounds_end(&r->sounds, &r->info->sound, r->info->sound_notes,
+                                  sizeof r->info->sound_notes));
     if (r->info->keyframes)
         return fill_states(r);
     if (r->n != r->n_said)
@@ -507,6 +535,7 @@ spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4
     status = read_all(&r);
     free_steps(&r);
     free(r.window);
+    free(r.sounds.source);
     spin_4dgs_states_free(&r.states);
     return status;
 }

@@ -11,6 +11,8 @@
  *                        attribute
  *     07  SH band        number of the band, and a stream of its coefficients for the splats of the
  *                        preceding chunk
+ *     11  audio source   id, name, codec, start, duration, gain and place of a sound
+ *     12  audio data     id of a sound, and its file
  *     02  footer         offset of the index, and its checksum
  *
  * A stream is a header of 17 bytes, followed by byte planes (planes.h) that are compressed by zlib
@@ -36,9 +38,12 @@
 struct spin_4dgs {
     double duration; /* length of the clip in seconds; the clip starts at time 0 */
     double cutoff;   /* splats are not drawn while their Gaussian window is below this value */
-    /* `sound`: the file contains sound; `camera`: the file contains a camera path. */
-    bool sound, camera;
-    bool keyframes; /* the temporal model is keyframe-delta */
+    bool camera;     /* the file contains a camera path */
+    /* The first sound without a place in the scene, or else the first sound. Its data are in the
+     * file's memory. */
+    struct spin_sound sound;
+    char sound_notes[512]; /* one line for each property or sound that is dropped */
+    bool keyframes;        /* the temporal model is keyframe-delta */
     /* Frames per second, from the metadata of spin4d or from evenly spaced states; 0: unknown. */
     double fps;
 };

@@ -72,6 +72,9 @@ spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dg
 #define SPIN_4DGS_METADATA "spin4d"
 #define SPIN_4DGS_ANTIALIAS "antialias"
 #define SPIN_4DGS_FPS "fps"
+/* Key for the time in seconds, below 0, at which the sound begins. Its record says 0. */
+#define SPIN_4DGS_SOUND_START "sound_start"
+#define SPIN_4DGS_LOOPS 2 /* flag of a sound: it is repeated; 1: it has a place in the scene */
 
 /* Opcodes of records. */
 enum {
@@ -87,6 +90,7 @@ enum {
     SPIN_4DGS_REC_METADATA,
     SPIN_4DGS_REC_DELTA_CHUNK = 16,
     SPIN_4DGS_REC_SOUND_SOURCE,
+    SPIN_4DGS_REC_SOUND_DATA,
     SPIN_4DGS_REC_FRAME = 32,
     SPIN_4DGS_REC_OBJECT_TRACK = 37,
 };

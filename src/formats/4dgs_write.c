@@ -4,11 +4,12 @@
 
 #include "base/text.h"
 #include "formats/planes.h"
+#include "io/sound.h"
 #include "io/file.h"
 #include "io/gzip.h"
 
 enum { RAW, DIFFERENCE, CONSTANT };
-enum { STATISTICS = 12, SH_CODES = 7, PLUS_Y = 1, MINUS_Z = 5, RIGHT_HANDED = 1 };
+enum { STATISTICS = 12, SOUND_ID = 1, SH_CODES = 7, PLUS_Y = 1, MINUS_Z = 5, RIGHT_HANDED = 1 };
 
 /* Relative errors of scales and sigmas that the file states. */
 #define RELATIVE (1 / 256.0)
@@ -439,8 +440,8 @@ static spin_status write_header(struct spin_4dgs_writer *w)
     put_text(w->record, c->key_every > 0 ? SPIN_4DGS_STATES : SPIN_4DGS_MODEL);
     put_doubles(w->record, c->box, 6);
     put_number(w->record, (uint64_t)c->sh_degree, 1);
-    put_number(w->record, 0, 1); /* flags */
-    put_number(w->record, 0, 4); /* attributes */
+    put_number(w->record, c->sound != NULL, 1); /* flags */
+    put_number(w->record, 0, 4);                /* attributes */
     return end_record(w, SPIN_4DGS_REC_HEADER);
 }
 
@@ -549,6 +550,13 @@ static void print_metadata(FILE *to, const struct spin_4dgs_coding *coding)
         put_text(to, SPIN_4DGS_ANTIALIAS);
         put_text(to, "true");
     }
+    if (coding->sound && coding->sound->start < 0) {
+        char start[32];
+
+        snprintf(start, sizeof start, "%.9g", coding->sound->start);
+        put_text(to, SPIN_4DGS_SOUND_START);
+        put_text(to, start);
+    }
 }
 
 static spin_status write_metadata(struct spin_4dgs_writer *w)
@@ -559,6 +567,39 @@ static spin_status write_metadata(struct spin_4dgs_writer *w)
     return end_record(w, SPIN_4DGS_REC_METADATA);
 }
 
+/* Writes the source of the sound. It has no place in the scene, but the record has one. */
+static spin_status write_source(struct spin_4dgs_writer *w, const struct spin_sound *s)
+{
+    static const double pose[7] = {0, 0, 0, 0, 0, 0, 1};
+
+    SPIN_TRY(begin_record(w));
+    put_number(w->record, SOUND_ID, 4);
+    put_text(w->record, s->name);
+    put_text(w->record, s->type);
+    put_text(w->record, "unspecified"); /* layout of the channels */
+    put_number(w->record, s->size, 8);
+    put_double(w->record, fmax(s->start, 0));
+    put_double(w->record, spin_sound_seconds(s));
+    put_double(w->record, s->gain);
+    put_number(w->record, 0, 1); /* flags */
+    put_doubles(w->record, pose, 7);
+    put_number(w->record, 0, 4); /* keyframes */
+    put_text(w->record, "linear");
+    return end_record(w, SPIN_4DGS_REC_SOUND_SOURCE);
+}
+
+static spin_status write_sound(struct spin_4dgs_writer *w, const struct spin_sound *s)
+{
+    if (!s)
+        return SPIN_OK;
+    SPIN_TRY(write_source(w, s));
+    SPIN_TRY(begin_record(w));
+    put_number(w->record, SOUND_ID, 4);
+    put_number(w->record, s->size, 8);
+    fwrite(s->data, 1, s->size, w->record);
+    return end_record(w, SPIN_4DGS_REC_SOUND_DATA);
+}
+
 spin_status spin_4dgs_write_begin(struct spin_4dgs_writer *w)
 {
     SPIN_TRY(spin_out_write(w->out, SPIN_4DGS_MAGIC, SPIN_4DGS_MAGIC_BYTES));
@@ -567,7 +608,8 @@ spin_status spin_4dgs_write_begin(struct spin_4dgs_writer *w)
     SPIN_TRY(write_windows(w));
     if (w->coding->up)
         SPIN_TRY(write_frame(w));
-    return write_metadata(w);
+    SPIN_TRY(write_metadata(w));
+    return write_sound(w, w->coding->sound);
 }
 
 /* ---- The end --------------------------------------------------------------------------------- */

@@ -20,6 +20,7 @@ struct spin_4dgs_coding {
     int key_every;
     double (*window)[2];
     size_t n_windows;
+    const struct spin_sound *sound; /* WAV or Opus; NULL: none */
 };
 
 /* Sets the steps and the origin for splats with positions in the box and standard deviations around

@@ -3,13 +3,13 @@
 #include <strings.h>
 
 #include "base/base.h"
+#include "io/sound.h"
 #include "io/zip_format.h"
 
 enum { VERSION = 4, PROFILE = 1, MOST_MEMBERS = 1024, STEPS = 65536, FRAMES = 300 };
 enum { DESCRIPTOR = 1 << 3 }; /* flag of a zip member: sizes and checksum follow the data */
 #define PROFILE_ID "org.opsiclear.tsog-playback"
 #define MAX_DIRECTORY (4u << 20)
-#define MAX_SOUND (128u << 20)
 
 /* ---- The archive ----------------------------------------------------------------------------- */
 
@@ -218,12 +218,28 @@ static bool is_sound_type(const char *type)
     return strncasecmp(type, "audio/", 6) == 0 && type[6] && type[6 + strspn(type + 6, token)] == 0;
 }
 
+/* Reads the name and the start of the sound, which only spin4d writes. */
+static spin_status read_start(const spin_json *audio, struct spin_tsog *out)
+{
+    const spin_json *own = spin_json_get(audio, SPIN_TSOG_OWN);
+    const spin_json *start = spin_json_get(own, "start");
+    const char *name = spin_json_string(spin_json_get(own, "name"));
+
+    if (start && (!spin_json_number(start, &out->sound.start) || !isfinite(out->sound.start)))
+        return fail_meta("audio." SPIN_TSOG_OWN ".start", "a number");
+    if (name)
+        snprintf(out->sound.name, sizeof out->sound.name, "%s", name);
+    spin_text_tidy(out->sound.name, false);
+    return SPIN_OK;
+}
+
 static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out)
 {
     const spin_json *sound = spin_json_get(r->meta, "audio"), *volume, *type;
     const char *file = spin_json_string(spin_json_get(sound, "file"));
     const struct spin_zip_member *member;
     double loud = 1;
+    const unsigned char *data;
 
     if (!sound)
         return SPIN_OK;
@@ -242,10 +258,16 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
     if (out->time == SPIN_TSOG_STATIC && out->duration == 0)
         return fail_meta("playback.duration", "a duration, since a static file has sound");
     member = spin_zip_find(&r->zip, file);
-    if (!member || member->size > MAX_SOUND)
+    if (!member || member->size > SPIN_SOUND_LIMIT)
         return spin_malformed("TSOG: sound '%.60s' is missing or above 128 MiB", file);
-    out->sound = true;
-    return SPIN_OK;
+    SPIN_TRY(spin_zip_read(&r->zip, member, true, SPIN_SOUND_LIMIT, &data, &out->sound_owned));
+    if (spin_sound_set(&out->sound, file, data, (size_t)member->size) != SPIN_OK) {
+        snprintf(out->sound_note, sizeof out->sound_note, "not imported: %s", spin_last_error());
+        out->sound = (struct spin_sound){0};
+        return SPIN_OK;
+    }
+    out->sound.gain = loud;
+    return read_start(sound, out);
 }
 
 /* ---- Splats ---------------------------------------------------------------------------------- */

@@ -20,8 +20,16 @@ struct spin_tsog {
     double fps; /* frames per second; 0 if the file is static */
     /* Length of the clip in seconds; 0 if the file is static and does not state it. */
     double duration;
-    bool sound; /* the file contains sound, which is not read */
+    /* The sound, whose data are in the memory of the file or, if it was packed, in sound_owned,
+     * which the caller frees. */
+    struct spin_sound sound;
+    void *sound_owned;
+    char sound_note[160]; /* why there is no sound although the file has one; or "" */
 };
+
+/* The member of "audio" that spin4d adds: an object with the name of the sound, and the time at
+ * which it starts, in seconds, unless that is 0. */
+#define SPIN_TSOG_OWN "spin4d"
 
 /* Reads a file that is in memory. Zero *splats before the call, and free it even after a failure.
  * The caller must call spin_splats_4d_finish() on the splats. Times are 0 to 1 in continuous files;

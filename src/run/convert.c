@@ -436,6 +436,7 @@ static spin_status export_bundle(struct convert *c, const char *bundle)
                                          .output = c->output,
                                          .to = c->to,
                                          .target = o->target,
+                                         .sound = o->sound,
                                          .data = c->imports ? NULL : o->data,
                                          .data_from = c->imports ? NULL : o->data_from,
                                          .device = o->device,

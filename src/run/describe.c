@@ -121,6 +121,7 @@ spin_status spin_bundle_describe(const char *path, char **report)
     spin_json_set(root, "splats_4d",
                   meta->four_d.n ? json_incref(spin_json_get(bundle.json, "splats_4d"))
                                  : json_null());
+    spin_json_set(root, "sound", spin_sound_json(&meta->sound));
     if (bundle.refined.columns)
         add_stage(root, &bundle, "refined", SPIN_FROM_REFINED, bundle.refined.columns,
                   bundle.refined.sh_degree);

@@ -3,6 +3,7 @@
 #include "base/base.h"
 #include "spin_run.h"
 #include "run/decimate.h"
+#include "run/export_sound.h"
 #include "run/run.h"
 #include "run/renderer.h"
 #include "run/row_filter.h"
@@ -32,6 +33,7 @@ struct export
     struct spin_splats splats, received;
     struct spin_row_filter filter;
     struct spin_scene_move move;
+    struct spin_export_sound sound;
     struct spin_export_options moved;  /* the options, with a shifted --crop */
     struct spin_decimation decimation; /* set if --decimate is given */
     /* path of the current output: the final path, or a temporary one of --decimate */
@@ -256,6 +258,10 @@ static spin_status begin_export(struct export *x)
     double sum = 0;
     spin_status status;
 
+    if (x->sound.sound.data) {
+        job.sound = &x->sound.sound;
+        job.fps = x->sound.fps;
+    }
     if (x->from == SPIN_FROM_TRAINED) {
         job.sh_degree = x->player.field.sh_degree;
         job.antialias = x->player.field.antialias;
@@ -472,6 +478,8 @@ static spin_status run_export(struct export *x)
         warn_of_background(x);
     SPIN_TRY(say_lens(x));
     SPIN_TRY(find_4d(x));
+    SPIN_TRY(spin_export_sound_open(o, x->exporter, &x->clip, clip_fps(&x->clip),
+                                    clip_stride(&x->clip), &x->sound));
     SPIN_TRY(spin_bundle_data_path(&x->clip.bundle, &x->data));
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->source_index));
@@ -510,6 +518,7 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
     spin_splats_free(&x.received);
     spin_row_filter_close(&x.filter);
     spin_scene_move_close(&x.move);
+    spin_export_sound_close(&x.sound);
     spin_clip_close(&x.clip);
     free(x.counts);
     free(x.data);

@@ -890,6 +890,7 @@ static void fill_report(struct import *im)
     spin_json_set(report, "bounds",
                   json_pack("{s:o, s:o}", "min", spin_json_numbers(low, 3), "max",
                             spin_json_numbers(high, 3)));
+    spin_json_set(report, "sound", spin_sound_json(&meta->sound));
     spin_json_set(report, "notes", notes_json(im));
     if (im->o->output)
         spin_json_set_string(report, "output", im->o->output);
@@ -1110,6 +1111,8 @@ static spin_status run_import(struct import *im)
     memcpy(meta->shift, im->sequence.shift, sizeof meta->shift);
     if (im->sequence.fps > 0)
         meta->fps = im->sequence.fps;
+    if (im->sequence.sound)
+        meta->sound = *im->sequence.sound;
     snprintf(meta->from, sizeof meta->from, "%s", im->importer->name);
     snprintf(meta->upstream, sizeof meta->upstream, "%s",
              im->importer->upstream ? im->importer->upstream : "");

@@ -7,9 +7,11 @@
 #include "scene/bundle.h"
 
 #include "base/base.h"
+#include "io/sound.h"
 
 #define META "meta.json"
 #define META_LIMIT (64u << 20) /* bytes */
+#define SOUND "sound"
 
 /* Sets `name` to "GROUP/COLUMN", such as "source/means". */
 static void series_name(const char *group, unsigned column, char name[64])
@@ -199,6 +201,32 @@ static spin_status check_trained(struct spin_bundle *b)
     return SPIN_OK;
 }
 
+/* Reads the sound track, which must exist if meta.json describes one. */
+static spin_status read_sound(struct spin_bundle *b)
+{
+    const spin_json *json = spin_json_get(b->json, SOUND);
+    const char *name = spin_json_string(spin_json_get(json, "name"));
+    const struct spin_zip_member *m = spin_zip_find(&b->npz.zip, SOUND);
+    struct spin_sound *sound = &b->meta.sound;
+    const unsigned char *data;
+    double start, gain;
+
+    if (!json)
+        return SPIN_OK;
+    if (!m)
+        return spin_malformed("the member '" SOUND "' is missing");
+    if (!spin_json_number(spin_json_get(json, "start"), &start) || !isfinite(start) ||
+        !spin_json_number(spin_json_get(json, "gain"), &gain) || !(gain >= 0) || !isfinite(gain))
+        return spin_meta_fail(SOUND, "an object with a finite start and gain");
+    SPIN_TRY(spin_zip_read(&b->npz.zip, m, true, SPIN_SOUND_LIMIT, &data, &b->sound));
+    SPIN_TRY(spin_sound_set(sound, "", data, (size_t)m->size));
+    snprintf(sound->name, sizeof sound->name, "%s", name ? name : "");
+    spin_text_tidy(sound->name, false);
+    sound->start = start;
+    sound->gain = gain;
+    return SPIN_OK;
+}
+
 /* Converts the JSON of a bundle below version 4 to that of version 4. "trained" was called
  * "network" then, and the keys that "field" contains now were in "network" itself. If "explicit"
  * was true, there was no field. */
@@ -269,6 +297,7 @@ spin_status spin_bundle_open(const char *path, struct spin_bundle *out)
     if (spin_zip_find(&out->npz.zip, "state.json"))
         SPIN_TRY_OUT(open_clip_of_state(out));
     SPIN_TRY_OUT(load_meta(out));
+    SPIN_TRY_OUT(read_sound(out));
     SPIN_TRY_OUT(check_source(out));
     status = check_refined(out);
     if (status != SPIN_OK) {
@@ -289,6 +318,7 @@ void spin_bundle_close(struct spin_bundle *bundle)
     spin_bundle_meta_free(&bundle->meta);
     free(bundle->refined.n);
     free(bundle->trained_n);
+    free(bundle->sound);
     spin_splats_4d_free(&bundle->four_d);
     spin_bundle_keys_free(&bundle->keys);
     free(bundle->path);
@@ -719,6 +749,12 @@ spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, u
     return write_group(w, "refined", index, columns, 0, splats);
 }
 
+static spin_status write_sound(struct spin_bundle_writer *w, const struct spin_sound *sound)
+{
+    return sound->data ? spin_zip_member_whole(&w->zip, SOUND, "", 0, sound->data, sound->size)
+                       : SPIN_OK;
+}
+
 spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
                                       const struct spin_bundle_meta *meta, spin_json *extra)
 {
@@ -734,6 +770,7 @@ spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
         status = spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
         goto out;
     }
+    SPIN_TRY_OUT(write_sound(w, &meta->sound));
     SPIN_TRY_OUT(spin_zip_member_begin(&w->zip, META, strlen(text)));
     SPIN_TRY_OUT(spin_zip_member_write(&w->zip, text, strlen(text)));
     SPIN_TRY_OUT(spin_zip_member_end(&w->zip));

@@ -8,6 +8,7 @@
  *   trained/means/<index>.npy      positions of one frame after retraining
  *   trained/residual/<index>.npy   optional values that are added to the network's outputs
  *   trained/table.npy, heads.npy   the parameters of the network (model/field)
+ *   sound                          the file of the sound track
  *
  * The columns are means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3] and
  * rgb [n,3]. All values are little-endian float32, plain or packed (scene/bundle_pack.h). <index>
@@ -72,6 +73,7 @@ struct spin_bundle {
         /* [n_frames] number of splats of each retrained frame; NULL: as in the source or in the
          * refined frames */
         *trained_n;
+    void *sound; /* private; memory of meta.sound.data, NULL if that is in the memory map */
     struct spin_bundle_keys keys;
     struct spin_splats_4d four_d; /* private; loaded by spin_bundle_splats_4d() */
     bool nonfinite_reported;      /* true: no further warning about splats that cannot be drawn */

@@ -301,6 +301,22 @@ spin_json *spin_bundle_4d_json(const struct spin_splats_4d *s, unsigned parts)
     return json;
 }
 
+spin_json *spin_sound_json(const struct spin_sound *sound)
+{
+    spin_json *json = spin_json_object();
+
+    if (!sound->data) {
+        spin_json_free(json);
+        return json_null();
+    }
+    spin_json_set_string(json, "name", sound->name);
+    spin_json_set_string(json, "type", sound->type);
+    spin_json_set_integer(json, "bytes", (int64_t)sound->size);
+    spin_json_set_number(json, "start", sound->start);
+    spin_json_set_number(json, "gain", sound->gain);
+    return json;
+}
+
 spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra)
 {
     spin_json *root = extra ? extra : spin_json_object();
@@ -339,6 +355,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     }
     if (meta->four_d.n)
         spin_json_set(root, "splats_4d", spin_bundle_4d_json(&meta->four_d, meta->parts));
+    if (meta->sound.data)
+        spin_json_set(root, "sound", spin_sound_json(&meta->sound));
     spin_json_set(root, "frames", frames_json(meta));
     return root;
 }

@@ -33,6 +33,9 @@ struct spin_bundle_meta {
     char data_from[128]; /* importer of the data set, as in argument `from` of spin_views_open() */
     /* how frames are paired with images, as in argument `pair` of spin_views_pair() */
     char pair[8];
+    /* The sound track. It starts relative to the first frame of the whole source clip. The data are
+     * borrowed. */
+    struct spin_sound sound;
 };
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
 void spin_bundle_meta_free(struct spin_bundle_meta *meta);
@@ -52,6 +55,8 @@ spin_json *spin_bundle_4d_json(const struct spin_splats_4d *s, unsigned parts);
 /* Adds the keys "xor_rows" and "per_unit" of a packed bundle to the JSON of meta.json, and sets the
  * version for packed bundles. */
 void spin_bundle_meta_packed(spin_json *root, const struct spin_packer *packer);
+/* Creates the value of "sound" for meta.json or for a report: null if there is no sound. */
+spin_json *spin_sound_json(const struct spin_sound *sound);
 /* Returns a JSON list with the names of these columns. */
 spin_json *spin_column_names(unsigned columns);
 

@@ -440,6 +440,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
     meta->n_source_frames = from->n_source_frames;
     memcpy(meta->shift, from->shift, sizeof meta->shift);
     meta->fps = from->fps;
+    meta->sound = from->sound;
     meta->numbered = from->numbered;
     meta->columns = from->columns;
     meta->static_columns = from->static_columns;

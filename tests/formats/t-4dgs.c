@@ -24,8 +24,18 @@ static struct {
     int again;                 /* a record that comes twice */
     int left_out;              /* one that does not come */
     int n_more;                /* splats that the header says besides */
-    bool delta, track, sound;
+    bool delta, track;
 } wrong;
+
+/* The sounds of a file, and what they are made wrong by. */
+static struct {
+    int n;
+    int without_data; /* the source whose data do not come, from 1 */
+    bool twice, old, late, declared;
+    double length, gain, turn, time; /* of the last: duration, gain, w of its rotation; keyframe */
+    const char *how;                 /* its interpolation */
+    const char *metadata;            /* value of sound_start */
+} sounds;
 
 static int step_of(int a, int row, int c)
 {
@@ -196,6 +206,58 @@ static void put_chunk(struct bytes *b, int chunk)
     }
 }
 
+/* A sound with a place in the scene if `at` is set. */
+static void put_source(struct bytes *b, int id, bool at)
+{
+    const double pose[7] = {1, 2, 3, 0, 0, 0, sounds.turn};
+    const double when[3] = {0.5, sounds.length, sounds.gain}, times[2] = {0, sounds.time};
+    struct bytes content = {.n = 0};
+
+    put_number(&content, (uint64_t)id, 4);
+    put_text(&content, id == 1 ? "one" : "two");
+    put_text(&content, "flac");
+    put_text(&content, "mono");
+    put_number(&content, 5, 8);
+    put_reals(&content, when, 3);
+    put_number(&content, at ? 1 : 2, 1);
+    put_reals(&content, pose, 7);
+    put_number(&content, at ? 2 : 0, 4);
+    for (int k = 0; at && k < 2; k++) {
+        put_reals(&content, &times[k], 1);
+        put_reals(&content, pose, 7);
+    }
+    put_text(&content, sounds.how);
+    put_record(b, 0x11, &content);
+}
+
+static void put_sounds(struct bytes *b)
+{
+    for (int id = 1; id <= sounds.n; id++) {
+        struct bytes content = {.n = 0};
+
+        put_source(b, id, id == 1);
+        put_number(&content, (uint64_t)id, 4);
+        put_number(&content, 5, 8);
+        put(&content, id == 1 ? "fLaC1" : "fLaC2", 5);
+        for (int k = 0; k < 1 + sounds.twice && id != sounds.without_data; k++)
+            put_record(b, 0x12, &content);
+    }
+    if (sounds.old)
+        put_record(b, 9, &(struct bytes){.n = 0});
+}
+
+static void put_metadata(struct bytes *b, const char *value)
+{
+    struct bytes content = {.n = 0}, map = {.n = 0};
+
+    put_text(&map, "sound_start");
+    put_text(&map, value);
+    put_text(&content, "spin4d");
+    put_number(&content, map.n, 4);
+    put(&content, map.at, map.n);
+    put_record(b, 0x0b, &content);
+}
+
 static struct bytes *make(void)
 {
     static struct bytes b;
@@ -216,7 +278,8 @@ static struct bytes *make(void)
     put_text(&content, "gaussian-birth");
     put_reals(&content, box, 6);
     put_number(&content, 2, 1);
-    put(&content, "\0\0\0\0\0more of a later writer", 28);
+    put_number(&content, sounds.declared, 1);
+    put(&content, "\0\0\0\0more of a later writer", 27);
     put_record(&b, 1, &content);
 
     content.n = 0;
@@ -232,9 +295,11 @@ static struct bytes *make(void)
     put_record(&b, 4, &content);
     content.n = 0;
     put_number(&content, 0, 8);
-    if (wrong.sound)
-        put_record(&b, 0x11, &content);
     put_record(&b, 0x80, &content);
+    if (sounds.metadata)
+        put_metadata(&b, sounds.metadata);
+    if (!sounds.late)
+        put_sounds(&b);
     content.n = 0;
     put_number(&content, 1, 4);
     put_number(&content, 0, 1);
@@ -242,6 +307,8 @@ static struct bytes *make(void)
     put_record(&b, 0x25, &content);
     put_chunk(&b, 0);
     put_chunk(&b, 1);
+    if (sounds.late)
+        put_sounds(&b);
     if (wrong.delta)
         put_record(&b, 0x10, &content);
     index = b.n;
@@ -333,7 +400,7 @@ static void test_values(void)
 
     if (!ok(read_file(b->at, b->n, &info, &s) == SPIN_OK && s.n == N && s.degree == 1 &&
                 s.sh_degree == 2 && info.duration == 2.5 && info.cutoff == cutoff &&
-                s.least_weight == cutoff && !info.sound && !info.camera,
+                s.least_weight == cutoff && !info.sound.data && !*info.sound_notes && !info.camera,
             "all splats are read, with a cutoff of %g", cutoff))
         printf("#   %s\n", spin_last_error());
     for (int i = 0; i < N && s.n == N; i++)
@@ -487,6 +554,97 @@ static spin_status read_slice(const unsigned char *bytes, size_t n, struct spin_
     return status;
 }
 
+static void no_sounds(void)
+{
+    memset(&sounds, 0, sizeof sounds);
+    sounds.declared = true;
+    sounds.length = sounds.gain = sounds.turn = sounds.time = 1;
+    sounds.how = "linear";
+}
+
+static struct spin_4dgs read_sounds(void)
+{
+    struct spin_splats_4d s = {0};
+    struct spin_4dgs info = {0};
+    struct bytes *b = make();
+
+    if (!ok(read_file(b->at, b->n, &info, &s) == SPIN_OK, "a file with %d sounds", sounds.n))
+        printf("#   %s\n", spin_last_error());
+    spin_splats_4d_free(&s);
+    return info;
+}
+
+static bool is_sound(const struct spin_4dgs *info, const char *name, const char *data, double start)
+{
+    const struct spin_sound *s = &info->sound;
+
+    return s->data && s->size == 5 && memcmp(s->data, data, 5) == 0 && !strcmp(s->name, name) &&
+           !strcmp(s->type, "flac") && s->start == start;
+}
+
+static void test_sounds(void)
+{
+    struct spin_4dgs info;
+
+    no_sounds();
+    sounds.n = 1;
+    sounds.gain = 0.25;
+    info = read_sounds();
+    ok(is_sound(&info, "one", "fLaC1", 0.5) && info.sound.gain == 0.25 &&
+           strstr(info.sound_notes, "the sound 'one' loses its place in the scene") ==
+               info.sound_notes &&
+           !strstr(info.sound_notes, "repeated"),
+       "a sound in a place");
+    sounds.n = 2;
+    sounds.metadata = "-1.5";
+    info = read_sounds();
+    ok(is_sound(&info, "two", "fLaC2", -1.5) && strstr(info.sound_notes, "has 2 sounds") &&
+           strstr(info.sound_notes, "not repeated") && !strstr(info.sound_notes, "place"),
+       "of two, the one without a place, which begins before the clip: %s", info.sound_notes);
+    sounds.late = true;
+    sounds.declared = false;
+    sounds.metadata = "1.5";
+    info = read_sounds();
+    ok(is_sound(&info, "two", "fLaC2", 0.5) && strstr(info.sound_notes, "follows splats") &&
+           strstr(info.sound_notes, "declares no sound"),
+       "sound that the header denies, after the splats");
+    no_sounds();
+    info = read_sounds();
+    ok(!info.sound.data && strstr(info.sound_notes, "but the file has none"), "no sound at all");
+    sounds.old = true;
+    info = read_sounds();
+    ok(!info.sound.data && strstr(info.sound_notes, "record 09"), "sound of the older form");
+}
+
+static void test_bad_sounds(void)
+{
+    no_sounds();
+    sounds.n = 1;
+    sounds.old = true;
+    refused(make(), "record 09 and in record 11", "two forms of sound");
+    sounds.old = false;
+    sounds.without_data = 1;
+    refused(make(), "sound 1 has no data", "a source alone");
+    sounds.without_data = 0;
+    sounds.twice = true;
+    refused(make(), "data twice", "data that come twice");
+    sounds.twice = false;
+    sounds.length = 0;
+    refused(make(), "lasts 0 seconds", "a sound of no length");
+    sounds.length = 1;
+    sounds.gain = -1;
+    refused(make(), "gain is -1", "a negative gain");
+    sounds.gain = 1;
+    sounds.turn = 0.5;
+    refused(make(), "invalid place or rotation", "a rotation that is none");
+    sounds.turn = 1;
+    sounds.time = 2.6;
+    refused(make(), "do not increase inside the clip", "a keyframe after the clip");
+    sounds.time = 1;
+    sounds.how = "cubic";
+    refused(make(), "neither linear nor step", "an unknown interpolation");
+}
+
 TAP_MAIN
 {
     struct bytes *b;
@@ -495,6 +653,7 @@ TAP_MAIN
         skip("4dgs", spin_last_error());
         return;
     }
+    sounds.how = "linear";
     test_values();
     cutoff = 0.5;
     test_values();
@@ -502,13 +661,6 @@ TAP_MAIN
     test_bomb();
     b = make();
     check_hostile(read_slice, b->at, b->n, 0);
-    wrong.sound = true;
-    {
-        struct spin_splats_4d s = {0};
-        struct spin_4dgs info;
-
-        b = make();
-        ok(read_file(b->at, b->n, &info, &s) == SPIN_OK && info.sound, "a file with sound says so");
-        spin_splats_4d_free(&s);
-    }
+    test_sounds();
+    test_bad_sounds();
 }

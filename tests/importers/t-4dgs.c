@@ -171,6 +171,27 @@ static void test_refused(const char *file)
        "a scene of another name is recognised by its first bytes");
 }
 
+/* The sound of an input, whose data are those of a file. */
+static void test_sound(const char *root)
+{
+    const char *folder = path_in(root, "birth_sound");
+    struct spin_map want = {0};
+    struct run run;
+
+    if (!spin_path_exists(folder)) {
+        skip("birth_sound", "no fixture");
+        return;
+    }
+    ok(run_open(NULL, path_in(folder, "scene.4dgs"), &run) == SPIN_OK &&
+           spin_map_open(path_in(folder, "source_3.wav"), &want) == SPIN_OK && run.sequence.sound &&
+           run.sequence.sound->size == want.size &&
+           memcmp(run.sequence.sound->data, want.data, want.size) == 0 &&
+           strcmp(run.sequence.sound->name, "bed") == 0 && run.sequence.sound->gain == 0.5,
+       "birth_sound: the sound without a place, byte for byte");
+    spin_map_close(&want);
+    run_close(&run);
+}
+
 TAP_MAIN
 {
     const char **names = check_cases("4dgs", "expected.npz"), *root = check_fixture("4dgs");
@@ -180,6 +201,8 @@ TAP_MAIN
         /* t-golden.c compares those without values of rows. */
         if (strcmp(names[i], "birth_sound") != 0 && strcmp(names[i], "keyframe_chained") != 0)
             test_fixture(path_in(root, names[i]), names[i]);
+    if (root)
+        test_sound(root);
     if (root && names[0])
         test_refused(file_in(path_in(root, names[0]), ".4dgs"));
     else

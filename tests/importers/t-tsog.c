@@ -179,6 +179,19 @@ static double number_at(const spin_json *j, const char *a, const char *b)
     return v;
 }
 
+/* The sound of an input: all of the file that the manifest names. */
+static void check_sound(const struct run *run, const spin_json *audio, const char *name)
+{
+    const struct spin_sound *s = run->sequence.sound;
+    double volume = 1;
+
+    spin_json_number(spin_json_get(audio, "volume"), &volume);
+    ok((s != NULL) == spin_json_is_object(audio), "%s: sound, where there is some", name);
+    ok(!s || (strcmp(s->name, "tone") == 0 && strcmp(s->type, "wav") == 0 && s->size == 8044 &&
+              s->gain == volume && s->start == 0),
+       "%s: with its name and volume", name);
+}
+
 static void compare_fixture(const char *folder, const char *file, const char *from)
 {
     const char *name = spin_path_name(folder);
@@ -217,9 +230,7 @@ static void compare_fixture(const char *folder, const char *file, const char *fr
                (run.sequence.n_frames == 1 ||
                 run.sequence.fps == number_at(manifest, "playback", "fps")),
            "%s: %d frames", name, run.sequence.n_frames);
-    ok((strstr(run.sequence.notes, "sound") != NULL) ==
-           spin_json_is_object(spin_json_get(manifest, "audio")),
-       "%s: a note of sound, where there is some", name);
+    check_sound(&run, spin_json_get(manifest, "audio"), name);
     ok((strstr(run.sequence.notes, "cov2d") != NULL) ==
                spin_json_is_array(spin_json_get(manifest, "cov2d_scale")) &&
            (!s || (s->cov2d[0] > 0) == (strstr(run.sequence.notes, "cov2d") != NULL)),

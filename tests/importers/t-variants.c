@@ -103,11 +103,8 @@ static bool is_good_error(const char *path)
     return good;
 }
 
-/* Animated objects, sound and scenes without splats are not read. */
-static bool is_read(const char *name)
-{
-    return !strstr(name, "Object") && !strstr(name, "NoData") && strncmp(name, "sound_", 6) != 0;
-}
+/* Animated objects and scenes without splats are not read. */
+static bool is_read(const char *name) { return !strstr(name, "Object") && !strstr(name, "NoData"); }
 
 static void check_case(const struct altered *a, const spin_json *one, const spin_json *manifest,
                        struct slice *base)

@@ -469,6 +469,48 @@ static void test_extra(void)
     spin_bundle_close(&b);
 }
 
+static void add_sound(struct spin_bundle_meta *meta)
+{
+    meta->sound = (struct spin_sound){"a \"tone\"", "flac", (const unsigned char *)"fLaC and more",
+                                      13,           -2.5,   0.5};
+}
+
+static void test_sound(void)
+{
+    const char *path = write_clip(SPIN_COL_MEANS, 0, add_sound, NULL);
+    struct spin_bundle b;
+
+    if (!ok(spin_bundle_open(path, &b) == SPIN_OK, "a clip with sound opens"))
+        printf("#   %s\n", spin_last_error());
+    ok(b.meta.sound.size == 13 && memcmp(b.meta.sound.data, "fLaC and more", 13) == 0 &&
+           strcmp(b.meta.sound.name, "a \"tone\"") == 0 && strcmp(b.meta.sound.type, "flac") == 0 &&
+           b.meta.sound.start == -2.5 && b.meta.sound.gain == 0.5,
+       "with its name, type, start and gain");
+    spin_bundle_close(&b);
+    path = write_clip(SPIN_COL_MEANS, 0, NULL, NULL);
+    ok(spin_bundle_open(path, &b) == SPIN_OK && !b.meta.sound.data, "others have none");
+    spin_bundle_close(&b);
+}
+
+/* meta.json describes a sound that does not exist, or in the wrong way. */
+static void test_bad_sound(void)
+{
+    static const char *const wrong[] = {"{\"start\": 0, \"gain\": 1}", "{\"gain\": 1}",
+                                        "{\"start\": 0, \"gain\": -1}"};
+    struct spin_bundle b;
+
+    for (int i = 0; i < 3; i++) {
+        spin_json *extra = spin_json_object(), *sound = NULL;
+
+        if (spin_json_parse("sound", wrong[i], strlen(wrong[i]), &sound) != SPIN_OK)
+            exit(1);
+        spin_json_set(extra, "sound", sound);
+        ok(spin_bundle_open(write_clip(SPIN_COL_MEANS, 0, NULL, extra), &b) == SPIN_E_MALFORMED &&
+               strstr(spin_last_error(), "'sound'"),
+           "a sound that is not there, %s", wrong[i]);
+    }
+}
+
 TAP_MAIN
 {
     spin_log_set_level(-1);
@@ -480,4 +522,6 @@ TAP_MAIN
     test_overwrite();
     test_lies();
     test_damage();
+    test_sound();
+    test_bad_sound();
 }

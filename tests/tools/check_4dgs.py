@@ -173,7 +173,7 @@ def main(path):
             box, degree, flags, attributes = c.get("6d"), c.get("B"), c.get("B"), c.map()
             keyframed = model == "keyframe-delta"
             assert keyframed or (model == "gaussian-birth" and profile == "")
-            assert 0 < cutoff < 1 and flags == 0
+            assert 0 < cutoff < 1
         elif opcode == 3:
             assert c.text() == "uniform-v1"
             c.get("3d")
@@ -215,8 +215,18 @@ def main(path):
         elif opcode == 2:
             assert len(content) == 20 and c.get("QQ") == (summary, 0)
             assert c.get("I") == zlib.crc32(data[summary:at]), "the checksum is wrong"
+        elif opcode == 17:
+            assert not chunks and not keyframed or not states.chunks, "sound follows splats"
+            source = {"id": c.get("I"), "name": c.text(), "codec": c.text(), "layout": c.text(), "bytes": c.get("Q")}
+            start, seconds, gain, how, pose, n_keys = c.get("d"), c.get("d"), c.get("d"), c.get("B"), c.get("7d"), c.get("I")
+            assert 0 <= start < duration and seconds > 0 and gain >= 0 and how == 0 and n_keys == 0
+            assert pose == (0, 0, 0, 0, 0, 0, 1) and c.text() in ("linear", "step") and c.at == len(content)
+            assert source["codec"] in ("wav", "opus") and source["layout"] in ("stereo", "unspecified")
+        elif opcode == 18:
+            assert (c.get("I"), c.get("Q")) == (source["id"], source["bytes"]) and len(content) == 12 + source["bytes"]
         else:
             assert opcode in (11, 32), "record %02x" % opcode
+    assert flags == (17 in order) and order.count(17) == order.count(18) <= 1, "sounds"
     assert order[0] == 1 and order[-1] == 2 and all(order.count(k) == 1 for k in (1, 2, 3, 4))
     if keyframed:
         states.check_index(index)

@@ -1,0 +1,25 @@
+/* Sound tracks. spin4d never decodes them: it recognises the format of a file by its content, and
+ * passes the file on byte for byte. */
+#pragma once
+
+#include "spin.h"
+
+#define SPIN_SOUND_LIMIT (128u << 20) /* bytes; the limit of TSOG */
+
+/* Sets name, type, data and size; start is 0 and the gain is 1. `name` may be a path. The data are
+ * borrowed. SPIN_E_UNSUPPORTED if the format is unknown, SPIN_E_MALFORMED if there are no data or
+ * too many. */
+spin_status spin_sound_set(struct spin_sound *s, const char *name, const void *data, size_t size);
+/* Returns the formats that spin_sound_set() recognises, for messages. */
+const char *spin_sound_formats(void);
+/* Returns the media type, such as "audio/wav". */
+const char *spin_sound_mime(const struct spin_sound *s);
+/* Returns the extension of such files, such as ".wav". */
+const char *spin_sound_ending(const struct spin_sound *s);
+/* Returns the duration in seconds of a WAV or Opus file; 0 if it is unknown. */
+double spin_sound_seconds(const struct spin_sound *s);
+/* Makes a WAV file that begins with the clip, s->start being 0: it lacks the samples before the
+ * first frame, or begins with silence. *out refers to *owned, which the caller frees. If this is
+ * impossible, as for all compressed formats, *out is a copy of *s, and *owned is NULL. */
+spin_status spin_sound_align(const struct spin_sound *s, struct spin_sound *out,
+                             unsigned char **owned);
