@@ -433,15 +433,19 @@ endif
 $(B)/libdir:
 	@mkdir -p $(@D) && echo $(LIBDIR_IS) >$@
 
-# -O1 compiles tests in half the time of -O3; the library they call is compiled with -O3.
-$(B)/tests/%.o: QUICK := $(if $(filter release,$(CONFIG)),-O1)
+# -O1 compiles tests in half the time of -O3; the library they call is compiled with -O3. UBSan is
+# disabled in the rooms that compile no formulas of src/math: it would examine only the tests.
+$(B)/tests/%.o: QUICK := $(if $(filter release,$(CONFIG)),-O1,$(if $(filter asan,$(CONFIG)),-fno-sanitize=undefined))
+$(foreach r,device math model train,$(B)/tests/$r/%.o): QUICK := $(if $(filter release,$(CONFIG)),-O1)
 $(B)/tests/bench/%.o: QUICK :=
 
+# gold links the many tests in half the time of ld. Their first link looks for it.
+TEST_LD = $(eval TEST_LD := $(shell $(CC) -fuse-ld=gold -Wl,--version 2>/dev/null | sed -n 's/^GNU gold.*/-fuse-ld=gold/p'))$(TEST_LD)
 # Objects that all tests link.
 TEST_O := $(B)/tests/check.o $(B)/tests/device/strict.o
 $(B)/tests/%: $(B)/tests/%.o $(TEST_O) $(LIB) | $(SHIMS)
 	$(SAY) LINK $@
-	$(Q)$(LINK) -o $@ $< $(TEST_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
+	$(Q)$(LINK) $(TEST_LD) -o $@ $< $(TEST_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
 # Fuzz targets: every build links them with a main() that replays inputs; `make fuzz F=npy` links
 # libFuzzer (clang).
@@ -450,7 +454,7 @@ FUZZ_BIN := $(FUZZ_C:%.c=$(B)/%)
 fuzz-bins: $(FUZZ_BIN)
 $(B)/tests/fuzz/fuzz-%: $(B)/tests/fuzz/fuzz-%.o $(B)/tests/fuzz/replay.o $(LIB)
 	$(SAY) LINK $@
-	$(Q)$(LINK) -o $@ $< $(B)/tests/fuzz/replay.o $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
+	$(Q)$(LINK) $(TEST_LD) -o $@ $< $(B)/tests/fuzz/replay.o $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
 
 T ?= 60
 fuzz: ## one libFuzzer target: make fuzz F=npy [T=60], T in seconds
