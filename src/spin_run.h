@@ -173,6 +173,11 @@ struct spin_convert_options {
     const char *preset; /* preset of the retraining; NULL: the default */
     int iterations;     /* iterations of the retraining; 0: those of the preset */
     const char *sound;  /* see struct spin_export_options */
+    /* Filters of the export, see struct spin_export_options; the retraining uses all splats. */
+    double crop[6];
+    int n_crop;
+    double floaters;
+    const char *const *export_pairs; /* options of the exporter, as plugin_pairs; or NULL */
     const char *device;
     int n_threads;
     bool force;

@@ -12,6 +12,52 @@
 
 static struct spin_convert_options options = {.device = "auto", .lod = -1};
 
+/* Options of the exporter: names and values in turn, NULL-terminated. */
+static const char *export_pairs[2 * 3 + 1];
+
+static bool parse_crop(const struct spin_args_row *row, const char *text)
+{
+    const double *box = options.crop;
+    int n = spin_args_numbers(row, text, options.crop, 6);
+
+    if (n == 6 ? box[0] < box[3] && box[1] < box[4] && box[2] < box[5] : n == 4 && box[3] > 0)
+        options.n_crop = n;
+    return options.n_crop > 0;
+}
+
+/* Passes a value, which is valid, to the exporter. The last value of an option is used. */
+static bool keep_pair(const struct spin_args_row *row, const char *text)
+{
+    const char **pair = export_pairs;
+
+    while (*pair && *pair != row->name)
+        pair += 2;
+    pair[0] = row->name;
+    pair[1] = text;
+    options.export_pairs = export_pairs;
+    return true;
+}
+
+static bool parse_size(const struct spin_args_row *row, const char *text)
+{
+    int width, height, end = 0;
+
+    return sscanf(text, "%5dx%5d%n", &width, &height, &end) == 2 && !text[end] && width >= 16 &&
+           height >= 16 && width <= 16384 && height <= 16384 && keep_pair(row, text);
+}
+
+static bool parse_fps(const struct spin_args_row *row, const char *text)
+{
+    double fps;
+
+    return spin_args_numbers(row, text, &fps, 1) == 1 && keep_pair(row, text);
+}
+
+static bool parse_up(const struct spin_args_row *row, const char *text)
+{
+    return spin_args_choice(text, row->arg) >= 0 && keep_pair(row, text);
+}
+
 static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Input"),
     SPIN_ARG("data", 0, "DIR", STRING, options.data,
@@ -44,6 +90,17 @@ static const struct spin_args_row rows[] = {
         "sound", 0, "FILE|none", STRING, options.sound,
         "sound track, from the first frame on: WAV, MP3, AAC, M4A, Opus, Vorbis, FLAC (that of "
         "RUN)"),
+    SPIN_ARG("crop", 0, "BOX|SPHERE", CUSTOM, options.crop,
+             "keep splats inside the bounding box X0,Y0,Z0,X1,Y1,Z1 or the sphere X,Y,Z,RADIUS",
+             .parse = parse_crop),
+    SPIN_ARG("floaters", 0, "F", DOUBLE, options.floaters,
+             "drop isolated splats, same as spin-export --floaters", .min = 1, .max = 1e6),
+    SPIN_ARG("size", 0, "WxH", CUSTOM, export_pairs, "video and images: size in pixels",
+             .parse = parse_size),
+    SPIN_ARG("fps", 0, "F", CUSTOM, export_pairs, "frames per second (those of the run)",
+             .min = 0.001, .max = 1000, .parse = parse_fps),
+    SPIN_ARG("up", 0, "x|y|z|-x|-y|-z", CUSTOM, export_pairs, "axis of the source that points up",
+             .parse = parse_up),
     SPIN_ARG_END,
 };
 

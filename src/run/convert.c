@@ -3,7 +3,8 @@
  *
  * For the output clip.html, these files are written beside it:
  *
- *     clip.import.spin  the imported clip; after the export deleted, or renamed if not retrained
+ *     clip.import.spin  the imported clip; after the export deleted, or renamed if not retrained;
+ *                       also deleted if the call fails, except during the training
  *     clip.spin.part    the checkpoint, while the training is unfinished
  *     clip.spin         the final clip, which is kept
  *
@@ -28,6 +29,7 @@
 #include "run/targets.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
+#include "scene/probe.h"
 
 /* Number of frames that are sampled from a continuous run if neither the user nor the run states
  * it: two seconds. */
@@ -46,6 +48,7 @@ struct convert {
      * one. */
     char *beside;
     bool imports;
+    bool removes_import; /* if the call fails: `import` was written, and no training needs it */
     bool has_data; /* the user named a data set, or the one that the bundle `import` names exists */
     bool is_trained; /* `import` was already retrained, with any method */
     /* Whether `import` was trained with tracks, so that 4D splats can be made of its frames. */
@@ -179,6 +182,14 @@ static spin_status check_output(const struct convert *c)
     if (spin_path_is_taken(c->output) || spin_exporter_for(c->output))
         return spin_output_check_file(c->output, o->force);
     return SPIN_OK;
+}
+
+/* Checks before the training that the exporter has the options that it is to get. */
+static spin_status check_exporter(const struct convert *c)
+{
+    const struct spin_exporter *e = spin_exporter_named(c->to);
+
+    return e ? spin_plugin_check(c->to, e->options, c->o->export_pairs) : SPIN_OK;
 }
 
 /* 4D splats can only be made of frames trained with tracks. */
@@ -441,9 +452,13 @@ static spin_status export_bundle(struct convert *c, const char *bundle)
                                          .data_from = c->imports ? NULL : o->data_from,
                                          .device = o->device,
                                          .n_threads = o->n_threads,
+                                         .plugin_pairs = o->export_pairs,
+                                         .n_crop = o->n_crop,
+                                         .floaters = o->floaters,
                                          .force = o->force};
     char *text = NULL;
 
+    memcpy(export.crop, o->crop, sizeof o->crop);
     SPIN_TRY(spin_export(&export, &text));
     return add_report(c, "export", text);
 }
@@ -488,6 +503,7 @@ static spin_status run_convert(struct convert *c)
     SPIN_TRY(name_all(c));
     SPIN_TRY(spin_inputs_add_path(o->input));
     SPIN_TRY(check_output(c));
+    SPIN_TRY(check_exporter(c));
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));
     if (!c->imports && (o->n_frames > 0 || o->from || o->lod >= 0))
@@ -498,8 +514,10 @@ static spin_status run_convert(struct convert *c)
                            o->input);
     if (c->imports)
         SPIN_TRY(import_run(c));
+    c->removes_import = c->imports;
     SPIN_TRY(inspect_bundle(c));
     trains = retrains(c);
+    c->removes_import &= !trains;
     if (c->renders)
         spin_log(0,
                  "%sretraining on renders of the clip itself, in about ten seconds of processor "
@@ -525,6 +543,7 @@ static spin_status run_convert(struct convert *c)
         SPIN_TRY(retrain_clip(c));
     else if (c->imports)
         SPIN_TRY(spin_output_check_file(c->bundle, o->force));
+    c->removes_import = c->imports && !c->renders;
     status = export_bundle(c, trains ? c->bundle : c->import);
     if (status != SPIN_OK && status != SPIN_E_CANCELLED && trains)
         return spin_fail_context(status, "the retrained clip is kept in '%s'", c->bundle);
@@ -555,6 +574,8 @@ spin_status spin_convert(const struct spin_convert_options *o, char **report)
     status = run_convert(&c);
     if (status == SPIN_OK)
         status = spin_json_finish(json_incref(c.report), report);
+    else if (c.removes_import && spin_rank() == 0)
+        remove(c.import); /* the same call would import the run again */
     spin_json_free(c.report);
     free(c.output);
     free(c.bundle);
