@@ -21,6 +21,7 @@
 #include "exporters/lib/sort_rows.h"
 #include "io/file.h"
 #include "io/json.h"
+#include "io/sound.h"
 
 #define DEGREES 57.29577951308232 /* per radian */
 #define DEFAULT_FPS 30
@@ -89,7 +90,7 @@ struct version {
 struct export
 {
     const struct spin_export_job *job;
-    struct spin_out out, data, poster;
+    struct spin_out out, data, poster, sound; /* sound: with --split only */
     bool split, has_poster;
     /* The encoder of the draft, which shows the first version; used only with --split. */
     struct spin_page_draft draft;
@@ -338,6 +339,19 @@ static spin_json *steps_json(const struct spin_page_space *space)
     return j;
 }
 
+/* step: seconds of the sound from one frame of the page to the next. start: seconds of the clip at
+ * which the sound begins. */
+static spin_json *sound_json(const struct export *x)
+{
+    const struct spin_sound *s = x->job->sound;
+    spin_json *j = spin_json_object();
+
+    spin_json_set_number(j, "step", x->every / x->job->fps);
+    spin_json_set_number(j, "start", s->start);
+    spin_json_set_number(j, "volume", fmin(s->gain, 1));
+    return j;
+}
+
 static spin_status write_clip(struct export *x)
 {
     static const float black[3] = {0};
@@ -370,6 +384,8 @@ static spin_status write_clip(struct export *x)
     spin_json_set(j, "steps", steps_json(x->version[0].rows ? &x->four_d.inner : space));
     if (x->split)
         spin_json_set_string(j, "data", spin_path_name(x->data.path));
+    if (x->job->sound)
+        spin_json_set(j, "sound", sound_json(x));
     for (int i = 0; i < x->n_versions; i++)
         spin_json_push(versions, version_json(&x->version[i], x));
     spin_json_set(j, "versions", versions);
@@ -391,6 +407,41 @@ static spin_status write_script(struct export *x, const char *how, const char *t
     return write_text(x, "</script>\n");
 }
 
+/* Writes a file name as a relative address. */
+static spin_status write_address(struct export *x, const char *name)
+{
+    char text[8];
+
+    for (const char *c = name; *c; c++) {
+        bool plain = isalnum((unsigned char)*c) || strchr("._-~", *c);
+
+        snprintf(text, sizeof text, plain ? "%c" : "%%%02X", (unsigned char)*c);
+        SPIN_TRY(write_text(x, text));
+    }
+    return SPIN_OK;
+}
+
+/* Writes the element with the sound, which is a part of the page, or with --split a file beside the
+ * page. */
+static spin_status write_sound(struct export *x)
+{
+    const struct spin_sound *s = x->job->sound;
+
+    if (!s)
+        return SPIN_OK;
+    SPIN_TRY(write_text(x, "<audio id=\"sound\" preload=\"auto\" src=\""));
+    if (x->split) {
+        SPIN_TRY(spin_out_write(&x->sound, s->data, s->size));
+        SPIN_TRY(write_address(x, spin_path_name(x->sound.path)));
+    } else {
+        SPIN_TRY(write_text(x, "data:"));
+        SPIN_TRY(write_text(x, spin_sound_mime(s)));
+        SPIN_TRY(write_text(x, ";base64,"));
+        spin_text_base64(x->out.file, s->data, s->size);
+    }
+    return write_text(x, "\"></audio>\n");
+}
+
 /* ---- The plug-in ----------------------------------------------------------------------------- */
 
 static void free_export(void *self)
@@ -400,6 +451,7 @@ static void free_export(void *self)
     spin_out_abandon(&x->out);
     spin_out_abandon(&x->data);
     spin_out_abandon(&x->poster);
+    spin_out_abandon(&x->sound);
     for (int i = 0; i < 2; i++) {
         spin_page_group_free(&x->version[i].group);
         free(x->version[i].frame);
@@ -432,7 +484,7 @@ static spin_status parse_options(struct export *x)
     x->split = spin_plugin_value(v, "split", NULL) != NULL;
     x->has_poster = spin_plugin_value(v, "poster", NULL) != NULL;
     x->fps = x->job->fps > 0 ? x->job->fps : DEFAULT_FPS;
-    if (x->job->n_frames > 1 && x->job->n_frames < LEAST_SECONDS * x->fps)
+    if (!x->job->sound && x->job->n_frames > 1 && x->job->n_frames < LEAST_SECONDS * x->fps)
         x->fps = x->job->n_frames / LEAST_SECONDS;
     SPIN_TRY(spin_option_number(v, "fps", 0.001, 1000, &x->fps));
     x->fps /= x->every;
@@ -488,13 +540,20 @@ static spin_status open_beside(const struct export *x, const char *ending, struc
     return SPIN_OK;
 }
 
-/* Opens the page and, with --split and --poster, the files beside it. */
+/* Opens the page and the files beside it: with --split the blocks and the sound, with --poster the
+ * poster. */
 static spin_status open_files(struct export *x)
 {
     SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
     x->out.sync = x->job->sync;
     if (x->split)
         SPIN_TRY(open_beside(x, ".bin", &x->data));
+    if (x->split && x->job->sound) {
+        char ending[32];
+
+        snprintf(ending, sizeof ending, ".sound%s", spin_sound_ending(x->job->sound));
+        SPIN_TRY(open_beside(x, ending, &x->sound));
+    }
     return x->has_poster ? open_beside(x, ".png", &x->poster) : SPIN_OK;
 }
 
@@ -518,12 +577,7 @@ static spin_status write_poster_tags(struct export *x)
     char text[160];
 
     SPIN_TRY(write_text(x, "<meta property=\"og:image\" content=\""));
-    for (const char *c = spin_path_name(x->poster.path); *c; c++) {
-        bool plain = isalnum((unsigned char)*c) || strchr("._-~", *c);
-
-        snprintf(text, sizeof text, plain ? "%c" : "%%%02X", (unsigned char)*c);
-        SPIN_TRY(write_text(x, text));
-    }
+    SPIN_TRY(write_address(x, spin_path_name(x->poster.path)));
     snprintf(text, sizeof text,
              "\">\n<meta property=\"og:image:width\" content=\"%d\">\n"
              "<meta property=\"og:image:height\" content=\"%d\">\n",
@@ -683,6 +737,7 @@ static spin_status fill_report(struct export *x)
 
     SPIN_TRY(spin_out_length(&x->out, &page));
     page += x->split ? x->data_bytes + x->draft_bytes : 0;
+    page += x->split && x->job->sound ? x->job->sound->size : 0;
     spin_log(0, "html: %s of %s and %s, %.2f bytes each",
              spin_text_count((long long)x->n_splats, "splat", text[0]),
              spin_text_count(x->n_written, "frame", text[1]),
@@ -761,18 +816,19 @@ static spin_status commit_beside(struct spin_out *out, char **path)
 /* Commits the files beside the page before the page, so that a page never exists without them. */
 static spin_status commit_files(struct export *x)
 {
-    SPIN_FREED char *data = NULL;
-    SPIN_FREED char *poster = NULL;
-    spin_status status = commit_beside(&x->data, &data);
+    struct spin_out *beside[] = {&x->data, &x->poster, &x->sound};
+    char *path[] = {NULL, NULL, NULL};
+    spin_status status = SPIN_OK;
 
-    if (status == SPIN_OK)
-        status = commit_beside(&x->poster, &poster);
+    for (int i = 0; i < 3 && status == SPIN_OK; i++)
+        status = commit_beside(beside[i], &path[i]);
     if (status == SPIN_OK)
         status = spin_out_commit(&x->out);
-    if (status != SPIN_OK && data)
-        unlink(data);
-    if (status != SPIN_OK && poster)
-        unlink(poster);
+    for (int i = 0; i < 3; i++) {
+        if (status != SPIN_OK && path[i])
+            unlink(path[i]);
+        free(path[i]);
+    }
     return status;
 }
 
@@ -783,6 +839,7 @@ static spin_status finish_export(struct export *x)
     for (int i = 0; i < x->n_versions; i++)
         SPIN_TRY(write_group(x, &x->version[i]));
     SPIN_TRY(write_draft(x));
+    SPIN_TRY(write_sound(x));
     SPIN_TRY(write_clip(x));
     SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"worker\"", spin_html_worker));
     SPIN_TRY(write_script(x, " type=\"text/plain\" id=\"project\"", spin_html_project));
@@ -798,4 +855,4 @@ static spin_status finish_export(struct export *x)
 SPIN_OWN_EXPORTER(html, "html", begin_export, finish_export, free_export,
                   .summary = "a web page that plays the clip, before and after, without a server",
                   .options = options, .checks = true, .antialias = true, .splats_4d = true,
-                  .looks_at_views = true, .frame = html_frame);
+                  .sound = "all", .looks_at_views = true, .frame = html_frame);

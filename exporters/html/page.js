@@ -301,6 +301,7 @@ function tick(now) {
         const frame = between ? Math.min(state.clock, n - 1) : Math.floor(state.clock);
         if (frame !== state.frame) go(frame, false);
     }
+    if (audio) follow();
     fly((now - state.last) / 1000);
     state.last = now;
     tell();
@@ -324,6 +325,37 @@ function tick(now) {
         root.dataset.draws = Number(root.dataset.draws || 0) + 1;
     }
     requestAnimationFrame(tick);
+}
+
+// ---- Sound --------------------------------------------------------------------------------------
+
+// The sound, if there is one, is muted until the user turns it on, since browsers start no other
+// sound by themselves. It follows the clip: its time is set when the two differ by more than a
+// tenth of a second.
+const audio = clip.sound && $('sound');
+function follow() {
+    const { step, start } = clip.sound, at = state.clock * step - start, rate = state.speed * (asked.fps ?? clip.fps) * step;
+    const on = state.playing && isWhole() && !document.hidden && at >= 0 && !(at >= audio.duration) && rate >= 0.0625 && rate <= 16;
+    if (!on) {
+        if (!audio.paused) audio.pause();
+        return;
+    }
+    if (audio.playbackRate !== rate) audio.playbackRate = rate;
+    if (!audio.seeking && Math.abs(audio.currentTime - at) > 0.1 * Math.max(1, rate)) audio.currentTime = at;
+    if (audio.paused) audio.play().catch(() => {});
+}
+
+function mute(on) {
+    audio.muted = on;
+    $('mute').setAttribute('aria-pressed', !on);
+}
+
+if (audio) {
+    $('mute').hidden = $('keym').hidden = false;
+    $('mute').onclick = () => mute(!audio.muted);
+    audio.volume = clip.sound.volume;
+    document.addEventListener('visibilitychange', follow);
+    mute(true);
 }
 
 // ---- Buttons, keys, fingers ---------------------------------------------------------------------
@@ -532,6 +564,7 @@ window.addEventListener('keydown', (e) => {
     else if (e.key === 'r' || e.key === 'R') reset();
     else if (e.key === 'h' || e.key === 'H') root.classList.toggle('bare');
     else if (e.key === 'v' || e.key === 'V') copyLink();
+    else if (audio && (e.key === 'm' || e.key === 'M')) mute(!audio.muted);
     else if (e.key === '?') $('keys').hidden = !$('keys').hidden;
     else if (e.key === 'Escape' && !$('keys').hidden) $('keys').hidden = true;
     else return;

@@ -88,6 +88,22 @@ for to in 4dgs tsog; do
     is "$(described start type | cut -c 1-7) $(described type)" "-0.0666 opus" "$to: but its start is kept"
 done
 
+# ---- Page ----------------------------------------------------------------------------------------
+
+run "$bin/spin-export" "$work/a.spin" -o "$work/a.html" --json
+is "$code $(member bytes)" "0 $(wc -c <"$work/a.html")" "a page with sound"
+grep -q "src=\"data:audio/wav;base64,$(base64 -w 0 "$work/tone.wav")\"" "$work/a.html"
+ok $? "contains all of it"
+run "$bin/spin-export" "$work/a.spin" -o "$work/s.html" --split --json
+is "$code $(member bytes)" "0 $(cat "$work/s.html" "$work/s.bin" "$work/s.sound.wav" | wc -c)" "with --split"
+cmp -s "$work/s.sound.wav" "$work/tone.wav"
+ok $? "it is a file beside the page"
+run "$bin/spin-export" "$work/a.spin" -o "$work/s.html" --split
+fails 1 spin-export "files that exist"
+"$bin/spin-export" "$work/frames.spin" -o "$work/short.html" -q --sound "$work/tone.wav"
+grep -q '"fps":30' "$work/short.html"
+ok $? "a short clip is not slowed down, since the sound would be"
+
 # ---- Formats without sound -----------------------------------------------------------------------
 
 for to in ply sogst gltf usd spz splat sog compressed-ply images; do

@@ -1037,5 +1037,65 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
     is(made.length, madeBefore + 1, 'an element that was in the page before the script loads its clip once');
     upgraded.disconnectedCallback();
 }
+
+// ---- Sound ------------------------------------------------------------------------------------
+
+{
+    const tone = Buffer.alloc(44 + 2 * 8000);
+    [['RIFF', 0], ['WAVEfmt ', 8], ['data', 36]].forEach(([word, at]) => tone.write(word, at, 'latin1'));
+    [[4, tone.length - 8], [16, 16], [24, 8000], [28, 16000], [40, 16000]].forEach(([at, v]) => tone.writeUInt32LE(v, at));
+    [[20, 1], [22, 1], [32, 2], [34, 16]].forEach(([at, v]) => tone.writeUInt16LE(v, at));
+    fs.writeFileSync(`${work}/tone.wav`, tone);
+    const heard = html('clip0.spin', 'heard.html', '--sound', 'tone.wav'), beside = html('clip0.spin', 'beside.html', '--sound', 'tone.wav', '--split');
+    ok(tone.equals(Buffer.from(heard.html.match(/<audio id="sound" preload="auto" src="data:audio.wav;base64,([^"]*)">/)[1], 'base64')), 'the page contains the sound');
+    ok(beside.html.includes('src="beside.sound.wav"') && tone.equals(fs.readFileSync(`${work}/beside.sound.wav`)), 'with --split it is a file beside the page');
+    is([heard.clip.sound, pages[0].clip.sound], [{ step: 0.1, start: 0, volume: 1 }, undefined], 'its place in the clip');
+    const quiet = await openPage(pages[0]).settle();
+    is([quiet.$('mute').hidden, quiet.key('m')], [true, false], 'without sound there is no button for it');
+    const p = await openPage(heard).settle(), audio = p.$('sound');
+    is([audio.muted, audio.paused, p.$('mute').hidden, p.$('mute').getAttribute('aria-pressed')], [true, true, false, 'false'], 'the sound is muted at first');
+    p.$('mute').onclick();
+    is([audio.muted, p.$('mute').getAttribute('aria-pressed')], [false, 'true'], 'a button turns it on');
+    ok(p.key('m') && audio.muted && p.key('M') && !audio.muted, 'and so does a key');
+    p.window.spin4d.set({ frame: 3, play: true });
+    p.tick(50);
+    near([audio.currentTime, audio.playbackRate, Number(audio.paused)], [0.25, 1, 0], 0.011, 'it plays from where the clip is');
+    audio.currentTime += 0.05;
+    p.tick(100);
+    near(audio.currentTime, 0.3, 0.011, 'a small difference is left alone');
+    audio.currentTime = 0.9;
+    p.tick(1);
+    near(audio.currentTime, 0.351, 0.011, 'a large one is corrected');
+    p.window.spin4d.set({ speed: 0.5 });
+    p.tick(10);
+    near(audio.playbackRate, 0.5, 1e-9, 'it has the speed of the clip');
+    p.window.spin4d.set({ speed: 100 });
+    p.tick(0);
+    is(audio.paused, true, 'but none that no browser plays');
+    p.window.spin4d.set({ speed: 1, frame: 7 });
+    p.tick(150);
+    near([audio.currentTime, Number(audio.paused)], [0.05, 0], 0.011, 'it begins again with the clip');
+    p.document.hidden = true;
+    p.document.onvisibilitychange();
+    is(audio.paused, true, 'it pauses with a hidden page');
+    p.document.hidden = false;
+    audio.duration = 0.2;
+    p.window.spin4d.set({ frame: 4 });
+    p.tick(1);
+    is(audio.paused, true, 'and after its end');
+    audio.duration = NaN;
+    p.tick(1);
+    p.window.spin4d.set({ play: false });
+    p.tick(1);
+    is(audio.paused, true, 'it pauses with the clip');
+    const later = await openPage({ ...heard, clip: { ...heard.clip, sound: { step: 0.1, start: 0.25, volume: 0.5 } } }).settle();
+    later.window.spin4d.set({ frame: 2, play: true });
+    later.tick(0);
+    const before = later.$('sound').paused;
+    later.window.spin4d.set({ frame: 6 });
+    later.tick(0);
+    is([before, later.$('sound').paused, later.$('sound').volume], [true, false, 0.5], 'a later sound waits');
+    near(later.$('sound').currentTime, 0.25, 0.011, 'and plays from its own beginning');
+}
 console.log(`1..${tests}`);
 process.exit(failed ? 1 : 0);

@@ -57,11 +57,12 @@ export function openPage(file, options = {}) {
     for (const id of ['project', 'vertex', 'fragment', 'worker']) page.elements[id] = Object.assign(new Element(page, 'SCRIPT', id), { textContent: code(id) });
     (texts ?? []).forEach((list, v) => list.forEach((text, f) => { page.elements[`v${v}f${f}`] = Object.assign(new Element(page, 'SCRIPT'), { textContent: text }); }));
     page.elements.clip = Object.assign(new Element(page, 'SCRIPT'), { textContent: JSON.stringify(o.clip?.(structuredClone(clip)) ?? clip) });
+    if (page.elements.sound) Object.assign(page.elements.sound, { paused: true, muted: false, currentTime: 0, duration: NaN, playbackRate: 1, volume: 1, play() { this.paused = false; return Promise.resolve(); }, pause() { this.paused = true; } });
     const canvas = page.elements.view, root = new Element(page, 'HTML');
     Object.assign(canvas, { clientWidth: o.width, clientHeight: o.height, width: 300, height: 150 });
     page.gl = o.noGl ? null : new Gl(canvas);
     page.document = {
-        documentElement: root, title: '', fullscreenEnabled: o.full ?? true, fullscreenElement: null,
+        documentElement: root, title: '', hidden: false, addEventListener: (type, f) => { page.document[`on${type}`] = f; }, fullscreenEnabled: o.full ?? true, fullscreenElement: null,
         getElementById: (id) => { if (!page.elements[id]) throw new Error(`no element '${id}'`); return page.elements[id]; },
         createElement: (tag) => new Element(page, tag.toUpperCase()), exitFullscreen: () => { page.document.fullscreenElement = null; }
     };
