@@ -112,7 +112,7 @@ VIDEO    ?= $(shell printf '\043if __has_include(<libavformat/avformat.h>) && __
             $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) -E -P -x c - 2>/dev/null)
 ifneq ($(filter yes,$(VIDEO)),)
 SHIMS    += $(B)/lib/spin-video.so
-TOOLS    += $(B)/tests/tools/make-video
+TOOLS    += $(B)/tests/tools/make-video $(B)/tests/tools/read-sound
 endif
 
 # The CUDA device needs nvcc (CUDA=1: fail without it; 0: leave it out). One shared object supports
@@ -338,14 +338,14 @@ $(B)/lib/spin-mpi.so: src/io/ranks_mpi.c src/io/ranks_shim.h
 	$(Q)OMPI_CC="$(CC)" MPICH_CC="$(CC)" $(MPICC) $(COMPILE_SHIM) -shared -o $@ $<
 	$(SHIM_DONE)
 
-FFMPEG   := -lavformat -lavcodec -lswscale -lavutil
-$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_encode_ffmpeg.c src/io/video_shim.h
+FFMPEG   := -lavformat -lavcodec -lswscale -lswresample -lavutil -lm
+$(B)/lib/spin-video.so: src/io/video_ffmpeg.c src/io/video_encode_ffmpeg.c src/io/video_sound_ffmpeg.c src/io/video_shim.h
 	@mkdir -p $(@D)
 	$(SAY) SHIM $@
 	$(Q)$(CC) $(COMPILE_SHIM) -shared -o $@ $(filter %.c,$^) $(FFMPEG)
 	$(SHIM_DONE)
 
-$(B)/tests/tools/make-video: tests/tools/make-video.c
+$(B)/tests/tools/make-video $(B)/tests/tools/read-sound: $(B)/tests/tools/%: tests/tools/%.c
 	@mkdir -p $(@D)
 	$(SAY) LINK $@
 	$(Q)$(CC) $(COMPILE_SHIM) -o $@ $< $(FFMPEG)

@@ -52,6 +52,20 @@ static spin_status choose_camera(struct export *x)
     return SPIN_OK;
 }
 
+/* Returns the sound of the video, or NULL and a warning if the video does not have the speed of the
+ * clip. */
+static const struct spin_sound *sound_of(const struct spin_camera_path *d)
+{
+    const struct spin_export_job *job = d->job;
+    double clip = job->n_frames / job->fps, video = (double)d->n_pictures / d->fps;
+
+    if (!job->sound || fabs(clip - video) <= 0.5 / d->fps)
+        return job->sound;
+    spin_warn("the video takes %.4g s and the clip %.4g s: the video lacks the sound '%s'", video,
+              clip, job->sound->name);
+    return NULL;
+}
+
 static spin_status open_video(struct export *x)
 {
     const struct spin_export_job *job = x->drawing.job;
@@ -68,7 +82,7 @@ static spin_status open_video(struct export *x)
     width = camera.width * x->drawing.n_panels;
     SPIN_TRY(spin_option_number(job->values, "quality", 0, 51, &quality));
     SPIN_TRY(spin_video_create(job->output, job->force, job->sync, width, camera.height, fps,
-                               (int)quality, &x->video, &codec));
+                               (int)quality, sound_of(&x->drawing), &x->video, &codec));
     spin_log(0, "video: %s of %dx%d, %.4g per second, %s",
              spin_text_count((long long)x->drawing.n_pictures, "frame", frames), width,
              camera.height, fps, codec);
@@ -148,5 +162,5 @@ static spin_status finish_export(struct export *x)
 SPIN_OWN_EXPORTER(
     video, "video", begin_export, finish_export, free_export,
     .summary = "MP4 or WebM, from a camera of the data set or around the scene (FFmpeg)",
-    .options = options, .antialias = true, .looks_at_views = true, .needs_renderer = true,
-    .frame = video_frame);
+    .options = options, .sound = "all", .antialias = true, .looks_at_views = true,
+    .needs_renderer = true, .frame = video_frame);

@@ -158,7 +158,7 @@ static spin_status parse_pace(struct spin_camera_path *d)
     if (seconds <= 0 && spin_camera_path_moves(d) && !spin_plugin_value(v, "repeat", NULL))
         seconds = fmax(DEFAULT_SECONDS, d->job->n_frames / d->fps);
     if (seconds <= 0) {
-        if (d->job->n_frames > 1 && !spin_plugin_value(v, "fps", NULL))
+        if (d->job->n_frames > 1 && !d->job->sound && !spin_plugin_value(v, "fps", NULL))
             d->fps = fmin(d->fps, d->job->n_frames / LEAST_SECONDS);
         return SPIN_OK;
     }

@@ -56,12 +56,13 @@ spin_status spin_video_read(const char *file, int64_t frame, const struct spin_v
 struct spin_video_out;
 
 /* Start a video. The path must end in ".mp4" or ".webm". quality: 0 (best) to 51 (worst). sync: see
- * struct spin_out. *codec receives the name of the codec in use, static. The caller must finally
- * call either spin_video_commit(), which completes the file, or spin_video_abandon(), which removes
- * it; each of these frees *out. */
+ * struct spin_out. sound: NULL, or a track that is encoded as AAC or Opus, and that begins and ends
+ * with the video; its data must stay valid until the video is complete. *codec receives the name of
+ * the codec in use, static. The caller must finally call either spin_video_commit(), which
+ * completes the file, or spin_video_abandon(), which removes it; each of these frees *out. */
 spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height,
-                              double fps, int quality, struct spin_video_out **out,
-                              const char **codec);
+                              double fps, int quality, const struct spin_sound *sound,
+                              struct spin_video_out **out, const char **codec);
 /* Add a frame, given as planar floats [3][height][width], which are clamped to 0..1. */
 spin_status spin_video_put(struct spin_video_out *out, const float *image);
 spin_status spin_video_commit(struct spin_video_out *out);

@@ -39,9 +39,11 @@ static spin_status fail_video(enum spin_video_result result, const char *path)
 }
 
 spin_status spin_video_create(const char *path, bool force, bool sync, int width, int height,
-                              double fps, int quality, struct spin_video_out **out,
-                              const char **codec)
+                              double fps, int quality, const struct spin_sound *sound,
+                              struct spin_video_out **out, const char **codec)
 {
+    const struct spin_video_sound track = {sound ? sound->data : NULL, sound ? sound->size : 0,
+                                           sound ? sound->start : 0, sound ? sound->gain : 1};
     const char *format = format_of(path);
     struct spin_video_out *v = NULL;
     enum spin_video_result result;
@@ -59,8 +61,8 @@ spin_status spin_video_create(const char *path, bool force, bool sync, int width
     SPIN_TRY_OUT(spin_alloc((size_t)width * (size_t)height + 16, 3, (void **)&v->rgb));
     SPIN_TRY_OUT(spin_out_open(path, force, &v->out));
     v->out.sync = sync;
-    result = shim->encoder->open(v->out.temporary, format, width, height, fps, quality, &v->writer,
-                                 codec);
+    result = shim->encoder->open(v->out.temporary, format, width, height, fps, quality,
+                                 sound ? &track : NULL, &v->writer, codec);
     if (result != SPIN_VIDEO_OK) {
         status = fail_video(result, path);
         spin_out_abandon(&v->out);

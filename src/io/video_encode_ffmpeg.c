@@ -17,6 +17,7 @@ struct spin_video_writer {
     AVStream *stream;
     AVFrame *frame;
     AVPacket *packet;
+    struct spin_video_track *track; /* NULL: there is no sound */
     struct SwsContext *scale;
     /* The image with its sides padded to even sizes, [height][width][3]; NULL if the sides are
      * even. */
@@ -63,6 +64,7 @@ static void close_writer(struct spin_video_writer *w)
 {
     if (!w)
         return;
+    spin_video_track_close(w->track);
     sws_freeContext(w->scale);
     av_frame_free(&w->frame);
     av_packet_free(&w->packet);
@@ -135,12 +137,13 @@ static int open_frame(struct spin_video_writer *w)
 
 static enum spin_video_result video_open(const char *path, const char *format, int width,
                                          int height, double fps, int quality,
+                                         const struct spin_video_sound *sound,
                                          struct spin_video_writer **out, const char **name)
 {
     struct spin_video_writer *w = calloc(1, sizeof *w);
     const AVCodec *codec = choose_encoder(format);
     AVDictionary *options = NULL;
-    int error;
+    int error, sound_error = 0;
 
     av_log_set_level(AV_LOG_QUIET);
     if (!w || !codec) {
@@ -156,6 +159,8 @@ static enum spin_video_result video_open(const char *path, const char *format, i
         error = open_codec(w, codec, fps, quality);
     if (error >= 0)
         error = open_frame(w);
+    if (error >= 0 && sound)
+        error = sound_error = spin_video_track_open(w->file, format, sound, &w->track);
     if (error >= 0)
         error = avio_open(&w->file->pb, path, AVIO_FLAG_WRITE);
     if (error >= 0) {
@@ -165,7 +170,8 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     av_dict_free(&options);
     if (error < 0) {
         close_writer(w);
-        return fail(error, "cannot start encoding");
+        return fail(error, sound_error < 0 ? "cannot read the sound or start to encode it"
+                                           : "cannot start encoding");
     }
     *name = codec->name;
     *out = w;
@@ -210,6 +216,12 @@ static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rg
     return w->even;
 }
 
+/* Returns the duration of the frames so far. */
+static double seconds_of(const struct spin_video_writer *w)
+{
+    return (double)w->next * av_q2d(w->codec->time_base);
+}
+
 static enum spin_video_result video_put(struct spin_video_writer *w, const uint8_t *rgb)
 {
     const uint8_t *planes[4] = {pad_to_even(w, rgb), NULL, NULL, NULL};
@@ -226,6 +238,8 @@ static enum spin_video_result video_put(struct spin_video_writer *w, const uint8
         error = avcodec_send_frame(w->codec, w->frame);
     if (error >= 0)
         error = write_packets(w);
+    if (error >= 0 && w->track)
+        error = spin_video_track_write(w->track, seconds_of(w));
     return error < 0 ? fail(error, "cannot write a frame") : SPIN_VIDEO_OK;
 }
 
@@ -235,6 +249,8 @@ static enum spin_video_result video_end(struct spin_video_writer *w)
 
     if (error >= 0)
         error = write_packets(w);
+    if (error >= 0 && w->track)
+        error = spin_video_track_end(w->track, seconds_of(w));
     if (error >= 0)
         error = av_write_trailer(w->file);
     if (error >= 0)

@@ -2,9 +2,10 @@
  * name. */
 #pragma once
 
+#include <stddef.h>
 #include <stdint.h>
 
-#define SPIN_VIDEO_SHIM_ABI 5
+#define SPIN_VIDEO_SHIM_ABI 6
 #define SPIN_VIDEO_SHIM_SYMBOL "spin_video_shim_table"
 
 enum spin_video_result {
@@ -36,13 +37,22 @@ struct spin_video_index {
 
 struct spin_video_writer;
 
+/* The file of a sound track, in memory, which must stay valid until the writer is closed. */
+struct spin_video_sound {
+    const uint8_t *data;
+    size_t size;
+    double start; /* seconds of the video at which it begins; below 0: its beginning is cut off */
+    double gain;  /* factor of the amplitude */
+};
+
 /* The functions that write a video. format: "mp4" or "webm". quality: 0 (best) to 51 (worst), on
  * the scale of x264. */
 struct spin_video_encoder {
-    /* *codec receives the name of the codec in use, static. */
+    /* sound: NULL for a video without sound. *codec receives the name of the video codec in use,
+     * static. */
     enum spin_video_result (*open)(const char *path, const char *format, int width, int height,
-                                   double fps, int quality, struct spin_video_writer **out,
-                                   const char **codec);
+                                   double fps, int quality, const struct spin_video_sound *sound,
+                                   struct spin_video_writer **out, const char **codec);
     /* Encode one more frame, given as interleaved 8-bit RGB [height][width][3]. */
     enum spin_video_result (*put)(struct spin_video_writer *writer, const uint8_t *rgb);
     /* Write everything that is still buffered, and complete the file. */
@@ -79,3 +89,19 @@ extern const struct spin_video_encoder spin_video_encoder_table;
 /* Set this thread's why() to `what`, followed by FFmpeg's text for `error` unless that is 0.
  * Returns `result`, or SPIN_VIDEO_NO_MEMORY if the error is a lack of memory. */
 enum spin_video_result spin_video_fail(enum spin_video_result result, int error, const char *what);
+
+/* ---- Between the parts of the encoder ---- */
+
+struct AVFormatContext;
+struct spin_video_track;
+
+/* Decode the sound and prepare to encode it as a second stream of `file`, of the kind that the
+ * format needs. Call this before the header of the file is written. Returns an error of FFmpeg, or
+ * 0. */
+int spin_video_track_open(struct AVFormatContext *file, const char *format,
+                          const struct spin_video_sound *sound, struct spin_video_track **out);
+/* Write the samples up to this time of the video, silence where the sound has none. */
+int spin_video_track_write(struct spin_video_track *track, double seconds);
+/* Write the last samples of a video of this duration. */
+int spin_video_track_end(struct spin_video_track *track, double seconds);
+void spin_video_track_close(struct spin_video_track *track);

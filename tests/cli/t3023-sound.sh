@@ -104,6 +104,33 @@ fails 1 spin-export "files that exist"
 grep -q '"fps":30' "$work/short.html"
 ok $? "a short clip is not slowed down, since the sound would be"
 
+# ---- Videos --------------------------------------------------------------------------------------
+
+burst() { # OUT WANTED NAME OPTION...: a video with a tone from 1.5 to 2 s of the clip, of 64x36 pixels
+    out=$1 wanted=$2 what=$3
+    shift 3
+    run "$bin/spin-export" "$work/silent.spin" -o "$work/$out" --sound "$work/burst.wav" --size 64x36 --force "$@"
+    is "$("$(dirname "$bin")/tests/tools/read-sound" "$work/$out" 2>&1)" "$wanted" "$out: $what"
+}
+if [ -x "$(dirname "$bin")/tests/tools/read-sound" ]; then
+    python3 tests/tools/sound.py burst "$work/burst.wav" 1.5
+    burst v.mp4 "aac from 1.50 to 2.00 of 4.0" "the sound has the length of the clip"
+    burst v.mp4 "aac from 0.50 to 1.00 of 2.0" "and is cut with it" --range 30:90
+    burst v.webm "opus from 0.50 to 1.00 of 2.0" "as Opus, too" --range 30:90
+    burst v.webm "opus from 0.50 to 0.67 of 0.7" "up to the last frame" --range 30:50
+    burst v.mp4 none "no sound in a video that is slower" --repeat 2
+    err_has "the video takes 8 s and the clip 4 s: the video lacks the sound 'burst'" "which is reported"
+    burst v.mp4 none "nor one that is not wanted" --sound none
+    printf 'fLaC and nothing that could be decoded' >"$work/x.flac"
+    run "$bin/spin-export" "$work/silent.spin" -o "$work/bad.mp4" --sound "$work/x.flac" --size 64x36
+    is "$code" 1 "a sound that cannot be decoded is an error"
+    err_has "cannot write video .*cannot read the sound or start to encode it" "which names the reason"
+    [ ! -e "$work/bad.mp4" ]
+    ok $? "and leaves no video"
+else
+    skip "videos with sound" "built without FFmpeg"
+fi
+
 # ---- Formats without sound -----------------------------------------------------------------------
 
 for to in ply sogst gltf usd spz splat sog compressed-ply images; do

@@ -62,7 +62,7 @@ foreign() {
     src/io/image_oiio.cpp) echo '^(OpenImageIO/.*|[a-z_]+)$' ;;
     src/io/image_plain.c) echo '^(jpeglib|jerror|png)\.h$' ;;
     src/formats/glb_tiny.cpp) echo '^(tiny_gltf\.h|[a-z_]+)$' ;;
-    src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swscale)/.*\.h$' ;;
+    src/io/video_ffmpeg.c | src/io/video_encode_ffmpeg.c | src/io/video_sound_ffmpeg.c) echo '^lib(avcodec|avformat|avutil|swresample|swscale)/.*\.h$' ;;
     src/io/ranks_mpi.c) echo '^mpi\.h$' ;;
     src/device/cpu/*) echo '^[a-z0-9]*intrin\.h$|^arm_neon\.h$' ;;
     src/device/cuda/*) echo '^(cuda.*|cub/.*|cooperative_groups.*)$' ;;

@@ -40,7 +40,8 @@ PAGES = {"exporters/html/": "exporters/html_page", "src/eval/report/page.html": 
 LINKED = {"src/io/image_oiio.cpp": "lib/spin-image.so", "src/formats/glb_tiny.cpp": "lib/spin-gltf.so",
           "src/io/image_plain.c": "lib/spin-image-plain.so", "src/io/ranks_mpi.c": "lib/spin-mpi.so",
           "src/io/video_ffmpeg.c": "lib/spin-video.so", "src/io/video_encode_ffmpeg.c": "lib/spin-video.so",
-          "tests/tools/make-video.c": "tests/tools/make-video"}
+          "tests/tools/make-video.c": "tests/tools/make-video",
+          "tests/tools/read-sound.c": "tests/tools/read-sound"}
 # Built by other compilers only (emscripten, MinGW, nvcc) or outside this Makefile.
 ELSEWHERE = re.compile(r"src/web/|src/base/windows/|src/device/cuda/gpu\.cu|man/|tests/card/")
 

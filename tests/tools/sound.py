@@ -2,11 +2,13 @@
 """Makes and examines the sounds of tests.
 
 tone FILE SECONDS       a WAV file of 8 kHz whose samples count hundredths of a second
+burst FILE AT          two seconds of silence, except for a tone of half a second from AT on
 opus FILE SECONDS       first and last page of an Ogg Opus file, without packets of sound
 extract FILE OUT        the sound in a .spin, .tsog or .4dgs
 heard FILE [START]      length and first hundredth of a second of a WAV file made by tone
 """
 import json
+import math
 import struct
 import sys
 import zipfile
@@ -15,7 +17,15 @@ RATE = 8000
 
 
 def tone(path, seconds):
-    samples = [100 + i * 100 // RATE * 10 for i in range(int(float(seconds) * RATE))]
+    write(path, [100 + i * 100 // RATE * 10 for i in range(int(float(seconds) * RATE))])
+
+
+def burst(path, at):
+    at = float(at)
+    write(path, [int(20000 * math.sin(i * 0.8)) if at <= i / RATE < at + 0.5 else 0 for i in range(2 * RATE)])
+
+
+def write(path, samples):
     data = struct.pack("<%dh" % len(samples), *samples)
     head = struct.pack("<IHHIIHH", 16, 1, 1, RATE, 2 * RATE, 2, 16)
     with open(path, "wb") as f:
