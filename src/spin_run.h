@@ -135,6 +135,10 @@ struct spin_export_options {
     /* Do not add the coordinates that the import subtracted from positions far from 0. Exporters
      * that render, and web pages, never add them. */
     bool relative;
+    /* Lower opacities instead of marking the splats for antialiasing, for images of this width and
+     * height; 0: those of the training. */
+    bool bake_antialias;
+    int bake_size[2];
 };
 
 spin_status spin_export(const struct spin_export_options *o, char **report);

@@ -48,6 +48,19 @@ static bool parse_max_scale(const struct spin_args_row *row, const char *text)
     return true;
 }
 
+/* Parses --bake-antialias: WxH, or "auto" for the size of the training's images. */
+static bool parse_bake(const struct spin_args_row *row, const char *text)
+{
+    int *size = options.bake_size, n = 0;
+
+    (void)row;
+    options.bake_antialias = true;
+    if (strcmp(text, "auto") == 0)
+        return true;
+    return sscanf(text, "%5dx%5d%n", &size[0], &size[1], &n) == 2 && text[n] == '\0' &&
+           size[0] > 0 && size[0] <= 32768 && size[1] > 0 && size[1] <= 32768;
+}
+
 static bool parse_no_background(const struct spin_args_row *row, const char *text)
 {
     (void)row;
@@ -105,6 +118,10 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("translate", 0, "X,Y,Z", CUSTOM, options.translate,
              "move the scene, after --scale and before --up and --rotate of an exporter",
              .parse = parse_translate),
+    SPIN_ARG("bake-antialias", 0, "auto|WxH", CUSTOM, options.bake_size,
+             "for programs without antialiasing: lower opacities for images of W x H pixels; auto: "
+             "the size of the training's images",
+             .parse = parse_bake),
     SPIN_ARG("relative", 0, NULL, FLAG, options.relative,
              "do not add the coordinates that the import subtracted, see --info"),
     SPIN_ARG_HEADING("Data set, for exporters that render"),

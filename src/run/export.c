@@ -2,6 +2,7 @@
  * the exporter. */
 #include "base/base.h"
 #include "spin_run.h"
+#include "run/antialias_bake.h"
 #include "run/decimate.h"
 #include "run/export_sound.h"
 #include "run/run.h"
@@ -34,6 +35,7 @@ struct export
     struct spin_row_filter filter;
     struct spin_scene_move move;
     struct spin_export_sound sound;
+    struct spin_antialias_bake bake;
     struct spin_export_options moved;  /* the options, with a shifted --crop */
     struct spin_decimation decimation; /* set if --decimate is given */
     /* path of the current output: the final path, or a temporary one of --decimate */
@@ -94,6 +96,14 @@ static double clip_fps(const struct spin_clip *clip)
     return fps > 0 ? fps : (clip->n_frames - 1) / span;
 }
 
+/* Returns whether the splats to export must be drawn with antialiasing. */
+static bool is_antialiased(const struct export *x)
+{
+    return x->from == SPIN_FROM_TRAINED   ? x->player.field.antialias
+           : x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.antialias
+                                          : x->clip.bundle.meta.antialias;
+}
+
 static void report_rows(struct export *x)
 {
     memcpy(x->report->dropped, x->filter.n_by, sizeof x->report->dropped);
@@ -123,6 +133,8 @@ static spin_status write_round(struct export *x, int first, int n)
             continue;
         SPIN_TRY(spin_row_filter_frame(&x->filter, first + r, &splats));
         report_rows(x);
+        x->bake.measures = x->output == x->o->output;
+        SPIN_TRY(spin_antialias_bake_frame(&x->bake, first + r, &splats));
         SPIN_TRY(spin_scene_move_frame(&x->move, &splats));
         x->n_written += (double)splats->n;
         x->report->splats_mean =
@@ -150,8 +162,10 @@ static spin_status write_frames(struct export *x)
         spin_progress_set(&progress, f + n, "%zu splats", x->splats.n);
     }
     spin_progress_end(&progress);
-    if (status == SPIN_OK)
+    if (status == SPIN_OK) {
         spin_row_filter_log(&x->filter);
+        spin_antialias_bake_log(&x->bake);
+    }
     return status;
 }
 
@@ -178,6 +192,8 @@ static spin_status read_again(void *context, int frame, const struct spin_splats
         return spin_splats_4d_slice(x->final_4d, x->times[frame], columns, &x->splats);
     SPIN_TRY(spin_player_splats(&x->player, x->clip.frame[frame], columns, &x->splats));
     SPIN_TRY(spin_row_filter_reread(&x->filter, frame, out));
+    x->bake.measures = false;
+    SPIN_TRY(spin_antialias_bake_frame(&x->bake, frame, out));
     return spin_scene_move_frame(&x->move, out);
 }
 
@@ -239,7 +255,7 @@ static spin_status begin_export(struct export *x)
         .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity,
         .source = x->clip.bundle.meta.from,
         .sh_degree = x->clip.bundle.meta.sh_degree,
-        .antialias = x->clip.bundle.meta.antialias,
+        .antialias = is_antialiased(x) && !x->bake.bakes,
         .values = &values,
         .dataset_frame_of = x->clip.dataset_frame,
         .renderer = x->renderer,
@@ -262,13 +278,10 @@ static spin_status begin_export(struct export *x)
         job.sound = &x->sound.sound;
         job.fps = x->sound.fps;
     }
-    if (x->from == SPIN_FROM_TRAINED) {
+    if (x->from == SPIN_FROM_TRAINED)
         job.sh_degree = x->player.field.sh_degree;
-        job.antialias = x->player.field.antialias;
-    } else if (x->from == SPIN_FROM_REFINED) {
+    else if (x->from == SPIN_FROM_REFINED)
         job.sh_degree = x->clip.bundle.refined.sh_degree;
-        job.antialias = x->clip.bundle.refined.antialias;
-    }
     if (x->from != SPIN_FROM_SOURCE && !(SPIN_COL_ATTRIBUTES & ~x->clip.bundle.meta.columns))
         job.source_frame = source_frame;
     for (int f = 0; f < x->clip.n_frames; f++) {
@@ -294,7 +307,7 @@ static spin_status begin_export(struct export *x)
     job.counts_are_bounds = x->filter.varies && !x->splats_4d;
     if (job.antialias && !x->exporter->antialias)
         spin_warn("these splats were trained with antialiasing, which viewers cannot learn from "
-                  "'%s' files: enable it in the viewer",
+                  "'%s' files: enable it in the viewer, or bake it with --bake-antialias",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
@@ -439,6 +452,19 @@ static void warn_of_rows(const struct export *x)
                   "between frames: retrain with --method tracks, or write 4D splats as .stg.ply");
 }
 
+static spin_status open_bake(struct export *x)
+{
+    if (x->o->bake_antialias && draws(x))
+        return spin_misuse("--bake-antialias: '%s' draws with antialiasing: omit the option",
+                           x->o->to);
+    if (x->o->bake_antialias && x->splats_4d)
+        return spin_unsupported("--bake-antialias applies to frames, but '%s' stores 4D splats, "
+                                "whose opacities have no camera: choose a format of frames",
+                                x->o->to);
+    return spin_antialias_bake_open(&x->bake, x->o, &x->clip, x->from, is_antialiased(x),
+                                    &x->device);
+}
+
 static spin_status run_export(struct export *x)
 {
     const struct spin_export_options *o = x->o;
@@ -461,7 +487,8 @@ static spin_status run_export(struct export *x)
     if (o->transparent && !x->exporter->alpha)
         return spin_misuse(
             "--background none: the output of '%s' has no alpha channel; use --to images", o->to);
-    c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0;
+    c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0 ||
+                    o->bake_antialias;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     shift_crop(x);
     SPIN_TRY(spin_row_filter_open(&x->filter, x->o, &x->clip, x->exporter->needs_renderer));
@@ -480,6 +507,7 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(find_4d(x));
     SPIN_TRY(spin_export_sound_open(o, x->exporter, &x->clip, clip_fps(&x->clip),
                                     clip_stride(&x->clip), &x->sound));
+    SPIN_TRY(open_bake(x));
     SPIN_TRY(spin_bundle_data_path(&x->clip.bundle, &x->data));
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof *x->counts, (void **)&x->counts));
     SPIN_TRY(spin_alloc((size_t)x->clip.n_frames, sizeof(int), (void **)&x->source_index));
@@ -512,6 +540,7 @@ spin_status spin_export_clip(const struct spin_export_options *o, struct spin_ex
         spin_player_close(&x.renderer->player);
     free(x.renderer);
     spin_decimation_close(&x.decimation);
+    spin_antialias_bake_close(&x.bake);
     spin_player_close(&x.player);
     spin_device_close(&x.device);
     spin_splats_free(&x.splats);

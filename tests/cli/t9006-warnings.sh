@@ -350,7 +350,7 @@ export_to() { run "$bin/spin-export" "$1" --to "$2" -o "$work/$2" --force --devi
 for to in splat gltf usd; do
     export_to "$work/out.spin" $to
     warns "antialiased splats as $to" \
-        "these splats were trained with antialiasing, which viewers cannot learn from '$to' files: enable it in the viewer"
+        "these splats were trained with antialiasing, which viewers cannot learn from '$to' files: enable it in the viewer, or bake it with --bake-antialias"
 done
 export_to "$work/out.spin" ply
 warns "antialiased splats as ply"
