@@ -35,7 +35,7 @@ P
 draw() { # OUT OPTION...
     out=$work/$1
     shift
-    run "$bin/spin-export" "$work/court.spin" --range 2:3 --to images -o "$out" "$@"
+    run "$bin/spin-export" "$work/court.spin" --range 2:3 --camera 0 --to images -o "$out" "$@"
     is "$code" 0 "draws $*"
 }
 of=cam_00_frame_00002

@@ -45,7 +45,7 @@ done | sed -n 's/^ *\(--[a-z0-9-]*\).*/\1/p' | sort -u >>"$work/spin-export.opti
 # An example as one line per command: joins continued lines, and drops comments and everything after
 # && or |.
 commands() {
-    sed -e ':a' -e '/\\$/{N;s/ *\\\n */ /;ba' -e '}' "$1" | sed -e '/^#/d' -e 's/  *# .*//' -e 's/ *$//' -e '/^$/d'
+    sed -e ':a' -e '/\\$/{N;s/ *\\\n */ /;ba' -e '}' -e '/^#/d' -e 's/  *# .*//' -e 's/ *$//' -e '/^$/d' "$1"
 }
 # Reads lines "PLACE<tab>COMMAND-LINE" and prints the options that their commands lack.
 wrong() {
@@ -203,14 +203,23 @@ esac
 SPIN4D
 chmod +x "$work"/path/*
 
-# lacks SCRIPT: prints what the example needs and this machine lacks.
+# missing: what some examples need and this machine lacks; COLMAP and ffmpeg lack footage.
+has() { command -v "$1" >/dev/null; }
+missing=' footage'
+python3 -c 'import numpy' 2>/dev/null || missing="$missing NumPy"
+[ -f "$bin/../lib/spin-video.so" ] || missing="$missing FFmpeg"
+has mpirun && [ -f "$bin/../lib/spin-mpi.so" ] || missing="$missing Open-MPI"
+has jq || missing="$missing jq"
+
+# lacks SCRIPT: prints which of them the example needs.
 lacks() {
-    grep -q '^ *\(colmap\|ffmpeg\) ' "$1" && echo "footage for COLMAP"
-    grep -q '^mpirun' "$1" && { command -v mpirun >/dev/null && [ -f "$bin/../lib/spin-mpi.so" ] || echo "Open MPI"; }
-    grep -q -e '--to video\|\.mp4\|\.webm' "$1" && { [ -f "$bin/../lib/spin-video.so" ] || echo FFmpeg; }
-    grep -q '| jq' "$1" && { command -v jq >/dev/null || echo jq; }
-    grep -q '^import .*numpy' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
-    grep -q '^import spin4d' "$1" && { python3 -c 'import numpy' 2>/dev/null || echo NumPy; }
+    awk -v missing="$missing " '
+        function need(what) { if (index(missing, " " what " ") && !said[what]++) print what }
+        /^ *(colmap|ffmpeg) / { need("footage") }
+        /^mpirun/ { need("Open-MPI") }
+        /--to video|\.mp4|\.webm/ { need("FFmpeg") }
+        /[|] jq/ { need("jq") }
+        /^import (.*numpy|spin4d)/ { need("NumPy") }' "$1"
 }
 
 # A copy of the folder without the files that the examples of this document write.
@@ -218,11 +227,12 @@ begin_document() { # DOCUMENT
     rm -rf "$work/fresh"
     cp -al "$here" "$work/fresh"
     grep " $1:" "$work/index" | while read -r number kind place; do
-        [ "$kind" = stray ] || grep -oE '(-o|--output|--images|--preview) [^ ]+' "$blocks/$number.$kind"
-        grep -oE '^spin4d .*-o [^ ]+' "$blocks/$number.$kind" 2>/dev/null | sed 's/\.[a-z0-9]*$/.spin/'
-    done | awk '{ print $NF }' | while read -r out; do
-        rm -rf "$work/fresh/${out%/}"
-    done
+        [ "$kind" = stray ] || cat "$blocks/$number.$kind"
+    done >"$work/document"
+    {
+        grep -oE '(-o|--output|--images|--preview) [^ ]+' "$work/document"
+        grep -oE '^spin4d .*-o [^ ]+' "$work/document" | sed 's/\.[a-z0-9]*$/.spin/'
+    } | awk -v into="$work/fresh/" '{ sub(/\/$/, ""); print into $NF }' | xargs -d '\n' -r rm -rf
 }
 
 sed -n 's/^\([^#].*\) | .*/\1/p' tests/cli/examples.list >"$work/listed"
@@ -258,7 +268,9 @@ while read -r number kind place; do
         (cd "$work/fresh" && SLURM_ARRAY_TASK_ID=0 PATH=$work/path:$PATH sh "$work/script") \
             >"$work/out" 2>"$work/err" </dev/null
     fi
-    is "$?" 0 "$place: $(sed '/^set -e$/d; q' "$work/script" | cut -c 1-60)"
+    code=$?
+    while read -r line && [ "$line" = 'set -e' ]; do :; done <"$work/script"
+    is "$code" 0 "$place: $line"
 done <"$work/index"
 is "$(sort -u "$work/met" | grep -vxF -f - "$work/listed")" "" "examples.list names no example that is not there"
 done_testing

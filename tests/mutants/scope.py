@@ -42,7 +42,7 @@ ROOM_TESTS = {
     "src/run/describe": "cli/t1012 cli/t1015 cli/t2025 cli/t9005",
     "src/run/row_filter": "run/ cmd/t-export cli/t3015",
     "src/run/retrain": "cmd/t-retrain cli/t2025 cli/t2007 cli/t9006 cli/t9001",
-    "src/run/import": "run/t-spin importers/t-golden cli/t1001 cli/t1010 cli/t1011 cli/t1012 cli/t3009 cli/t9006",
+    "src/run/import": "run/t-spin importers/t-golden cli/t1017 cli/t1001 cli/t1010 cli/t1011 cli/t1012 cli/t3009 cli/t9006",
     "importers": "importers/t-golden importers/t-rows cli/t1001 cli/t1010 cli/t9006",
     "importers/views": "importers/t-golden importers/t-4danyone importers/t-panoptic cli/t1010 cli/t9006",
     "importers/usd": "importers/t-usd importers/t-golden cli/t3022",

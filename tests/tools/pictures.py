@@ -52,6 +52,23 @@ def exr(path):
     return {n: out[n].astype(np.float64) for n, _ in channels}
 
 
+def unfilter(kind, row, above, step):
+    """The bytes of a row of a PNG; above is zero for the first one."""
+    if kind == 1:
+        return row.reshape(-1, step).cumsum(0, dtype=np.uint8).ravel()
+    if kind in (0, 2):
+        return row + above * np.uint8(kind // 2)
+    now = [0] * step
+    for value, a, b, c in zip(row.tolist(), now, above.tolist(), [0] * step + above.tolist()):
+        if kind == 3:
+            near = (a + b) // 2
+        else:
+            left, up, corner = abs(b - c), abs(a - c), abs(a + b - 2 * c)
+            near = a if left <= up and left <= corner else b if up <= corner else c
+        now.append(value + near & 255)
+    return now[step:]
+
+
 def png(path):
     data, at, packed = open(path, "rb").read(), 8, b""
     while at < len(data):
@@ -64,14 +81,8 @@ def png(path):
     n = {0: 1, 2: 3, 4: 2, 6: 4}[colour]
     step, stride = n * bits // 8, width * n * bits // 8
     rows = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, stride + 1)
-    out = np.zeros((height + 1, stride + step), np.int64)  # a row above, a pixel to the left
+    out = np.zeros((height, stride), np.uint8)
     for y in range(height):
-        kind, row, up = rows[y, 0], rows[y, 1:].astype(np.int64), out[y]
-        now = out[y + 1]
-        for x in range(stride):
-            a, b, c = now[x], up[x + step], up[x]
-            near = min((abs(b - c), 0, a), (abs(a - c), 1, b), (abs(a + b - 2 * c), 2, c))[2]
-            now[x + step] = row[x] + (0, a, b, (a + b) // 2, near)[kind] & 255
-    flat = out[1:, step:].astype(np.uint8).tobytes()
-    whole = np.frombuffer(flat, ">u2" if bits == 16 else "u1").reshape(height, width, n)
+        out[y] = unfilter(int(rows[y, 0]), rows[y, 1:], out[y - 1], step)
+    whole = np.frombuffer(out.tobytes(), ">u2" if bits == 16 else "u1").reshape(height, width, n)
     return whole.astype(np.float64) / (2 ** bits - 1)
