@@ -197,6 +197,21 @@ static spin_status read_again(void *context, int frame, const struct spin_splats
     return spin_scene_move_frame(&x->move, out);
 }
 
+/* A .4dgs stores 4D splats only with Gaussian windows, but can also store frames. Other windows are
+ * therefore written as frames. */
+static void write_as_frames(struct export *x)
+{
+    const struct spin_splats_4d *s = x->splats_4d;
+
+    if (!s || !(s->plateaus || s->gates) || strcmp(x->exporter->name, "4dgs") != 0)
+        return;
+    spin_log(0,
+             "writing %d frames as keyframes and deltas: a .4dgs stores Gaussian windows in time, "
+             "which cannot represent splats that %s",
+             x->clip.n_frames, s->plateaus ? "do not fade for some time" : "do not fade to 0");
+    x->splats_4d = NULL;
+}
+
 /* Sets x->splats_4d to the 4D splats of the clip if it has any and the exporter accepts them. */
 static spin_status find_4d(struct export *x)
 {
@@ -206,6 +221,7 @@ static spin_status find_4d(struct export *x)
         return SPIN_OK;
     if (x->from == SPIN_FROM_SOURCE)
         SPIN_TRY(spin_bundle_splats_4d(bundle, &x->splats_4d));
+    write_as_frames(x);
     if (x->splats_4d || x->exporter->frame)
         return SPIN_OK;
     if (bundle->meta.four_d.n > 0)
