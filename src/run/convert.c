@@ -25,6 +25,7 @@
 #include "render/draw_renders.h"
 #include "render/player.h"
 #include "run/data_hint.h"
+#include "run/export_sound.h"
 #include "run/settle.h"
 #include "run/targets.h"
 #include "scene/data_path.h"
@@ -503,6 +504,7 @@ static spin_status run_convert(struct convert *c)
     SPIN_TRY(name_all(c));
     SPIN_TRY(spin_inputs_add_path(o->input));
     SPIN_TRY(check_output(c));
+    SPIN_TRY(spin_export_sound_check(o->sound));
     SPIN_TRY(check_exporter(c));
     if (c->imports && !o->no_retrain)
         SPIN_TRY(check_preset(c));

@@ -7,10 +7,7 @@
 #define USUAL_FPS 30
 
 /* Returns whether the user wants the output without sound. */
-static bool is_off(const struct spin_export_options *o)
-{
-    return o->sound && strcmp(o->sound, "none") == 0;
-}
+static bool is_off(const char *sound) { return sound && strcmp(sound, "none") == 0; }
 
 static spin_status open_file(const char *path, struct spin_export_sound *out)
 {
@@ -105,12 +102,21 @@ static spin_status place_sound(const struct spin_export_options *o, const struct
     return x->sound.start < 0 ? spin_sound_align(&whole, &x->sound, &x->owned) : SPIN_OK;
 }
 
+spin_status spin_export_sound_check(const char *sound)
+{
+    struct spin_export_sound file = {.fps = 0};
+    spin_status status = sound && !is_off(sound) ? open_file(sound, &file) : SPIN_OK;
+
+    spin_export_sound_close(&file);
+    return status;
+}
+
 spin_status spin_export_sound_open(const struct spin_export_options *o,
                                    const struct spin_exporter *exporter,
                                    const struct spin_clip *clip, double fps, double stride,
                                    struct spin_export_sound *out)
 {
-    if (is_off(o) || spin_rank() > 0)
+    if (is_off(o->sound) || spin_rank() > 0)
         return SPIN_OK;
     if (o->sound)
         SPIN_TRY(open_file(o->sound, out));

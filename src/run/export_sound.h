@@ -13,6 +13,8 @@ struct spin_export_sound {
     unsigned char *owned; /* samples that were cut, or NULL */
 };
 
+/* Checks that the file of --sound exists and has a known format, before hours of work. */
+spin_status spin_export_sound_check(const char *sound);
 /* Opens the sound and warns, in one line each, of all that the output loses. `fps` is the rate of
  * the exported frames, 0 if it is unknown; `stride` is the mean difference of their numbers. */
 spin_status spin_export_sound_open(const struct spin_export_options *o,

@@ -951,6 +951,9 @@ static spin_status find_4d(struct import *im)
         spin_note(&im->sequence,
                   "--frames and --times sample the 4D splats: the bundle stores the sampled frames "
                   "instead of the 4D splats");
+    if (sampled && im->sequence.sound && o->n_frames != im->sequence.n_clip_frames)
+        spin_note(&im->sequence, "--frames and --times change the speed of the clip, which its "
+                                 "sound does not follow");
     return SPIN_OK;
 }
 

@@ -49,7 +49,11 @@ file extract "$work/none.4dgs" "$work/a.wav"
 ok $? "unless it is not wanted"
 
 # Frames: keyframes and deltas, and TSOG.
-"$bin/spin-import" "$work/a.4dgs" -o "$work/frames.spin" --frames 5 -q
+run "$bin/spin-import" "$work/a.4dgs" -o "$work/frames.spin" --frames 5
+out_has "change the speed of the clip, which its sound does not follow" "the import of sampled frames says so"
+run "$bin/spin-import" "$work/a.4dgs" -o "$work/all.spin" --frames 120
+! grep -q "change the speed" "$work/out"
+ok $? "unless these are all frames"
 run "$bin/spin-export" "$work/frames.spin" -o "$work/f.4dgs" --sound "$work/tone.wav"
 python3 tests/tools/check_4dgs.py "$work/f.4dgs" >"$work/out" 2>"$work/err"
 is $? 0 "keyframes with sound, by the rules of the format"
@@ -158,6 +162,14 @@ run "$bin/spin4d" fixtures/4dgs/birth_sh2/scene.4dgs -o "$work/two.4dgs" --no-re
 file extract "$work/two.4dgs" "$work/a.wav"
 cmp -s "$work/a.wav" "$work/tone.wav"
 ok $? "and adds one"
+run "$bin/spin4d" "$work/a.4dgs" --frames 2 -o "$work/r.4dgs" --iterations 1
+is "$code" 0 "frames with sound that are retrained on renders"
+file extract "$work/r.4dgs" "$work/a.wav"
+cmp -s "$work/a.wav" "$work/tone.wav"
+ok $? "keep it through all bundles"
+run "$bin/spin4d" "$work/a.4dgs" -o "$work/three.4dgs" --sound "$work/missing.wav"
+fails 1 spin4d "a sound that does not exist"
+nothing_at "$work/three" "which is noticed before the import"
 run "$bin/spin-export" "$work/silent.spin" -o "$work/bad.4dgs" --sound "$work/silent.spin"
 fails 1 spin-export "a file that is no sound"
 err_has "unknown format, expected WAV, MP3, AAC" "which formats it may have"
