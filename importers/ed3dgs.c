@@ -221,9 +221,10 @@ static spin_status load_stage(struct model *m, char letter, struct stage *s)
     snprintf(key, sizeof key, "%s.0", stem);
     SPIN_TRY(spin_model_layer(&m->base, key, -1, -1, MLP_RELU, &s->trunk));
     if (first->n_in != m->n_time + m->n_embedding)
-        return spin_malformed("tensor '%s%s.weight' has %d inputs, expected the %d columns of "
-                              "'weight' and the %d properties embedding_* of the cloud",
-                              m->base.prefix, key, first->n_in, m->n_time, m->n_embedding);
+        return spin_malformed(
+            "tensor '%s%s.weight' has %d inputs, expected %d + %d: one for each "
+            "column of tensor '%sweight' and each property embedding_* of the cloud",
+            m->base.prefix, key, first->n_in, m->n_time, m->n_embedding, m->base.prefix);
     SPIN_TRY(spin_model_trunk(&m->base, stem, 2, first->n_out, &s->trunk));
     SPIN_TRY(check_trunk(&m->base, letter, s->trunk.n));
     for (int h = 0; h < N_HEADS; h++) {

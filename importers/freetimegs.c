@@ -166,8 +166,10 @@ static spin_status check_spec(const struct spin_value *spec)
     if (!spec || spec->kind == SPIN_VALUE_NONE)
         return SPIN_OK;
     if (spec->kind != SPIN_VALUE_DICT)
-        return spin_unsupported("'model_spec' is '%.40s', which may be another model",
-                                text ? text : "no text");
+        return spin_unsupported(
+            "'model_spec' is %s%.40s, not a dict: the checkpoint may be of another "
+            "model than FreeTimeGS",
+            text ? "the text " : "", text ? text : "of another type");
     for (size_t i = 0; i < spec->n; i++) {
         const char *key = spin_value_text(spec->item[2 * i]);
         bool ours = false;

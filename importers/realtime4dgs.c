@@ -430,9 +430,10 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
 
     if (times->guessed)
         spin_note(sequence,
-                  "time_duration is not in the run's folder: assumed %g,%g, from the Gaussians' "
-                  "own times%s; set it with --time-duration or --config",
-                  times->first, times->last, r->degree_t > 0 ? ", and colours depend on it" : "");
+                  "time_duration is not in the run's folder: %g,%g is assumed, from the Gaussians' "
+                  "times%s; set time_duration with --time-duration or --config",
+                  times->first, times->last,
+                  r->degree_t > 0 ? ", and colours depend on time_duration" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
         spin_note(sequence,
                   "the environment map is not imported: windows and far background are missing");

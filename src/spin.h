@@ -491,8 +491,8 @@ struct spin_export_job {
     int source_sh_degree;
     bool source_antialias;
     bool retrained; /* the attributes were retrained, not imported */
-    /* [n_frames] number of splats of each frame, or an upper bound if some cannot be drawn; NULL:
-     * unknown */
+    /* [n_frames] number of splats of each frame, which may include splats that cannot be drawn;
+     * NULL: unknown */
     const size_t *counts;
     bool counts_are_bounds; /* true: `counts` are upper bounds, since options drop further splats */
     /* The exporter increases `bytes` and `images` of the report, and sets `frames` if it exports

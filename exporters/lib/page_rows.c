@@ -10,8 +10,9 @@
 #define NARROWER 0.999         /* must be equal to NARROWER in page_values.c */
 #define FAINT (0.5 / 255)      /* splats of a smaller opacity are invisible */
 #define UNEVEN 1e-5 /* tolerance of rounded frame times, as a share of the time between frames */
-#define LEAST_DOT 0.707 /* dot product of two quaternions that are 90 degrees apart */
-enum { CHECKED = 33 };  /* number of evenly spaced ticks at which a row is checked */
+/* Dot product of the unit quaternions of two rotations that are 90 degrees apart. */
+#define LEAST_DOT 0.707
+enum { CHECKED = 33 }; /* number of evenly spaced ticks at which a row is checked */
 
 /* The error bound of an opacity is divided among the quantised values of its window. HEIGHT: for
  * the opacity at the centre; WIDTH: for the centre and again for the sigma; GATE: for the gate.

@@ -66,10 +66,11 @@ static spin_status check_newest(struct spin_model *m, const char *path, const ch
         return spin_not_found("'%s' has no iteration_<N> with deform.pth", deforms);
     if (strcmp(cloud, deform) == 0)
         return SPIN_OK;
-    return spin_malformed("'%s': the last cloud is of %s, but the last network of %s: %s%s", path,
-                          cloud, deform,
-                          found ? "choose a checkpoint with --iteration; complete is "
-                                : "the folders are of two runs or half copied",
+    return spin_malformed("'%s': the last cloud is from %s, but the last network is from %s: %s%s",
+                          path, cloud, deform,
+                          found ? "choose a checkpoint with --iteration; the last complete one is "
+                                : "no iteration has both; the folders may come from two runs, or "
+                                  "may not be copied completely",
                           found ? found : "");
 }
 

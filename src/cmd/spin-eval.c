@@ -212,7 +212,8 @@ static char *add_table_values(char *report)
     return spin_json_finish(document, &text) == SPIN_OK ? text : NULL;
 }
 
-/* Measures several bundles, or one bundle with a table or figures. */
+/* Measures and compares several bundles. It also measures a single bundle if --table or --figures
+ * is given. */
 static int compare_bundles(void)
 {
     const char *form = !table          ? plain_text

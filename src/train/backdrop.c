@@ -36,12 +36,15 @@ static const double scale = 1;  /* standard deviation along the surface, in spac
 static const double most_scale = 2; /* largest spacing of splats on slanted surfaces, in cells */
 /* Standard deviation perpendicular to the surface, in spacings of splats. */
 static const double thickness = 0.1;
-/* Radius of a splat that must not be visible, in standard deviations. */
+/* No part of a splat within this many standard deviations of its centre may be in front of a
+ * surface; the centre and four points of this rim are checked. */
 static const double reach = 2;
 /* A splat whose log depth is smaller than that of a surface by less than this is not in front of
  * it. */
 static const double tolerance = 0.03;
-static const double covered = 0.7; /* least distance from an earlier splat, in spacings */
+/* A splat is not placed if its distance from an earlier splat is less than this, in units of the
+ * larger spacing of the two. */
+static const double covered = 0.7;
 /* Minimum of a colour channel: at 0 it would have no gradient. */
 static const double darkest = 0.02;
 static const float logit_opacity = 5; /* opacity 0.993 */

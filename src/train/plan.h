@@ -144,7 +144,8 @@ bool spin_plan_is_weighted(const struct spin_plan *plan);
  * (spin_lazy_pays()). */
 bool spin_plan_is_lazy(const struct spin_plan *plan);
 
-/* Bytes of an image on the device, including its mask if dynamic pixels have another weight. */
+/* Returns the bytes that the largest image takes on the device, including its mask if the weight of
+ * dynamic pixels is not 1. */
 size_t spin_plan_image_bytes(const struct spin_plan *plan);
 /* Returns the SH degree in the last of `iterations` iterations. The degree starts at 0 and rises by
  * one every `increase_every` iterations, up to sh_degree; with increase_every 0 it is sh_degree in

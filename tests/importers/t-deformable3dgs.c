@@ -58,7 +58,7 @@ static void test_saves(const char *fixture)
            strstr(run.sequence.variant, "iteration_10000"),
        "the largest number counts, not the first by name");
     run_close(&run);
-    model_fails(FROM, make_model(fixture, 7000, 8000, NULL), NULL, NULL, "two runs or half copied",
+    model_fails(FROM, make_model(fixture, 7000, 8000, NULL), NULL, NULL, "no iteration has both",
                 "saves of different iterations");
     model_fails(FROM, make_model(fixture, 7000, 0, NULL), NULL, NULL, "'deform'", "no networks");
     model_fails(FROM, make_model(fixture, 0, 7000, NULL), NULL, NULL, "'point_cloud'", "no clouds");

@@ -351,7 +351,7 @@ static void test_lies(const char *model)
         model_fails(FROM, make_with(model, needed[i], ""), NULL, "cfg_args", word, word);
     }
     model_fails(FROM, edited(model, CLOUD, "put embedding_8"), NULL, "deformation.pth",
-                "9 properties embedding_*", "an embedding more than the network takes");
+                "property embedding_*", "an embedding more than the network takes");
 }
 
 /* Unused tensors may be missing. */

@@ -30,7 +30,7 @@ struct job {
     const uint32_t *lists, *start;
     const float *background;
     const uint8_t *matte; /* NULL: none; see struct spin_view_of_batch */
-    const float *change;  /* of the background, where the matte is known */
+    const float *change;  /* is added to the background of pixels of known alpha */
     float *image, *final_transmittance;
     int32_t *last_contributor;
     const float *final_t_in, *d_image;

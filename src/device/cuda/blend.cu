@@ -32,7 +32,8 @@ static const unsigned all_lanes = 0xffffffffu;
 
 struct picture {
     struct spin_camera_f32 cam;
-    float background[3], change[3]; /* change: of the background, where the matte is known */
+    float background[3];
+    float change[3]; /* is added to the background of pixels of known alpha */
     const uint8_t *matte;
     const struct spin_splat2d *splat2d;
     const uint32_t *lists, *start;

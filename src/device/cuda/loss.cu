@@ -14,7 +14,8 @@ struct photo {
     size_t plane;
     const uint8_t *rgb8, *mask, *matte;
     const float *f32;
-    float weight[2], change[3]; /* change: of the background, where the matte is known */
+    float weight[2]; /* of the pixels whose mask bit is 0, and of those whose bit is 1 */
+    float change[3]; /* what blend() adds to the background of pixels of known alpha */
     float *image;
 };
 
