@@ -1,6 +1,7 @@
 /* Writes .4dgs files, which 4dgs.h describes, from splats whose values are quantised already. */
 #pragma once
 
+#include "formats/4dgs_records.h"
 #include "formats/4dgs_states.h"
 
 /* Parameters of a file that are known before the first chunk. Values of splats are integers in
@@ -35,18 +36,6 @@ struct spin_4dgs_changes {
     const uint32_t *death;              /* [n_deaths] ids */
     size_t n_updates, n_births, n_deaths;
     size_t n_live; /* number of splats after the changes */
-};
-
-struct spin_4dgs_entry;
-
-struct spin_4dgs_writer {
-    struct spin_out *out;
-    const struct spin_4dgs_coding *coding;
-    FILE *record; /* content of the current record */
-    char *text;
-    size_t n_text;
-    struct spin_4dgs_entry *entry; /* [n_entries] the index */
-    size_t n_entries;
 };
 
 /* Writes everything before the first chunk. Zero the writer before, and set `out` and `coding`. */
