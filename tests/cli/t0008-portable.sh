@@ -15,8 +15,9 @@ run portable
 is "$code" 0 "make portable"
 tarball=$(sed -n 's/: for the C library .*//p' "$work/out")
 cp "$tarball" "$work/first.tar.gz"
-run portable
-cmp -s "$tarball" "$work/first.tar.gz"
+mkdir "$work/again"
+run sh src/packaging/portable.sh "$(sed -n 's/^#define SPIN_VERSION "\(.*\)"/\1/p' src/spin.h)" "$build" "$work/again"
+cmp -s "$tarball" "$work/again/${tarball##*/}"
 ok $? "twice the same bytes"
 tar -tzf "$tarball" >"$work/list"
 is "$(grep -c '/lib/spin4d/lib[^/]*$' "$work/list")" "$(grep -c '/lib/spin4d/lib[^/]*\.so\.[0-9]*[a-z]*$' "$work/list")" \
@@ -39,9 +40,9 @@ tar -C "$work" -xzf "$work/first.tar.gz"
 tree=$(echo "$work"/spin4d-*)
 for gone in libpng16.so.16 libwebp.so.7 spin-image-plain.so; do
     mv "$tree/lib/spin4d/$gone" "$work/gone"
-    tar -C "$work" -c "${tree##*/}" | gzip -1 >"$work/less.tar.gz"
+    tar -C "$work" -cf "$work/less.tar" "${tree##*/}"
     mv "$work/gone" "$tree/lib/spin4d/$gone"
-    run sh tests/portable.sh "$work/less.tar.gz" $clip
+    run sh tests/portable.sh "$work/less.tar" $clip
     is "$code $(grep -c '^portable: ' "$work/err")" "1 1" "the test fails without $gone"
 done
 # In a root with nothing but the C library: no /proc, no shell. Runs the first command of the
@@ -54,7 +55,7 @@ for library in $(ldd "$tree/bin/spin4d" | grep -o '/[^ ]*'); do
     cp -L "$library" "$root$library"
 done
 if chroot "$root" /spin4d/bin/spin4d --version >"$work/out" 2>"$work/err"; then
-    run chroot "$root" /spin4d/bin/spin4d /spin4d/share/spin4d/sample --iterations 20 -o /tmp/sample.html
+    run chroot "$root" /spin4d/bin/spin4d /spin4d/share/spin4d/sample --iterations 5 -o /tmp/sample.html
     is "$code $(find "$root/tmp" -type f | wc -l)" "0 2" "the sample, without /proc"
     run chroot "$root" /spin4d/bin/spin4d export /tmp/sample.spin --to sog -o /tmp/sog
     is "$code" 0 "and another command, with a library that is loaded later"
@@ -75,7 +76,7 @@ done
 wheel=$(echo "$work"/one/*.whl)
 cmp -s "$wheel" "$work"/two/*.whl
 ok $? "twice the same bytes"
-if python3 -m pip --version >/dev/null 2>&1; then
+if python3 -c 'import pip' 2>/dev/null; then
     run python3 -m pip install --quiet --no-index --no-deps --no-cache-dir --prefix "$work/site" "$wheel"
     is "$code" 0 "pip installs it"
     chmod -R go-w "$work/site"
