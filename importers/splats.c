@@ -446,6 +446,7 @@ static const struct spin_plugin_option sog_options[] = {
  * positions, or the index of a streamed SOG. */
 static int sog_probe(const struct spin_peek *peek)
 {
+    const char *names = peek->tail_names;
     bool meta = spin_peek_has(peek, "meta.json"), picture = spin_peek_has(peek, "means_l.webp");
 
     if (spin_peek_has(peek, SPIN_SOG_LEVELS_FILE) ||
@@ -455,8 +456,9 @@ static int sog_probe(const struct spin_peek *peek)
         meta = spin_peek_contains(peek, "\"means\"");
         picture = spin_peek_contains(peek, "\"mins\"");
     } else if (spin_zip_looks_like(peek->head, peek->n_head)) {
-        meta = strstr(peek->tail_names, "meta.json") != NULL;
-        picture = strstr(peek->tail_names, ".webp") != NULL;
+        /* A meta.json in a folder is that of an unpacked SOG in any archive. */
+        meta = strncmp(names, "meta.json", 9) == 0 || strstr(names, "\nmeta.json") != NULL;
+        picture = strstr(names, ".webp") != NULL;
     }
     return meta && picture ? 90 : probe_names(peek, ".sog");
 }

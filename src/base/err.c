@@ -24,6 +24,7 @@ spin_status spin_fail(spin_status code, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(text, sizeof text, fmt, args);
     va_end(args);
+    spin_text_show_paths(text, sizeof text);
     spin_text_tidy(text, false);
     memcpy(trail, text, strlen(text) + 1);
     return code;
@@ -40,6 +41,7 @@ spin_status spin_fail_context(spin_status code, const char *fmt, ...)
     va_start(args, fmt);
     vsnprintf(text, TRAIL, fmt, args);
     va_end(args);
+    spin_text_show_paths(text, TRAIL);
     n = strlen(text);
     if (trail[0])
         snprintf(text + n, sizeof text - n, ": %s", trail);
@@ -57,6 +59,7 @@ spin_status spin_fail_reading(spin_status status, const char *path)
     if (status == SPIN_OK || status == SPIN_E_USAGE)
         return status;
     snprintf(quoted, sizeof quoted, "'%s'", path); /* all messages quote paths in this way */
+    spin_text_show_paths(quoted, sizeof quoted);
     spin_text_tidy(quoted, false);
     if (strstr(trail, quoted))
         return status;

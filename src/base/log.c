@@ -35,6 +35,7 @@ static void write_line(const char *prefix, const char *fmt, va_list args)
     char line[8192];
 
     vsnprintf(line, sizeof line, fmt, args);
+    spin_text_show_paths(line, sizeof line);
     spin_text_tidy(line, true);
     flockfile(stderr);
     if (atomic_exchange(&line_shown, 0))
@@ -75,6 +76,7 @@ static bool passes_sink(const char *fmt, va_list args)
     pthread_mutex_lock(&sink_mutex);
     if (warning_sink) {
         vsnprintf(line, sizeof line, fmt, args);
+        spin_text_show_paths(line, sizeof line);
         passes = warning_sink(line);
     }
     pthread_mutex_unlock(&sink_mutex);

@@ -1,5 +1,6 @@
 #include "base/text.h"
 
+#include <pthread.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
@@ -246,6 +247,77 @@ const char *spin_text_share(size_t n, size_t of, const char *noun, const char *v
     return text;
 }
 
+/* ---- Paths to show --------------------------------------------------------------------------- */
+
+enum { MAX_ALIASES = 8 };
+
+static pthread_mutex_t alias_mutex = PTHREAD_MUTEX_INITIALIZER;
+static struct alias {
+    char *path, *shown; /* NULL: unused */
+} aliases[MAX_ALIASES];
+
+/* If all aliases are in use, or memory ran out, messages show the path itself. */
+void spin_text_alias(const char *path, const char *shown)
+{
+    struct alias new = {strdup(path), strdup(shown)};
+
+    pthread_mutex_lock(&alias_mutex);
+    for (int i = 0; i < MAX_ALIASES && new.path &&new.shown; i++) {
+        struct alias old = aliases[i];
+
+        if (old.path)
+            continue;
+        aliases[i] = new;
+        new = old;
+    }
+    pthread_mutex_unlock(&alias_mutex);
+    free(new.path);
+    free(new.shown);
+}
+
+void spin_text_unalias(const char *path)
+{
+    pthread_mutex_lock(&alias_mutex);
+    for (int i = 0; i < MAX_ALIASES; i++) {
+        if (!aliases[i].path || strcmp(aliases[i].path, path) != 0)
+            continue;
+        free(aliases[i].path);
+        free(aliases[i].shown);
+        aliases[i] = (struct alias){NULL, NULL};
+    }
+    pthread_mutex_unlock(&alias_mutex);
+}
+
+/* Replaces n bytes at `at` by a word. */
+static void replace_at(char *text, size_t size, char *at, size_t n, const char *word)
+{
+    size_t before = (size_t)(at - text), n_word = strlen(word), rest = strlen(at + n);
+
+    if (before + n_word >= size)
+        return;
+    if (before + n_word + rest >= size)
+        rest = size - 1 - before - n_word;
+    memmove(at + n_word, at + n, rest);
+    at[n_word + rest] = '\0';
+    memcpy(at, word, n_word);
+}
+
+void spin_text_show_paths(char *text, size_t size)
+{
+    pthread_mutex_lock(&alias_mutex);
+    for (int i = 0; i < MAX_ALIASES; i++) {
+        const struct alias *a = &aliases[i];
+
+        for (char *at = text; a->path && a->shown && (at = strstr(at, a->path));) {
+            replace_at(text, size, at, strlen(a->path), a->shown);
+            at += strlen(a->shown) < strlen(at) ? strlen(a->shown) : strlen(at);
+        }
+    }
+    pthread_mutex_unlock(&alias_mutex);
+}
+
+/* ---- Notes ----------------------------------------------------------------------------------- */
+
 /* Whether the first n bytes of the notes contain this line. */
 static bool has_line(const char *notes, size_t n, const char *line)
 {
@@ -266,6 +338,10 @@ void spin_text_note(char *notes, size_t size, const char *fmt, ...)
     va_start(args, fmt);
     n = vsnprintf(notes + used, room, fmt, args);
     va_end(args);
+    if (n >= 0 && (size_t)n < room) {
+        spin_text_show_paths(notes + used, room);
+        n = (int)strlen(notes + used);
+    }
     if (n < 0 || (size_t)n + 1 >= room || has_line(notes, used, notes + used))
         notes[used] = '\0';
     else

@@ -21,6 +21,15 @@ void spin_text_json(FILE *to, const char *text);
  * UTF-8 becomes '?'. lines: do not change line feeds. */
 void spin_text_tidy(char *text, bool lines);
 
+/* Make messages, warnings and notes show the path `shown` in place of `path`, until
+ * spin_text_unalias(path). For temporary folders: the user knows the archive, not the folder. Both
+ * are thread-safe. */
+void spin_text_alias(const char *path, const char *shown);
+void spin_text_unalias(const char *path);
+/* Replace paths in a text by those to show; `size` is the capacity of the text. A text that would
+ * become too long is cut off. */
+void spin_text_show_paths(char *text, size_t size);
+
 bool spin_text_ends(const char *text, const char *with);
 bool spin_text_ends_any_case(const char *text, const char *with);
 /* Returns the Levenshtein distance between the first n_a bytes of `a` and the whole text `b`; 99 if

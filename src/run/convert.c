@@ -71,17 +71,20 @@ static spin_status append_text(const char *text, size_t n, const char *ending, c
 }
 
 /* Returns the length of a path without trailing slashes and without the extension of its last
- * component. */
+ * component, which may be two words, such as ".tar.gz". */
 static size_t stem_length(const char *path, bool has_ending)
 {
-    size_t n = strlen(path);
-    const char *name, *dot;
+    size_t n = strlen(path), first;
 
     while (n > 1 && path[n - 1] == '/')
         n--;
-    name = spin_path_name(path);
-    dot = has_ending ? strrchr(name, '.') : NULL;
-    return dot && dot > name ? (size_t)(dot - path) : n;
+    first = (size_t)(spin_path_name(path) - path);
+    if (has_ending && n > first + 3 && spin_text_ends_any_case(path, ".gz"))
+        n -= 3;
+    for (size_t i = n; has_ending && i-- > first + 1;)
+        if (path[i] == '.')
+            return i;
+    return n;
 }
 
 /* Completes the default name of an output for a program: a file with the extension of its format,

@@ -6,12 +6,14 @@
 #include "math/scene_rotation.h"
 #include "spin_run.h"
 #include "run/camera_check.h"
+#include "scene/bundle.h"
 #include "scene/clip.h"
 #include "run/column_stats.h"
 #include "run/data_hint.h"
 #include "run/import_frames.h"
 #include "run/nerfstudio_world.h"
 #include "run/share_splats.h"
+#include "io/archive.h"
 #include "io/output.h"
 #include "io/image.h"
 #include "io/numbered.h"
@@ -38,11 +40,13 @@ struct import {
     const struct spin_import_options *o;
     spin_json *report; /* printed by --json, see spin-import(1) */
     const struct spin_importer *importer;
-    /* Path of the run: o->input, a folder inside o->input, or the folder of a pattern. */
+    /* Path of the run: o->input, a folder inside o->input, the folder of a pattern, or a path in
+     * the temporary folder of an archive. */
     const char *input;
     char *below; /* the allocated `input` if that is not o->input; else NULL */
     struct spin_plugin_values values;
-    const char **pairs; /* the pairs of `values` if o->input is a pattern; else NULL */
+    const char **pairs;            /* the pairs of `values` if o->input is a pattern; else NULL */
+    struct spin_unpacked unpacked; /* the contents of o->input if that is an archive */
     void *self;
     struct spin_sequence_info sequence;
     struct spin_bundle_meta meta;
@@ -78,6 +82,12 @@ struct import {
         char why[1024]; /* the error text, which is thread-local */
     } done[2];          /* results of task 0, which reads, and of task 1, which writes */
 };
+
+/* The path beside which data sets are searched. */
+static const char *own_place(const struct import *im)
+{
+    return im->unpacked.folder ? im->o->input : im->input;
+}
 
 /* Reads frame i of the import, in the order of im->index, from the importer. */
 static spin_status source_frame(struct import *im, int i, unsigned columns, struct spin_splats *out)
@@ -221,7 +231,7 @@ static void choose_default_frames(struct import *im)
                   spin_text_count(im->n_own, "frame", frames));
         return;
     }
-    beside = spin_data_beside(im->input);
+    beside = spin_data_beside(own_place(im));
     if (beside && spin_views_open(beside, NULL, &im->views, from, sizeof from) == SPIN_OK)
         spin_note(t, "sampled at the times of the %s of the data set '%s'",
                   spin_text_count(im->views.n_dataset_frames, "frame", frames), beside);
@@ -248,7 +258,7 @@ static void choose_default_frames(struct import *im)
  * grow too large in training. */
 static void note_focal(struct import *im)
 {
-    SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(im->input);
+    SPIN_FREED char *beside = im->data ? NULL : spin_data_beside(own_place(im));
     const char *data = im->data ? im->data : beside;
 
     if (data && strcmp(im->importer->name, "realtime4dgs") == 0 && spin_data_has_focal(data))
@@ -848,7 +858,7 @@ static spin_json *notes_json(struct import *im)
     spin_json *notes = spin_json_array();
 
     if (!im->data)
-        spin_data_hint(im->input, hint, sizeof hint);
+        spin_data_hint(own_place(im), hint, sizeof hint);
     for (int i = 0; i < 2; i++)
         for (char *line; (line = strsep(&text[i], "\n"));) {
             if (*line)
@@ -1064,6 +1074,30 @@ static spin_status explain_data_set(const struct import *im, spin_status status)
                      path, importer->name, content);
 }
 
+/* Whether the run is to be searched in the archive o->input: no importer recognises the archive or,
+ * if the user named one, this one does not. Some formats are zip or gzip files themselves. */
+static bool is_packed(const struct import *im, spin_status found)
+{
+    const struct spin_import_options *o = im->o;
+    SPIN_LEAVES(spin_peek_free) struct spin_peek peek = {0};
+
+    if (found != (o->from ? SPIN_OK : SPIN_E_NOT_RECOGNISED) ||
+        !spin_archive_looks_like(o->input) || spin_bundle_looks_like(o->input))
+        return false;
+    return !o->from ||
+           (!spin_plugin_origin(im->importer) && im->importer->probe &&
+            spin_peek_open(o->input, &peek) == SPIN_OK && im->importer->probe(&peek) == 0);
+}
+
+static spin_status find_packed_run(struct import *im)
+{
+    SPIN_TRY(spin_archive_unpack(im->o->input, &im->unpacked));
+    SPIN_TRY(spin_importer_find_run(im->unpacked.path, im->o->from, &im->importer, &im->below));
+    if (!im->below)
+        SPIN_TRY(spin_strdup(im->unpacked.path, &im->below));
+    return SPIN_OK;
+}
+
 static spin_status find_run(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -1075,6 +1109,8 @@ static spin_status find_run(struct import *im)
     } else {
         spin_status status = spin_importer_find_run(o->input, o->from, &im->importer, &im->below);
 
+        if (is_packed(im, status))
+            status = find_packed_run(im);
         if (status != SPIN_OK)
             return explain_data_set(im, status);
     }
@@ -1166,10 +1202,12 @@ spin_status spin_import(const struct spin_import_options *o, char **report)
     free(im.data);
     free(im.below);
     free(im.pairs);
+    status = spin_fail_context(status, "cannot import '%s'", o->input);
+    spin_unpacked_remove(&im.unpacked);
     if (report)
         *report = NULL;
     if (status == SPIN_OK && report)
         return spin_json_finish(im.report, report);
     spin_json_free(im.report);
-    return spin_fail_context(status, "cannot import '%s'", o->input);
+    return status;
 }

@@ -46,7 +46,8 @@ cp fixtures/ply/brush_sh1/00001.ply "$work/in/out/p.ply"
 cp $clip/ims/0/*.jpg "$work/pictures"
 printf '\0\0\0\040ftypisom' >"$work/film.mp4"
 cp "$work/film.mp4" "$work/films"
-tar -C "$work/in" -czf "$work/a.tar.gz" out
+printf '7z\274\257' >"$work/a.7z"
+printf '\375''7zXZ' >"$work/a.xz"
 python3 -c 'import sys, zipfile
 zipfile.ZipFile(sys.argv[1], "w").write(sys.argv[2], "out/p.ply")' "$work/a.zip" "$work/in/out/p.ply"
 cp "$work/a.zip" "$work/packed"
@@ -60,8 +61,11 @@ foreign() { # INPUT EXPECTED
         nothing_at "$work/new" "$command ${1##*/}: nothing was written"
     done
 }
-foreign "$work/a.zip" "is a ZIP archive that contains 'out/p.ply': unpack it"
-foreign "$work/a.tar.gz" "is packed by gzip: unpack it"
+foreign "$work/a.7z" "is a 7z archive: unpack it"
+foreign "$work/a.xz" "is packed by xz: unpack it"
+run "$bin/spin-eval" "$work/a.zip"
+fails 1 spin-eval "an archive in place of a bundle"
+err_has "is a ZIP archive that contains 'out/p.ply': unpack it" "is named with what it contains"
 "$bin/spin-import" -q fixtures/ply/inria_sh1 -o "$work/whole.spin"
 head -c 3000 "$work/whole.spin" >"$work/short.spin"
 run "$bin/spin-export" "$work/short.spin" -o "$work/short.html"

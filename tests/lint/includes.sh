@@ -52,7 +52,7 @@ ours() {
 # file, pattern of what it may include besides libc and POSIX
 foreign() {
     case $1 in
-    src/io/file.c | src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c) echo '^zlib\.h$' ;;
+    src/io/file.c | src/io/zip.c | src/io/zip_writer.c | src/io/gzip.c | src/io/stream.c) echo '^zlib\.h$' ;;
     src/base/windows/*) echo '^[a-z]+\.h$' ;;
     src/io/xz.c) echo '^lzma\.h$' ;;
     src/web/shim.c) echo '^(webp/(de|en)code|zstd|zstd_errors)\.h$' ;;
