@@ -32,7 +32,8 @@ static spin_status parse_panels(struct spin_camera_path *d, const char *list)
             return spin_misuse(
                 "--panels truth: the data set has no images of a moving camera; leave "
                 "out --path or choose other panels");
-        if (word == SPIN_PANEL_TRUTH && !d->job->views)
+        if (word == SPIN_PANEL_TRUTH &&
+            (!d->job->views || d->job->views->n == 0 || !d->job->views->view[0].path))
             return spin_misuse("--panels truth needs a data set: give --data DIR");
         if (word == SPIN_PANEL_BEFORE && !d->job->source_frame)
             return spin_not_found(

@@ -21,6 +21,7 @@
 #include "io/ranks.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
+#include "scene/kept_cameras.h"
 #include "scene/probe.h"
 #include "scene/splats_4d.h"
 
@@ -267,6 +268,25 @@ static void note_focal(struct import *im)
                   "of -1: the splats of the run are too large and look blurred; spin-retrain "
                   "corrects this",
                   data);
+}
+
+/* Keeps the cameras of the data set in the first frame that is paired with it or, without a data
+ * set, those of the run's cameras.json. Exports use them if the data set does not exist. */
+static spin_status keep_cameras(struct import *im)
+{
+    SPIN_FREED char *path = NULL;
+    int f = 0;
+
+    if (!im->data) {
+        SPIN_TRY(spin_kept_cameras_find(im->input, &im->meta.cameras, &path));
+        spin_views_shift(&im->meta.cameras, im->sequence.shift);
+        if (path)
+            spin_log(1, "keeping the %zu different cameras of '%s'", im->meta.cameras.n, path);
+        return SPIN_OK;
+    }
+    while (f < im->meta.n_frames - 1 && im->rows[f] < 0)
+        f++;
+    return spin_kept_cameras_choose(&im->views, im->rows[f], &im->meta.cameras);
 }
 
 /* Checks that the data set's frames can be paired with those of the clip, and records its path. */
@@ -1146,6 +1166,7 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(choose_frames(im));
     SPIN_TRY(check_times(im));
     SPIN_TRY(attach_data(im));
+    SPIN_TRY(keep_cameras(im));
     SPIN_TRY(check_cameras(im));
     memcpy(meta->shift, im->sequence.shift, sizeof meta->shift);
     if (im->sequence.fps > 0)

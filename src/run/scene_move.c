@@ -112,8 +112,8 @@ spin_status spin_scene_move_views(struct spin_scene_move *m, const struct spin_c
 {
     const struct spin_views *from = &clip->views;
 
-    *out = clip->has_views ? from : NULL;
-    if (!clip->has_views || !m->moves)
+    *out = clip->has_views || clip->has_kept ? from : NULL;
+    if (!*out || !m->moves)
         return SPIN_OK;
     spin_views_free(&m->views);
     for (size_t v = 0; v < from->n; v++) {

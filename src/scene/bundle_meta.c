@@ -3,6 +3,7 @@
 
 #include "base/base.h"
 #include "scene/columns.h"
+#include "scene/kept_cameras.h"
 #include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
@@ -34,6 +35,7 @@ void spin_bundle_meta_free(struct spin_bundle_meta *meta)
     free(meta->source_index);
     free(meta->data_path);
     free(meta->data_absolute);
+    spin_views_free(&meta->cameras);
     memset(meta, 0, sizeof *meta);
 }
 
@@ -250,6 +252,7 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
     if (meta->fps < 0)
         return spin_meta_fail("fps", "a number above 0");
     SPIN_TRY(read_data(meta, root));
+    SPIN_TRY(spin_kept_cameras_read(spin_json_get(root, "cameras"), &meta->cameras));
     return read_frames(meta, root);
 }
 
@@ -353,6 +356,8 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     } else {
         spin_json_set_null(root, "data");
     }
+    if (meta->cameras.n > 0)
+        spin_json_set(root, "cameras", spin_kept_cameras_json(&meta->cameras));
     if (meta->four_d.n)
         spin_json_set(root, "splats_4d", spin_bundle_4d_json(&meta->four_d, meta->parts));
     if (meta->sound.data)

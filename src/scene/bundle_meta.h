@@ -36,6 +36,7 @@ struct spin_bundle_meta {
     /* The sound track. It starts relative to the first frame of the whole source clip. The data are
      * borrowed. */
     struct spin_sound sound;
+    struct spin_views cameras; /* see scene/kept_cameras.h; empty if there are none */
 };
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames);
 void spin_bundle_meta_free(struct spin_bundle_meta *meta);

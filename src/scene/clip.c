@@ -5,6 +5,7 @@
 #include "io/ranks.h"
 #include "scene/data_path.h"
 #include "scene/foreign.h"
+#include "scene/kept_cameras.h"
 #include "scene/outer_cameras.h"
 #include "scene/probe.h"
 #include "scene/renders.h"
@@ -227,6 +228,39 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
+/* Uses the cameras that the bundle keeps, if there are any, as views. If none of them was held out,
+ * the first becomes a test view, since exports choose test views. */
+static spin_status open_kept(struct spin_clip *clip)
+{
+    struct spin_view *view;
+    size_t test = 0;
+
+    SPIN_TRY(spin_kept_cameras_choose(&clip->bundle.meta.cameras, 0, &clip->views));
+    view = clip->views.view;
+    while (test < clip->views.n && !view[test].test)
+        test++;
+    clip->has_kept = clip->views.n > 0;
+    if (clip->has_kept && test == clip->views.n)
+        view[0].test = true;
+    for (int i = 0; i < clip->n_frames && clip->has_kept; i++)
+        clip->dataset_frame[i] = 0;
+    return SPIN_OK;
+}
+
+/* Logs that the data set `path` cannot be used, with the last error. */
+static void log_kept(const struct spin_clip_options *o, const struct spin_clip *clip)
+{
+    bool keeps = clip->bundle.meta.cameras.n > 0;
+
+    if (keeps && clip->data_path && !spin_path_exists(clip->data_path))
+        spin_log(0, "'%s': %s: using the cameras that the bundle keeps", o->input,
+                 spin_last_error());
+    else
+        spin_warn("'%s': %s: continuing %s; give the data set with --data", o->input,
+                  spin_last_error(),
+                  keeps ? "with the cameras that the bundle keeps" : "without its cameras");
+}
+
 /* Opens the data set and pairs its rows with the frames of the clip. If the data set cannot be
  * opened, this is an error if the caller needs it or the user named it; otherwise, its path comes
  * from the bundle, and a warning is printed. */
@@ -237,17 +271,19 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
 
     if (status == SPIN_OK)
         status = pair_rows(o, clip);
+    if (status == SPIN_OK && opened && !clip->has_views)
+        status = open_kept(clip);
     if (status == SPIN_OK || status == SPIN_E_MEMORY || named || o->needs_views)
         return status;
-    spin_warn("'%s': %s: continuing without its cameras; give the data set with --data", o->input,
-              spin_last_error());
+    log_kept(o, clip);
     spin_views_free(&clip->views);
     clip->has_views = false;
     free(clip->dataset_frame);
     free(clip->data_path);
     clip->dataset_frame = NULL;
     clip->data_path = NULL;
-    return pair_rows(o, clip);
+    SPIN_TRY(pair_rows(o, clip));
+    return open_kept(clip);
 }
 
 /* Sets the near plane of all cameras from the first frame of the bundle that has splats, even if
@@ -289,7 +325,7 @@ spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *
     }
     clip->n_mean /= clip->n_frames;
     SPIN_TRY_OUT(open_data(o, clip));
-    if (clip->has_views && (o->needs_views || o->wants_views))
+    if (clip->has_kept || (clip->has_views && (o->needs_views || o->wants_views)))
         SPIN_TRY_OUT(set_near(clip));
     return SPIN_OK;
 out:

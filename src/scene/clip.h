@@ -37,6 +37,9 @@ struct spin_clip {
     /* [n_frames] row of the data set that is paired with each frame; -1: no row */
     int *dataset_frame;
     bool has_views;
+    /* true: `views` are the cameras that the bundle keeps of a data set that is not open: one view
+     * each, without images, all of row 0, with which every frame is paired */
+    bool has_kept;
     int n_trained_test_cameras; /* number of test_cameras that the training of this bundle used */
     struct spin_views views;
     char *data_path;     /* absolute path of the data set; NULL: no data set */

@@ -5,6 +5,8 @@
 #include "math/turn.h"
 #include "model/residual.h"
 #include "scene/data_path.h"
+#include "scene/kept_cameras.h"
+#include "scene/renders.h"
 #include "train/rows_4d.h"
 #include "train/key.h"
 
@@ -424,6 +426,23 @@ static const char *precision_name(const struct spin_retrain_options *o)
     return name[o->precision];
 }
 
+/* Keeps the cameras of the data set in the frame of the clip that is first paired with it. Those of
+ * renders are not cameras of a data set. */
+static spin_status keep_cameras(const struct spin_plan *plan, struct spin_bundle_meta *meta)
+{
+    const struct spin_clip *clip = &plan->clip;
+    const struct spin_views *own = &clip->bundle.meta.cameras;
+    int f = 0;
+
+    if (own->n > 0 && (!plan->o->data || strcmp(plan->o->data, spin_renders.name) == 0))
+        return spin_kept_cameras_choose(own, 0, &meta->cameras);
+    if (strncmp(clip->data_from, spin_renders.name, strlen(spin_renders.name)) == 0)
+        return SPIN_OK;
+    while (f < clip->n_frames - 1 && clip->dataset_frame[f] < 0)
+        f++;
+    return spin_kept_cameras_choose(&clip->views, clip->dataset_frame[f], &meta->cameras);
+}
+
 static spin_status fill_meta(const struct spin_output *output, struct spin_bundle_meta *meta)
 {
     const struct spin_bundle_meta *from = &output->plan->clip.bundle.meta;
@@ -450,6 +469,7 @@ static spin_status fill_meta(const struct spin_output *output, struct spin_bundl
     snprintf(meta->pair, sizeof meta->pair, "%s",
              output->plan->o->pair ? output->plan->o->pair : from->pair);
     memcpy(meta->data_from, output->plan->clip.data_from, sizeof meta->data_from);
+    SPIN_TRY(keep_cameras(output->plan, meta));
     SPIN_TRY(spin_path_folder(output->plan->o->output, &folder));
     return spin_bundle_set_data_path(meta, folder, output->plan->clip.data_path);
 }

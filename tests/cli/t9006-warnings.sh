@@ -378,8 +378,7 @@ warns "frames without a test view" "'$work/missing': 17 images for 5 cameras and
     "2 of 4 frames were not rendered: the data set has no view of them that --views selects"
 mv "$work/data" "$work/gone"
 run "$bin/spin-export" "$in" --to images --size 40x30 --range 0:1 -o "$work/images2"
-warns "a data set that is gone" \
-    "'$in': the data set '$work/data' does not exist: continuing without its cameras; give the data set with --data"
+warns "a data set that is gone, whose cameras the bundle keeps"
 run "$bin/spin-export" "$in" --to ply -o "$work/ply2"
 warns "which only pictures need"
 run "$bin/spin-export" "$in" --to ply --background white -o "$work/ply3"

@@ -347,6 +347,10 @@ static const char *write_meta(const char *text, const char *descr, uint64_t n)
 #define GOOD FRAME("0", "0", "2", "0")
 #define TAIL(frames) "\"data\":null,\"source_frames\":3,\"frames\":[" frames "]}"
 
+#define CAMERA(width, lens, rotation)                                                              \
+    "\"cameras\":[{\"camera\":4,\"width\":" width ",\"height\":9,\"lens\":[" lens                  \
+    "],\"w2c\":[" rotation ",0,0,0,0,1,0,0,0,0,1,0]}],"
+
 static void test_lies(void)
 {
     static const struct {
@@ -389,6 +393,13 @@ static void test_lies(void)
         {HEAD COLUMNS "\"trained\":{\"field\":{\"features\":-4}}," TAIL(GOOD), "features",
          "a network of -4 features"},
         {HEAD COLUMNS "\"trained\":3," TAIL(GOOD), "trained", "a training that is a number"},
+        {HEAD COLUMNS "\"cameras\":[7]," TAIL(GOOD), "cameras", "a camera that is a number"},
+        {HEAD COLUMNS CAMERA("0", "9,9,8,5", "1") TAIL(GOOD), "cameras", "a camera without pixels"},
+        {HEAD COLUMNS CAMERA("16", "9,9,8", "1") TAIL(GOOD), "cameras", "a camera without cy"},
+        {HEAD COLUMNS CAMERA("16", "9,-9,8,5", "1") TAIL(GOOD), "cameras", "a focal length of -9"},
+        {HEAD COLUMNS CAMERA("16", "9,9,8,1e300", "1") TAIL(GOOD), "cameras", "an absurd cy"},
+        {HEAD COLUMNS CAMERA("16", "9,9,8,5", "2") TAIL(GOOD), "cameras", "no rotation"},
+        {HEAD COLUMNS CAMERA("16", "9,9,8,5", "-1") TAIL(GOOD), "cameras", "a reflection"},
         {HEAD COLUMNS "\"trained\":{\"sh_degree\":0}," TAIL(GOOD), "trained.field",
          "a training that does not say whether it has a network"},
         {HEAD COLUMNS "\"network\":{\"features\":4}," TAIL(GOOD), "trained/table",
@@ -492,6 +503,21 @@ static void test_sound(void)
     spin_bundle_close(&b);
 }
 
+static void test_cameras(void)
+{
+    const char *text = HEAD COLUMNS CAMERA("16", "9,9,8,5", "1") TAIL(GOOD);
+    const struct spin_view *v;
+    struct spin_bundle b;
+
+    ok(spin_bundle_open(write_meta(text, "<f4", 2), &b) == SPIN_OK && b.meta.cameras.n == 1,
+       "a camera that the bundle keeps");
+    v = b.meta.cameras.view;
+    ok(v && v->camera_id == 4 && v->camera.width == 16 && v->camera.height == 9 && !v->test &&
+           v->camera.cx == 8 && v->camera.w2c[5] == 1 && v->dataset_frame == 0 && !v->path,
+       "is read");
+    spin_bundle_close(&b);
+}
+
 /* meta.json describes a sound that does not exist, or in the wrong way. */
 static void test_bad_sound(void)
 {
@@ -524,4 +550,5 @@ TAP_MAIN
     test_damage();
     test_sound();
     test_bad_sound();
+    test_cameras();
 }
