@@ -37,15 +37,15 @@ for name in $(importers_of_runs "$new" | grep -e "${3:-}"); do
     # Methods that are defined at any time need a number of frames; of long clips a few are enough.
     for frames in '' '--frames 3' '--range 0:24:8'; do
         # shellcheck disable=SC2086
-        "$old/spin-import" "$run" -q -o "$work/clip.spin" --force $frames 2>/dev/null || continue
-        [ "$("$old/spin-import" --info "$work/clip.spin" --json | sed -n 's/^  "frames": \([0-9]*\),*$/\1/p')" -gt 30 ] || break
+        "$old/spin-import" "$run" -q -o "$work/$name.spin" --force $frames 2>/dev/null || continue
+        [ "$("$old/spin-import" --info "$work/$name.spin" --json | sed -n 's/^  "frames": \([0-9]*\),*$/\1/p')" -gt 30 ] || break
     done
     # shellcheck disable=SC2086
     compare spin-import clip.spin "$run" $frames
     for format in $("$new/spin-export" --list | sed -n 's/^\([a-z0-9][^ ]*\) .*/\1/p' | grep -vx 'images\|video'); do
-        compare spin-export "out-$format" "$work/clip.spin" --to "$format"
+        compare spin-export "out-$format" "$work/$name.spin" --to "$format"
     done
-    compare spin-export images "$work/clip.spin" --to images --path orbit --duration 0.1 --size 64x48
+    compare spin-export images "$work/$name.spin" --to images --path orbit --duration 0.1 --size 64x48
 done
 cat "$work/differences"
 echo "$n commands of two builds, $refused refused: $(wc -l <"$work/differences") differences"
