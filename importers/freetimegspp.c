@@ -68,8 +68,8 @@ static const struct spin_value *part_of(const struct spin_value *module, const c
     return spin_value_get(spin_value_get(state_of(module), kind), name);
 }
 
-static spin_status bind(struct model *m, const char *name, int n_dims, const int64_t *shape,
-                        struct spin_array *out)
+static spin_status bind_tensor(struct model *m, const char *name, int n_dims, const int64_t *shape,
+                               struct spin_array *out)
 {
     const struct spin_value *v = part_of(m->base.torch.root, "_parameters", name);
 
@@ -456,8 +456,8 @@ static spin_status load_sh(struct model *m, size_t n, int *degree, struct spin_a
 {
     const int64_t dc[3] = {(int64_t)n, 1, 3}, rest[3] = {(int64_t)n, -1, 3};
 
-    SPIN_TRY(bind(m, "sh_0", 3, dc, &sh[0]));
-    SPIN_TRY(bind(m, "sh_n", 3, rest, &sh[1]));
+    SPIN_TRY(bind_tensor(m, "sh_0", 3, dc, &sh[0]));
+    SPIN_TRY(bind_tensor(m, "sh_n", 3, rest, &sh[1]));
     *degree = 0;
     while (*degree < 3 && (uint64_t)((*degree + 1) * (*degree + 1)) < sh[1].shape[1] + 1)
         ++*degree;
@@ -483,7 +483,7 @@ static spin_status load_columns(struct model *m, size_t n, bool moves)
         const int64_t shape[2] = {(int64_t)n, columns[i].width};
         struct spin_array t;
 
-        SPIN_TRY(bind(m, columns[i].name, 2, shape, &t));
+        SPIN_TRY(bind_tensor(m, columns[i].name, 2, shape, &t));
         spin_array_to_f32(&t, 0, t.count, columns[i].out);
     }
     return SPIN_OK;
@@ -518,7 +518,7 @@ static spin_status read_checkpoint(struct spin_model *base)
     int degree;
 
     SPIN_TRY(check_object(m));
-    SPIN_TRY(bind(m, "means", 2, shape, &means));
+    SPIN_TRY(bind_tensor(m, "means", 2, shape, &means));
     n = (size_t)means.shape[0];
     if (n == 0 || n > INT_MAX)
         return spin_malformed("parameter 'means' has %zu Gaussians", n);

@@ -118,8 +118,8 @@ static spin_status read_settings(struct model *m, const char *path)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-static spin_status bind(struct model *m, int which, int n_dims, const int64_t *shape,
-                        struct spin_array *out)
+static spin_status bind_tensor(struct model *m, int which, int n_dims, const int64_t *shape,
+                               struct spin_array *out)
 {
     const struct spin_value *v = spin_value_get(m->base.tensors, names[which]);
 
@@ -140,12 +140,12 @@ static spin_status read_sizes(struct model *m)
     const int64_t shape[3] = {-1, -1, -1}, offsets[3] = {-1, -1, 3};
     struct spin_array a;
 
-    SPIN_TRY(bind(m, FEATURES, 2, shape, &a));
+    SPIN_TRY(bind_tensor(m, FEATURES, 2, shape, &a));
     m->width[FEATURES] = (size_t)a.shape[1];
-    SPIN_TRY(bind(m, TIMES, 3, shape, &a));
+    SPIN_TRY(bind_tensor(m, TIMES, 3, shape, &a));
     m->n_frames = (size_t)a.shape[1];
     m->per_frame = (size_t)a.shape[2];
-    SPIN_TRY(bind(m, OFFSETS, 3, offsets, &a));
+    SPIN_TRY(bind_tensor(m, OFFSETS, 3, offsets, &a));
     m->k = (size_t)a.shape[1];
     if (m->k < 1 || m->k > MOST_OFFSETS || m->n_frames < 1 || m->n_frames > MOST_FRAMES ||
         m->width[FEATURES] < 1 || m->width[FEATURES] > MOST_FEATURES || m->per_frame < 1 ||
@@ -178,7 +178,7 @@ static spin_status read_anchors(struct spin_model *base)
                                  (int64_t)(t == OFFSETS ? 3 : m->per_frame)};
         bool is_deep = t == OFFSETS || t == TIMES;
 
-        SPIN_TRY(bind(m, t, is_deep ? 3 : 2, is_deep ? deep : flat, &a));
+        SPIN_TRY(bind_tensor(m, t, is_deep ? 3 : 2, is_deep ? deep : flat, &a));
         n = (size_t)a.shape[0];
         if (m->tensor[t] && n > m->n_read - m->n)
             return spin_fail(SPIN_E_IO, "the file changed while it was being read");

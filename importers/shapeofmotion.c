@@ -44,8 +44,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- The file -------------------------------------------------------------------------------- */
 
-static spin_status bind(struct model *m, const char *name, int n_dims, const int64_t *shape,
-                        struct spin_array *out)
+static spin_status bind_tensor(struct model *m, const char *name, int n_dims, const int64_t *shape,
+                               struct spin_array *out)
 {
     const struct spin_value *v = spin_model_get(&m->base, "%s", name);
 
@@ -113,7 +113,7 @@ static spin_status read_part(struct model *m, const char *part, int column, size
     v = spin_model_get(&m->base, "%s", name);
     if (column == OPACITIES && v && v->kind == SPIN_VALUE_TENSOR && v->tensor.n_dims == 1)
         n_dims = 1;
-    SPIN_TRY(bind(m, name, n_dims, shape, &t));
+    SPIN_TRY(bind_tensor(m, name, n_dims, shape, &t));
     spin_array_to_f32(&t, 0, t.count, m->column[column] + first * (size_t)columns[column].width);
     return SPIN_OK;
 }
@@ -125,7 +125,7 @@ static spin_status count_rows(struct model *m, const char *part, size_t *n)
     char name[64];
 
     snprintf(name, sizeof name, "%s.params.means", part);
-    SPIN_TRY(bind(m, name, 2, shape, &t));
+    SPIN_TRY(bind_tensor(m, name, 2, shape, &t));
     *n = (size_t)t.shape[0];
     return *n <= INT_MAX ? SPIN_OK : spin_unsupported("'%s' has more than 2^31 rows", name);
 }
@@ -184,7 +184,7 @@ static spin_status load_bases(struct model *m)
     int64_t shifts[3] = {0, 0, 3}, weights[2] = {(int64_t)m->n_fore, 0};
     struct spin_array t;
 
-    SPIN_TRY(bind(m, "motion_bases.params.rots", 3, turns, &t));
+    SPIN_TRY(bind_tensor(m, "motion_bases.params.rots", 3, turns, &t));
     m->n_bases = (size_t)t.shape[0];
     m->n_frames = (size_t)t.shape[1];
     if (m->n_bases < 1 || m->n_bases > MOST_BASES || m->n_frames < 1 || m->n_frames > MOST_FRAMES)
@@ -195,11 +195,11 @@ static spin_status load_bases(struct model *m)
     spin_array_to_f32(&t, 0, t.count, m->turns);
     shifts[0] = (int64_t)m->n_bases;
     shifts[1] = (int64_t)m->n_frames;
-    SPIN_TRY(bind(m, "motion_bases.params.transls", 3, shifts, &t));
+    SPIN_TRY(bind_tensor(m, "motion_bases.params.transls", 3, shifts, &t));
     SPIN_TRY(spin_model_alloc(&m->base, t.count, sizeof(float), (void **)&m->shifts));
     spin_array_to_f32(&t, 0, t.count, m->shifts);
     weights[1] = (int64_t)m->n_bases;
-    SPIN_TRY(bind(m, "fg.params.motion_coefs", 2, weights, &t));
+    SPIN_TRY(bind_tensor(m, "fg.params.motion_coefs", 2, weights, &t));
     SPIN_TRY(spin_model_alloc(&m->base, t.count + 1, sizeof(float), (void **)&m->weights));
     spin_array_to_f32(&t, 0, t.count, m->weights);
     for (size_t i = 0; i < m->n_fore; i++)
