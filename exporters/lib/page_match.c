@@ -11,7 +11,7 @@
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
-struct take {
+struct copy_job {
     const struct spin_page_group *g;
     const struct spin_splat_rows *rows;
     struct spin_page_frame *frame;
@@ -19,7 +19,7 @@ struct take {
 
 static void copy_block(void *context, size_t from, size_t to)
 {
-    struct take *t = context;
+    struct copy_job *t = context;
     size_t width = spin_page_width(t->g);
     int n_sh = 3 * (spin_sh_count(t->rows->splats->sh_degree) - 1);
 
@@ -45,13 +45,13 @@ static void copy_block(void *context, size_t from, size_t to)
 static spin_status copy_frame(const struct spin_page_group *g, const struct spin_splat_rows *rows,
                               size_t n, struct spin_page_frame *f)
 {
-    struct take take = {.g = g, .rows = rows, .frame = f};
+    struct copy_job copy_job = {.g = g, .rows = rows, .frame = f};
 
     f->n = f->n_own = 0;
     SPIN_TRY(spin_grow(n + 1, spin_page_width(g) * sizeof *f->value, (void **)&f->value));
     SPIN_TRY(spin_grow(n + 1, 1, (void **)&f->present));
     f->n = n;
-    spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, copy_block, &take);
+    spin_pool_rows(g->pool, n, SPIN_ROWS_BLOCK, copy_block, &copy_job);
     return SPIN_OK;
 }
 

@@ -37,7 +37,7 @@ struct source {
     char *at, *end, *word;
 };
 
-static spin_status take(struct source *s, size_t n, const char **out)
+static spin_status read_bytes(struct source *s, size_t n, const char **out)
 {
     if ((size_t)(s->end - s->at) < n)
         return spin_malformed("the file is cut short");
@@ -51,7 +51,7 @@ static spin_status take_bits(struct source *s, size_t n, uint64_t *out)
 {
     const char *p = NULL;
 
-    SPIN_TRY(take(s, n, &p));
+    SPIN_TRY(read_bytes(s, n, &p));
     *out = 0;
     for (size_t i = n; i-- > 0;)
         *out = *out << 8 | (unsigned char)p[i];
@@ -257,7 +257,7 @@ static spin_status take_name(struct source *s, const char **name)
     end = memchr(s->at, '\0', (size_t)(s->end - s->at));
     if (!end || end - s->at > MAX_NAME)
         return spin_malformed("its name is not terminated");
-    SPIN_TRY(take(s, (size_t)(end - s->at) + 1, name));
+    SPIN_TRY(read_bytes(s, (size_t)(end - s->at) + 1, name));
     SPIN_TRY(take_count(s, 24, "points of the image", &n_points));
     s->at += 24 * n_points;
     return SPIN_OK;
@@ -307,7 +307,7 @@ static spin_status take_point(struct source *s, int *id, double xyz[3])
         SPIN_TRY(take_real(s, "a coordinate", &xyz[i]));
     if (!s->binary)
         return SPIN_OK;
-    SPIN_TRY(take(s, 3 + 8, &rest));
+    SPIN_TRY(read_bytes(s, 3 + 8, &rest));
     SPIN_TRY(take_count(s, 8, "places of a point", &n_track));
     s->at += 8 * n_track;
     return SPIN_OK;

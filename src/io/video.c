@@ -324,7 +324,7 @@ static spin_status decode_up_to(struct video *v, int64_t frame,
                                   (long long)frame);
         if (passer && passer->is_wanted(passer->context, now)) {
             SPIN_TRY(convert_frame(v, rgb));
-            passer->take(passer->context, now, v->index.width, v->index.height, rgb);
+            passer->receive_frame(passer->context, now, v->index.width, v->index.height, rgb);
         }
     }
     v->at = -1;

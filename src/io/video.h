@@ -40,10 +40,10 @@ spin_status spin_video_times(const char *file, double **times, int64_t *n);
 /* Functions that receive the frames decoded on the way to the requested frame. */
 struct spin_video_passer {
     void *context;
-    /* Whether to convert this frame and pass it to take(). */
+    /* Whether to convert this frame and pass it to receive_frame(). */
     bool (*is_wanted)(void *context, int64_t frame);
     /* Receives a frame as interleaved 8-bit RGB [height][width][3], valid only during this call. */
-    void (*take)(void *context, int64_t frame, int width, int height, const uint8_t *rgb);
+    void (*receive_frame)(void *context, int64_t frame, int width, int height, const uint8_t *rgb);
 };
 
 /* Decode a frame to interleaved 8-bit RGB, allocated with malloc. passer may be NULL. Thread-safe;

@@ -214,12 +214,12 @@ static spin_status append_deflated(struct spin_zip_writer *w, const unsigned cha
     struct spin_zip_deflate *d = w->deflate;
 
     while (n > 0) {
-        size_t room = d->n_room - d->n_before - d->n, take = n < room ? n : room;
+        size_t room = d->n_room - d->n_before - d->n, n_fits = n < room ? n : room;
 
-        memcpy(d->in + d->n_before + d->n, data, take);
-        d->n += take;
-        data += take;
-        n -= take;
+        memcpy(d->in + d->n_before + d->n, data, n_fits);
+        d->n += n_fits;
+        data += n_fits;
+        n -= n_fits;
         if (n > 0)
             SPIN_TRY(deflate_part(w, false));
     }

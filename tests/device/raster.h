@@ -24,7 +24,7 @@ static inline size_t view_pixels(const struct view *v)
     return (size_t)v->cam.width * (size_t)v->cam.height;
 }
 
-static inline void *take(size_t n, size_t size)
+static inline void *allocate(size_t n, size_t size)
 {
     void *block = calloc(n ? n : 1, size);
     if (!block) {
@@ -41,17 +41,17 @@ static inline void view_reserve(struct view *v, const struct spin_camera *camera
     v->cam = spin_camera_f32_from(camera);
     v->n = n;
     pixels = view_pixels(v);
-    v->pos_w = take((size_t)n * 3, sizeof(float));
-    v->attr = take((size_t)n * SPIN_ATTR, sizeof(float));
-    v->splat2d = take((size_t)n, sizeof *v->splat2d);
-    v->d_splat2d = take((size_t)n, sizeof *v->d_splat2d);
-    v->tiles.start = take((size_t)(v->cam.tiles_x * v->cam.tiles_y) + 1, sizeof(uint32_t));
-    v->image = take(pixels * 3, sizeof(float));
-    v->d_image = take(pixels * 3, sizeof(float));
-    v->final_transmittance = take(pixels, sizeof(float));
-    v->last_contributor = take(pixels, sizeof(int32_t));
-    v->d_attr = take((size_t)n * SPIN_ATTR, sizeof(float));
-    v->d_pos_w = take((size_t)n * 3, sizeof(float));
+    v->pos_w = allocate((size_t)n * 3, sizeof(float));
+    v->attr = allocate((size_t)n * SPIN_ATTR, sizeof(float));
+    v->splat2d = allocate((size_t)n, sizeof *v->splat2d);
+    v->d_splat2d = allocate((size_t)n, sizeof *v->d_splat2d);
+    v->tiles.start = allocate((size_t)(v->cam.tiles_x * v->cam.tiles_y) + 1, sizeof(uint32_t));
+    v->image = allocate(pixels * 3, sizeof(float));
+    v->d_image = allocate(pixels * 3, sizeof(float));
+    v->final_transmittance = allocate(pixels, sizeof(float));
+    v->last_contributor = allocate(pixels, sizeof(int32_t));
+    v->d_attr = allocate((size_t)n * SPIN_ATTR, sizeof(float));
+    v->d_pos_w = allocate((size_t)n * 3, sizeof(float));
 }
 
 static inline void view_free(struct view *v)
@@ -105,7 +105,7 @@ static inline void put_columns(float *to, int stride, int at, const float *from,
 
 static inline float *columns_of(const float *from, int stride, int at, int n, int columns)
 {
-    float *out = take((size_t)n * (size_t)columns, sizeof(float));
+    float *out = allocate((size_t)n * (size_t)columns, sizeof(float));
 
     for (int i = 0; i < n; i++)
         memcpy(out + (size_t)i * (size_t)columns, from + (size_t)i * (size_t)stride + at,

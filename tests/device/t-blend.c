@@ -12,7 +12,7 @@ static void check_image(struct spin_npz *npz, const struct view *v, const char *
     char what[64];
     size_t pixels = view_pixels(v);
     double *want = check_load(npz, key, NULL), *fine = check_load(npz, "pixel_ok", NULL);
-    float *got = take((size_t)planes * pixels, sizeof(float));
+    float *got = allocate((size_t)planes * pixels, sizeof(float));
 
     memcpy(got, from, (size_t)planes * pixels * sizeof(float));
     for (size_t i = 0; i < (size_t)planes * pixels; i++)
@@ -79,7 +79,7 @@ static void plain(const struct view *v, float *image, struct spin_blend_sums *su
         int tile = py / SPIN_TILE * v->cam.tiles_x + px / SPIN_TILE;
         const uint32_t *intersections = v->tiles.intersections + v->tiles.start[tile];
         int n = (int)(v->tiles.start[tile + 1] - v->tiles.start[tile]);
-        char *added = take((size_t)n, 1);
+        char *added = allocate((size_t)n, 1);
         struct spin_blend_pixel pixel = {1, {0, 0, 0}, 0};
         struct spin_blend_pixel_adj back = {0, 0, {0, 0, 0}};
         for (int i = 0; i < n; i++) {
@@ -128,8 +128,8 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
 
     view_random(&v, &camera, n, size_px, 4);
     values = 3 * view_pixels(&v);
-    image = take(values, sizeof *image);
-    sums = take((size_t)n, sizeof *sums);
+    image = allocate(values, sizeof *image);
+    sums = allocate((size_t)n, sizeof *sums);
     view_forward(d, &v);
     plain(&v, image, sums);
     for (size_t i = 0; i < values; i++) {
@@ -233,9 +233,9 @@ static void depths(struct spin_device *d)
 
     view_random(&v, &camera, n, 8, 4);
     pixels = view_pixels(&v);
-    depth = take(2 * pixels, sizeof *depth);
-    image = take(3 * pixels, sizeof *image);
-    as_colour = take((size_t)n, sizeof *as_colour);
+    depth = allocate(2 * pixels, sizeof *depth);
+    image = allocate(3 * pixels, sizeof *image);
+    as_colour = allocate((size_t)n, sizeof *as_colour);
     view_forward(d, &v);
     memcpy(as_colour, v.splat2d, (size_t)n * sizeof *as_colour);
     for (int i = 0; i < n; i++) {
@@ -318,7 +318,7 @@ static void differences(struct spin_device *d)
         int at = groups[g].at, columns = groups[g].columns, stride = at < 0 ? 3 : SPIN_ATTR;
         float *p = at < 0 ? v.pos_w : v.attr + at, *slope = at < 0 ? v.d_pos_w : v.d_attr + at;
         size_t all = (size_t)v.n * (size_t)stride - (size_t)(at < 0 ? 0 : at);
-        float *old = take(all, sizeof(float)), *dir = take(all, sizeof(float));
+        float *old = allocate(all, sizeof(float)), *dir = allocate(all, sizeof(float));
         double along = 0, low, high;
         uint64_t state = 77;
         memcpy(old, p, all * sizeof(float));

@@ -153,8 +153,8 @@ static void golden(struct spin_device *d)
 static void bytes(struct spin_device *d)
 {
     enum { W = 33, H = 21, N = 3 * W * H };
-    float *x = take(N, 4), *again = take(N, 4), *y = take(N, 4);
-    uint8_t *rgb = take(N, 1), *mask = take((W * H + 7) / 8, 1);
+    float *x = allocate(N, 4), *again = allocate(N, 4), *y = allocate(N, 4);
+    uint8_t *rgb = allocate(N, 1), *mask = allocate((W * H + 7) / 8, 1);
     double of_bytes[SPIN_MEASURE_VALUES], of_floats[SPIN_MEASURE_VALUES], sum[2] = {0}, red = 0;
     uint64_t state = 5;
 
@@ -189,8 +189,9 @@ static void bytes(struct spin_device *d)
 static void differences(struct spin_device *d, bool weighted)
 {
     enum { W = 37, H = 29, N = 3 * W * H };
-    float *x = take(N, 4), *y = take(N, 4), *v = take(N, 4), *moved = take(N, 4), *g = take(N, 4);
-    float *weights = take(W * H, 4), *w = weighted ? weights : NULL;
+    float *x = allocate(N, 4), *y = allocate(N, 4), *v = allocate(N, 4), *moved = allocate(N, 4),
+          *g = allocate(N, 4);
+    float *weights = allocate(W * H, 4), *w = weighted ? weights : NULL;
     double low[3], high[3], values[3], along = 0;
     const float step = 2e-3f;
     uint64_t state = 7;
@@ -227,8 +228,8 @@ static void differences(struct spin_device *d, bool weighted)
 static void weights(struct spin_device *d)
 {
     enum { W = 50, H = 61, N = 3 * W * H };
-    float *x = take(N, 4), *y = take(N, 4), *g = take(N, 4), *other = take(N, 4);
-    float *one = take(W * H, 4), *some = take(W * H, 4);
+    float *x = allocate(N, 4), *y = allocate(N, 4), *g = allocate(N, 4), *other = allocate(N, 4);
+    float *one = allocate(W * H, 4), *some = allocate(W * H, 4);
     double plain[3], values[3], sum = 0, mass = 0, worst = 0, outside = 0;
     uint64_t state = 3;
 
@@ -273,8 +274,8 @@ static void weights(struct spin_device *d)
 static void wide(struct spin_device *d)
 {
     enum { W = 600, CUT = 200, H = 30, FAR = 10, ALL = 3 * W * H, PART = 3 * CUT * H };
-    float *x = take(ALL, 4), *y = take(ALL, 4), *g = take(ALL, 4);
-    float *cut_x = take(PART, 4), *cut_y = take(PART, 4), *cut_g = take(PART, 4);
+    float *x = allocate(ALL, 4), *y = allocate(ALL, 4), *g = allocate(ALL, 4);
+    float *cut_x = allocate(PART, 4), *cut_y = allocate(PART, 4), *cut_g = allocate(PART, 4);
     double values[3], worst = 0, most = 0;
     uint64_t state = 12;
 
@@ -300,7 +301,7 @@ static void wide(struct spin_device *d)
 static void same_bits(const char *path)
 {
     enum { W = 131, H = 97, N = 3 * W * H };
-    float *x = take(N, 4), *y = take(N, 4), *one = take(N, 4), *more = take(N, 4);
+    float *x = allocate(N, 4), *y = allocate(N, 4), *one = allocate(N, 4), *more = allocate(N, 4);
     double first[3], values[3];
     uint64_t state = 11;
 
@@ -330,7 +331,7 @@ static void same_bits(const char *path)
 static void extremes(struct spin_device *d)
 {
     enum { W = 20, H = 14, N = 3 * W * H };
-    float *x = take(N, 4), *y = take(N, 4), *g = take(N, 4);
+    float *x = allocate(N, 4), *y = allocate(N, 4), *g = allocate(N, 4);
     double values[3];
     int finite = 1;
 

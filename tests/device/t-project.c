@@ -9,7 +9,7 @@ static void check_visible(struct spin_npz *npz, const struct view *v, const char
 {
     char what[64];
     double *want = check_load(npz, key, NULL), *visible = check_load(npz, "visible", NULL);
-    float *got = take((size_t)(v->n * columns), sizeof(float));
+    float *got = allocate((size_t)(v->n * columns), sizeof(float));
 
     for (int i = 0; i < v->n; i++)
         for (int c = 0; c < columns; c++) {

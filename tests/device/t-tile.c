@@ -18,7 +18,7 @@ static int before(const void *a, const void *b)
 
 static uint32_t *plain_order(const struct view *v, size_t *n)
 {
-    uint32_t *order = take((size_t)v->n, sizeof *order);
+    uint32_t *order = allocate((size_t)v->n, sizeof *order);
 
     *n = 0;
     for (int i = 0; i < v->n; i++)
@@ -81,7 +81,7 @@ static void check_lists(const struct view *v)
 /* The slots of consecutive splats are consecutive, one for each pair. */
 static void check_slots(const struct view *v)
 {
-    uint32_t *count = take((size_t)v->n, sizeof *count), at = 0;
+    uint32_t *count = allocate((size_t)v->n, sizeof *count), at = 0;
     int wrong = 0;
 
     for (uint32_t i = 0; i < v->tiles.n_intersections; i++)
@@ -101,8 +101,8 @@ static void check_two_views(struct spin_device *d, const struct view *v)
     struct loans l = {.d = d};
     size_t n = (size_t)v->n;
     struct spin_view_batch views = view_of_camera(&v->cam, n);
-    struct spin_splat2d *twice = take(2 * n, sizeof *twice);
-    uint32_t *start = take(2 * (views.max_tiles + 1), sizeof *start);
+    struct spin_splat2d *twice = allocate(2 * n, sizeof *twice);
+    uint32_t *start = allocate(2 * (views.max_tiles + 1), sizeof *start);
     struct spin_tiles tiles = {0};
     spin_status status;
     int wrong = 0;
@@ -223,7 +223,7 @@ static void same_bits(const char *path)
 static void too_many(struct spin_device *d)
 {
     struct spin_camera camera = camera_of(16, 16, 20);
-    struct spin_splat2d *s = take(17, sizeof *s);
+    struct spin_splat2d *s = allocate(17, sizeof *s);
     struct spin_splat2d SPIN_DEV *splats;
     struct spin_tiles tiles = {0};
     struct loans l = {.d = d};

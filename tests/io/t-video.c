@@ -63,7 +63,7 @@ static bool is_wanted(void *context, int64_t frame)
     return !p->even_only || frame % 2 == 0;
 }
 
-static void take(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
+static void receive_frame(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
 {
     struct passed *p = context;
 
@@ -98,7 +98,7 @@ static void test_order(const char *path)
 static void test_passing(const char *path)
 {
     struct passed p = {.even_only = 0};
-    struct spin_video_passer passer = {&p, is_wanted, take};
+    struct spin_video_passer passer = {&p, is_wanted, receive_frame};
     uint8_t *rgb = NULL;
     int w, h;
     bool good = spin_video_read(path, 0, NULL, &w, &h, &rgb) == SPIN_OK;
