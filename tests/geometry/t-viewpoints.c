@@ -90,7 +90,7 @@ static void find_eye(const struct spin_camera *c, const struct scene *s, double 
                  (s->turned && a > 0 ? -1 : 1);
 }
 
-static void place(struct scene *s, struct spin_viewpoints *p)
+static void place_cameras(struct scene *s, struct spin_viewpoints *p)
 {
     struct spin_viewpoints_options o = {.n_cameras = CAMERAS,
                                         .n_test = TESTS,
@@ -131,7 +131,7 @@ static void check_room(bool flickers)
     struct spin_viewpoints p = {0};
     int outside = 0, n_seen;
 
-    place(&s, &p);
+    place_cameras(&s, &p);
     ok(p.room && p.n == CAMERAS + TESTS, "the room is one, with all cameras");
     near(p.centre[0], 0.5, 0.15, "the subject is where the ball swings, x");
     near(p.centre[1], -0.9, 0.1, "and y");
@@ -161,7 +161,7 @@ static void check_two_bodies(void)
     struct spin_viewpoints p = {0};
     int n_seen[2];
 
-    place(&s, &p);
+    place_cameras(&s, &p);
     for (int b = 0; b < 2; b++)
         count_blind(&s, &p, b, &n_seen[b]);
     ok(n_seen[0] >= CAMERAS / 2 && n_seen[1] >= CAMERAS / 2, "both players are in view: %d, %d",
@@ -176,7 +176,7 @@ static void check_subject(bool moves)
     struct spin_viewpoints p = {0};
     int n_near = 0, n_seen;
 
-    place(&s, &p);
+    place_cameras(&s, &p);
     ok(!p.room && p.n == CAMERAS + TESTS, "a subject alone is no room");
     for (int k = 0; k < p.n; k++) {
         double eye[3];
@@ -197,8 +197,8 @@ static void check_twin(void)
     struct spin_viewpoints p = {0}, q = {0};
     double worst = 0;
 
-    place(&a, &p);
-    place(&b, &q);
+    place_cameras(&a, &p);
+    place_cameras(&b, &q);
     for (int k = 0; k < p.n && k < q.n; k++) {
         double eye[3], other[3];
 

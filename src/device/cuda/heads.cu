@@ -17,13 +17,13 @@ enum { OWN = ROWS * WIDE / THREADS, OWN_WEIGHTS = WIDE * WIDE / THREADS };
 /* Matrix products. Activations are [ROWS][WIDE] in shared memory, indexed by cell(row, column);
  * `stage` contains STEP rows of a weight matrix, WIDE columns each.
  *     times(): sum += columns [k0, k0 + STEP) of x times stage
- *     place(): row and column of element e of a thread's sum of times()
+ *     element_position(): row and column of element e of a thread's sum of times()
  *     outer(): sum [n][WIDE] += d^T x
- *     outer_place(): the same as place(), for the sum of outer() */
+ *     outer_position(): the same as element_position(), for the sum of outer() */
 enum { ROOM = ROWS * WIDE, STAGE_ROW = WIDE, STAGE = (int)STEP * STAGE_ROW };
 static __device__ int cell(int row, int column) { return row * WIDE + column; }
 
-static __device__ void place(int e, int *row, int *column)
+static __device__ void element_position(int e, int *row, int *column)
 {
     *row = (int)threadIdx.x / 32 + 8 * (e / 2);
     *column = (int)threadIdx.x % 32 + 32 * (e % 2);
@@ -40,7 +40,7 @@ static __device__ void times(const float *x, int k0, const float *stage, float *
     }
 }
 
-static __device__ void outer_place(int e, int *i, int *j)
+static __device__ void outer_position(int e, int *i, int *j)
 {
     *i = (int)threadIdx.x / 16 + 16 * (e / 4);
     *j = (int)threadIdx.x % 16 + 16 * (e % 4);
@@ -92,7 +92,7 @@ static __device__ void activate(const float *sum, const float *bias, int hidden,
         float v = 0, s = 0;
         int row, column;
 
-        place(e, &row, &column);
+        element_position(e, &row, &column);
         if (column < hidden) {
             float x = sum[e] + bias[column];
 
@@ -145,7 +145,7 @@ static __device__ void forward(const struct spin_heads &heads, const float *para
     for (int e = 0; e < OWN; e++) {
         int row, column;
 
-        place(e, &row, &column);
+        element_position(e, &row, &column);
         if (row < m && column < n_out)
             raw[(first + (size_t)row) * SPIN_ATTR + (size_t)(cuda_heads_column(head) + column)] =
                 sum[e] + p[at.b3 + (size_t)column];
@@ -207,7 +207,7 @@ static __device__ void store_gradients(const float *sum, float sum_of_bias, int 
     for (int e = 0; e < OWN_WEIGHTS; e++) {
         int i, j;
 
-        outer_place(e, &i, &j);
+        outer_position(e, &i, &j);
         if (i < n && j < n_in)
             to[i * n_in + j] = sum[e];
     }
@@ -225,7 +225,7 @@ static __device__ void through_activation(const float *sum, const float *slope, 
     for (int e = 0; e < OWN; e++) {
         int row, column;
 
-        place(e, &row, &column);
+        element_position(e, &row, &column);
         to[cell(row, column)] = sum[e] * slope[e];
     }
     __syncthreads();
@@ -269,7 +269,7 @@ static __device__ void backward(const struct back &b, float *z, float *a1, float
         for (int e = 0; e < OWN; e++) {
             int row, column;
 
-            place(e, &row, &column);
+            element_position(e, &row, &column);
             if (row >= m || column >= n_in)
                 continue;
             to = b.d_z + (first + (size_t)row) * (size_t)n_in + (size_t)column;

@@ -28,7 +28,7 @@ enum {
 };
 
 /* The weights of one head in shared memory, padded with zeros. Each of w1 to w3 contains first the
- * high parts of the weights, then the low parts, both in the order of place(). */
+ * high parts of the weights, then the low parts, both in the order of weight_index(). */
 struct weights {
     float w1[2 * WIDE * WIDE], w2[2 * WIDE * WIDE], w3[2 * MOST_OUT * WIDE], b1[WIDE], b2[WIDE],
         b3[MOST_OUT];
@@ -68,7 +68,7 @@ static __device__ int tiles(int n) { return (n + DEEP - 1) / DEEP; }
 
 /* Returns the index of weight W(o, i) in shared memory, chosen so that lanes that read the weights
  * (g, 2 t) and (g, 2 t + 1), or (2 t, g), use different banks. */
-static __device__ int place(int o, int i) { return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4)); }
+static __device__ int weight_index(int o, int i) { return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4)); }
 
 template <int ROOM>
 static __device__ void stage_weights(const float *w, int n_in, int n_out, float *to)
@@ -78,8 +78,8 @@ static __device__ void stage_weights(const float *w, int n_in, int n_out, float 
         cuda_split<1> v;
 
         v.set(0, o < n_out && i < n_in ? w[o * n_in + i] : 0);
-        to[place(o, i)] = spin_float_of_bits(v.high[0]);
-        to[ROOM * WIDE + place(o, i)] = spin_float_of_bits(v.low[0]);
+        to[weight_index(o, i)] = spin_float_of_bits(v.high[0]);
+        to[ROOM * WIDE + weight_index(o, i)] = spin_float_of_bits(v.low[0]);
     }
 }
 
@@ -123,7 +123,7 @@ static __device__ void load_rows(const float *x, int step, cuda_split<4> *to)
 
 /* Loads from each of N tiles the weights (k, n) and (k + 1, n), where k = 8 step + 2 t and n = 8
  * tile + g. They are elements of W^T or, if BACK is true, of W, which has ROOM rows. The index is
- * that of place(), with the terms that do not depend on the step written separately, so that the
+ * that of weight_index(), with the terms that do not depend on the step written separately, so that the
  * compiler moves these out of the loop over steps. */
 template <int N, bool BACK, int ROOM>
 static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> *to)
@@ -141,7 +141,7 @@ static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> 
                 pair[1] = spin_bits_of_float(from[WIDE + DEEP * (n % 4 ^ t() ^ 2)]);
             } else {
                 float2 v =
-                    *(const float2 *)(from + n * DEEP * WIDE + place(g(), step * DEEP) + 2 * t());
+                    *(const float2 *)(from + n * DEEP * WIDE + weight_index(g(), step * DEEP) + 2 * t());
 
                 pair[0] = spin_bits_of_float(v.x);
                 pair[1] = spin_bits_of_float(v.y);

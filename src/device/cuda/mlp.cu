@@ -75,7 +75,7 @@ static __device__ void finish(const struct product &x, float sum, size_t i, size
  * that avoid bank conflicts.
  *     at(): index in shared memory of element k of a row of A or of a column of B, i
  *     add(): adds STEP products to the EACH * EACH elements of a thread
- *     place(): row and column of element e of a thread */
+ *     element_position(): row and column of element e of a thread */
 /* In fp32, a thread computes the rows side_i + SIDE u and the columns side_j + SIDE v of the tile.
  */
 struct plain {
@@ -99,7 +99,7 @@ struct plain {
         }
     }
 
-    static __device__ void place(int e, int *i, int *j)
+    static __device__ void element_position(int e, int *i, int *j)
     {
         *i = (int)threadIdx.x / SIDE + SIDE * (e / EACH);
         *j = (int)threadIdx.x % SIDE + SIDE * (e % EACH);
@@ -131,7 +131,7 @@ struct tensor {
         }
     }
 
-    static __device__ void place(int e, int *i, int *j)
+    static __device__ void element_position(int e, int *i, int *j)
     {
         int g = (int)threadIdx.x % 32 / 4, t = (int)threadIdx.x % 4;
 
@@ -186,7 +186,7 @@ template <class form> static __device__ void multiply_tile(struct product x, flo
     for (int e = 0; e < EACH * EACH; e++) {
         int i, j;
 
-        form::place(e, &i, &j);
+        form::element_position(e, &i, &j);
         if (i0 + i < m && j0 + j < x.n)
             finish(x, sum[e], (size_t)(i0 + i), (size_t)(j0 + j));
     }
