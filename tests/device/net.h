@@ -28,7 +28,7 @@ __attribute__((unused)) static int net_path(const char *path)
     return 0;
 }
 
-__attribute__((unused)) static void *net_take(size_t n, size_t size)
+__attribute__((unused)) static void *net_alloc(size_t n, size_t size)
 {
     void *block = calloc(n ? n : 1, size);
 
@@ -39,7 +39,7 @@ __attribute__((unused)) static void *net_take(size_t n, size_t size)
     return block;
 }
 
-__attribute__((unused)) static float *net_floats(size_t n) { return net_take(n, sizeof(float)); }
+__attribute__((unused)) static float *net_floats(size_t n) { return net_alloc(n, sizeof(float)); }
 
 /* n floats, uniform in [low, high). */
 __attribute__((unused)) static float *net_random(size_t n, uint64_t stream, float low, float high)
@@ -64,7 +64,7 @@ __attribute__((unused)) static size_t net_rows(size_t n, uint32_t **rows)
 {
     size_t n_rows = 0;
 
-    *rows = net_take(n, sizeof **rows);
+    *rows = net_alloc(n, sizeof **rows);
     for (size_t i = 1; i < n; i += 3)
         (*rows)[n_rows++] = (uint32_t)i;
     return n_rows;

@@ -116,7 +116,7 @@ static void differences(void)
 static void rows_and_threads(void)
 {
     size_t n = 5003, n_rows;
-    uint32_t *rows, *found = net_take(n, sizeof *found);
+    uint32_t *rows, *found = net_alloc(n, sizeof *found);
     float *raw = net_random(n * SPIN_ATTR, 5, -3, 3), *g = net_random(n * SPIN_ATTR, 6, -1, 1);
     float *attr[2], *d_raw[2], *full = net_floats(n * SPIN_ATTR), *d_pos = net_floats(n * 3);
     int good = 1;
@@ -159,7 +159,7 @@ static void active_edges(void)
     struct spin_device *d = check_device(2);
     size_t n = 3000;
     float *g = net_floats(n * SPIN_ATTR), *d_pos = net_floats(n * 3);
-    uint32_t *rows = net_take(n, sizeof *rows);
+    uint32_t *rows = net_alloc(n, sizeof *rows);
 
     ok(on_nonzero_grad(d, n, g, d_pos, rows) == 0, "active of nothing");
     ok(on_nonzero_grad(d, 0, g, d_pos, rows) == 0, "active of no rows");

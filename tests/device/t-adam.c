@@ -89,7 +89,7 @@ static void golden_lazy(void)
     visited = check_load(&npz, "visited", NULL);
     want = check_load(&npz, "p", NULL);
     m = net_floats(n_frames * n), v = net_floats(n_frames * n);
-    step = net_take(n_frames, sizeof *step);
+    step = net_alloc(n_frames, sizeof *step);
     lr = check_setting_or("adam_lazy.npz", "lr", first_move(p, want, visited, n_frames, n));
     for (size_t i = 0; i < n_steps; i++) {
         for (size_t f = 0; f < n_frames; f++)

@@ -36,7 +36,7 @@ static void check_space(const float *got, const double *want, size_t n, double t
                         int relative, const char *what)
 {
     float *g = net_floats(n * 3);
-    double *w = net_take(n * 3, sizeof *w);
+    double *w = net_alloc(n * 3, sizeof *w);
 
     for (size_t i = 0; i < n * 3; i++) {
         g[i] = got[i / 3 * 4 + i % 3];
@@ -291,7 +291,7 @@ static void against_plain(int n_features, int odd_rows)
     float *g = net_random(n * width, 13, -1, 1), *z = net_floats(n * width),
           *d_x = net_floats(n * 4);
     float *d_table = net_floats(n_table), *direction = net_random(n_table, 14, -1, 1);
-    double *want = net_take(n * width, sizeof *want), worst = 0;
+    double *want = net_alloc(n * width, sizeof *want), worst = 0;
     char what[96];
 
     on_grid(d, &grid, table, n, x, z);
@@ -411,7 +411,7 @@ static void crowds(int n_features)
     float *table = net_random(n_table, 61, -1, 1), *x = net_random(n * 4, 62, 0, 1);
     float *g = net_random(n * width, 63, -1, 1);
     float *d_table = net_floats(n_table), *one = net_floats(n_table);
-    double *want = net_take(n_table, sizeof *want);
+    double *want = net_alloc(n_table, sizeof *want);
     char what[64];
 
     for (size_t i = 0; i < n; i++)

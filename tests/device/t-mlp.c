@@ -216,7 +216,7 @@ static double plain_dot(const struct spin_heads *heads, const float *param,
                         const float *d_raw, double step)
 {
     size_t n_param = heads->offset[SPIN_HEADS], n_in = (size_t)heads->n_in;
-    double *p = net_take(n_param, sizeof *p), *x = net_take(n_in, sizeof *x), raw[SPIN_ATTR],
+    double *p = net_alloc(n_param, sizeof *p), *x = net_alloc(n_in, sizeof *x), raw[SPIN_ATTR],
            sum = 0;
 
     for (size_t i = 0; i < n_param; i++)
@@ -241,7 +241,7 @@ static void against_plain(int n_in, int hidden, int relu, size_t n)
     float *d_raw = net_random(n * SPIN_ATTR, 3, -1, 1), *raw = net_floats(n * SPIN_ATTR);
     float *d_param = net_floats(n_param), *d_z = net_random(n_z, 4, 8, 9);
     float *direction = net_random(n_param, 5, -1, 1), *z_dir = net_random(n_z, 6, -1, 1);
-    double *p = net_take(n_param, sizeof *p), *want = net_take(n * SPIN_ATTR, sizeof *want);
+    double *p = net_alloc(n_param, sizeof *p), *want = net_alloc(n * SPIN_ATTR, sizeof *want);
     double h = relu ? 1e-8 : 1e-6, slope, worst = 0; /* small, so that no kink lies in between */
     struct spin_device *d = check_device(2);
     char what[96];
@@ -334,7 +334,7 @@ static void rows_are_compact(void)
     float *d_raw = net_random(n * SPIN_ATTR, 23, -1, 1), *listed = net_floats(n * 16);
     float *p1 = net_floats(n_param), *p2 = net_floats(n_param);
     float *z1 = net_floats(n * 16), *z2 = net_floats(n * 16);
-    double *twice = net_take(n_param, sizeof *twice);
+    double *twice = net_alloc(n_param, sizeof *twice);
 
     n_rows = net_rows(n, &rows);
     for (size_t i = 0; i < n_rows; i++)
