@@ -685,7 +685,7 @@ spin_status spin_usd_crate_count(const struct spin_usd_value *v, unsigned width,
     return SPIN_OK;
 }
 
-static void put(size_t i, double value, float *floats, double *doubles)
+static void store_number(size_t i, double value, float *floats, double *doubles)
 {
     if (floats)
         floats[i] = (float)value;
@@ -716,11 +716,11 @@ static spin_status read_packed(struct numbers *of, float *floats, double *double
     for (size_t i = 0; i < of->n; i++) {
         if (table && (uint32_t)ints[i] >= n_table)
             return spin_malformed("index %u in a table of %u values", (uint32_t)ints[i], n_table);
-        put(i,
-            table                   ? number_at(of->component, table + (size_t)ints[i] * size)
-            : of->component == UINT ? (double)(uint32_t)ints[i]
-                                    : (double)ints[i],
-            floats, doubles);
+        store_number(i,
+                     table ? number_at(of->component, table + (size_t)ints[i] * size)
+                     : of->component == UINT ? (double)(uint32_t)ints[i]
+                                             : (double)ints[i],
+                     floats, doubles);
     }
     return SPIN_OK;
 }
@@ -740,11 +740,11 @@ spin_status spin_usd_crate_numbers(const struct spin_usd_value *v, size_t n, flo
         /* Quaternions are stored x y z w. */
         size_t from = of.swap ? i - i % 4 + (i + 3) % 4 : i;
 
-        put(i,
-            is_inline(v->word)
-                ? inline_number(of.component, of.width, matrix, payload_of(v->word), (unsigned)from)
-                : number_at(of.component, of.p.at + from * size),
-            floats, doubles);
+        store_number(i,
+                     is_inline(v->word) ? inline_number(of.component, of.width, matrix,
+                                                        payload_of(v->word), (unsigned)from)
+                                        : number_at(of.component, of.p.at + from * size),
+                     floats, doubles);
     }
     return SPIN_OK;
 }

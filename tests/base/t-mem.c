@@ -126,7 +126,7 @@ static void scratch(void)
 }
 
 /* A file below a folder, whose folders are made. */
-static void put(const char *root, const char *name, const char *text)
+static void write_file(const char *root, const char *name, const char *text)
 {
     char path[512];
     FILE *file;
@@ -148,11 +148,11 @@ static void put_group(const char *root, const char *group, const char *limit, co
     char name[256];
 
     snprintf(name, sizeof name, "sys/fs/cgroup/%s/memory.max", group);
-    put(root, name, limit);
+    write_file(root, name, limit);
     snprintf(name, sizeof name, "sys/fs/cgroup/%s/memory.current", group);
-    put(root, name, used);
+    write_file(root, name, used);
     snprintf(name, sizeof name, "sys/fs/cgroup/%s/memory.stat", group);
-    put(root, name, "anon 1\ninactive_file 20\n");
+    write_file(root, name, "anon 1\ninactive_file 20\n");
 }
 
 static void groups(void)
@@ -164,7 +164,7 @@ static void groups(void)
         return;
     }
     ok(spin_memory_group_available(root) == UINT64_MAX, "no control groups: no limit");
-    put(root, "proc/self/cgroup", "0::/slice/job\n");
+    write_file(root, "proc/self/cgroup", "0::/slice/job\n");
     put_group(root, "slice", "max\n", "700\n");
     put_group(root, "slice/job", "1000\n", "300\n");
     ok(spin_memory_group_available(root) == 720,
@@ -173,14 +173,14 @@ static void groups(void)
     ok(spin_memory_group_available(root) == 70, "a group above it has less left");
     put_group(root, "", "60\n", "30\n");
     ok(spin_memory_group_available(root) == 50, "and so has the topmost, as in a container");
-    put(root, "proc/self/cgroup", "0::/not/seen\n");
+    write_file(root, "proc/self/cgroup", "0::/not/seen\n");
     ok(spin_memory_group_available(root) == 50, "a group that is not seen is skipped");
-    put(root, "proc/self/cgroup", "3:cpuset:/x\n4:cpu,memory:/old\n0::/not/seen\n");
-    put(root, "sys/fs/cgroup/memory/old/memory.limit_in_bytes", "90\n");
-    put(root, "sys/fs/cgroup/memory/old/memory.usage_in_bytes", "80\n");
-    put(root, "sys/fs/cgroup/memory/old/memory.stat", "total_inactive_file 5\n");
+    write_file(root, "proc/self/cgroup", "3:cpuset:/x\n4:cpu,memory:/old\n0::/not/seen\n");
+    write_file(root, "sys/fs/cgroup/memory/old/memory.limit_in_bytes", "90\n");
+    write_file(root, "sys/fs/cgroup/memory/old/memory.usage_in_bytes", "80\n");
+    write_file(root, "sys/fs/cgroup/memory/old/memory.stat", "total_inactive_file 5\n");
     ok(spin_memory_group_available(root) == 15, "a group of version 1");
-    put(root, "sys/fs/cgroup/memory/old/memory.usage_in_bytes", "200\n");
+    write_file(root, "sys/fs/cgroup/memory/old/memory.usage_in_bytes", "200\n");
     ok(spin_memory_group_available(root) == 0, "a group that is over its limit gives nothing");
     snprintf(command, sizeof command, "rm -r %s", root);
     ok(system(command) == 0, "removes the folder");

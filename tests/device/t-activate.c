@@ -3,7 +3,7 @@
  * K: golden attr network threads */
 #include "tests/device/net.h"
 
-static void put(float *rows, const float *part, size_t n, int at, int width)
+static void copy_columns(float *rows, const float *part, size_t n, int at, int width)
 {
     for (size_t i = 0; i < n; i++)
         memcpy(rows + i * SPIN_ATTR + at, part + i * (size_t)width, (size_t)width * sizeof *rows);
@@ -47,8 +47,8 @@ static void golden(const char *path)
         float *r = check_load_f32(&npz, raw_keys[k], &info);
         float *g = check_load_f32(&npz, grad_keys[k], NULL);
 
-        put(raw, r, n, at[k], width[k]);
-        put(d_attr, g, n, at[k], width[k]);
+        copy_columns(raw, r, n, at[k], width[k]);
+        copy_columns(d_attr, g, n, at[k], width[k]);
         free(r), free(g);
     }
     on_activate(d, n, raw, attr);

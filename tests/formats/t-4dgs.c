@@ -78,7 +78,7 @@ struct bytes {
     size_t n;
 };
 
-static void put(struct bytes *b, const void *data, size_t n)
+static void append(struct bytes *b, const void *data, size_t n)
 {
     memcpy(b->at + b->n, data, n);
     b->n += n;
@@ -103,7 +103,7 @@ static void put_reals(struct bytes *b, const double *v, int n)
 static void put_text(struct bytes *b, const char *text)
 {
     put_number(b, strlen(text), 4);
-    put(b, text, strlen(text));
+    append(b, text, strlen(text));
 }
 
 static void put_packed(struct bytes *b, int codec, const unsigned char *data, size_t n)
@@ -116,7 +116,7 @@ static void put_packed(struct bytes *b, int codec, const unsigned char *data, si
               : compress(small, &n_small, data, n) != Z_OK)
         exit(1);
     put_number(b, codec ? n_out : n_small, 8);
-    put(b, codec ? out : small, codec ? n_out : n_small);
+    append(b, codec ? out : small, codec ? n_out : n_small);
     free(out);
 }
 
@@ -152,7 +152,7 @@ static void put_record(struct bytes *b, int opcode, const struct bytes *content)
     for (int k = 0; k < (wrong.again == opcode ? 2 : 1); k++) {
         put_number(b, (uint64_t)opcode, 1);
         put_number(b, content->n, 8);
-        put(b, content->at, content->n);
+        append(b, content->at, content->n);
     }
 }
 
@@ -179,7 +179,7 @@ static void put_chunk(struct bytes *b, int chunk)
     memset(streams.at + streams.n + 1, 77, 8);
     streams.n += 9;
     put_number(&streams, 3, 8);
-    put(&streams, "abc", 3);
+    append(&streams, "abc", 3);
 
     put_reals(&content, intervals[chunk], 2);
     put_number(&content, 0, 4);
@@ -190,7 +190,7 @@ static void put_chunk(struct bytes *b, int chunk)
         put_packed(&content, 1, streams.at, streams.n);
     else {
         put_number(&content, streams.n, 8);
-        put(&content, streams.at, streams.n);
+        append(&content, streams.at, streams.n);
     }
     put_record(b, 5, &content);
     for (int band = 2; band >= 1; band--) {
@@ -238,7 +238,7 @@ static void put_sounds(struct bytes *b)
         put_source(b, id, id == 1);
         put_number(&content, (uint64_t)id, 4);
         put_number(&content, 5, 8);
-        put(&content, id == 1 ? "fLaC1" : "fLaC2", 5);
+        append(&content, id == 1 ? "fLaC1" : "fLaC2", 5);
         for (int k = 0; k < 1 + sounds.twice && id != sounds.without_data; k++)
             put_record(b, 0x12, &content);
     }
@@ -254,7 +254,7 @@ static void put_metadata(struct bytes *b, const char *value)
     put_text(&map, value);
     put_text(&content, "spin4d");
     put_number(&content, map.n, 4);
-    put(&content, map.at, map.n);
+    append(&content, map.at, map.n);
     put_record(b, 0x0b, &content);
 }
 
@@ -266,10 +266,10 @@ static struct bytes *make(void)
     size_t index;
 
     b.n = 0;
-    put(&b,
-        "\x89"
-        "4DGS1\r\n",
-        8);
+    append(&b,
+           "\x89"
+           "4DGS1\r\n",
+           8);
     put_text(&content, "");
     put_text(&content, "");
     put_reals(&content, &duration, 1);
@@ -279,14 +279,14 @@ static struct bytes *make(void)
     put_reals(&content, box, 6);
     put_number(&content, 2, 1);
     put_number(&content, sounds.declared, 1);
-    put(&content, "\0\0\0\0more of a later writer", 27);
+    append(&content, "\0\0\0\0more of a later writer", 27);
     put_record(&b, 1, &content);
 
     content.n = 0;
     put_text(&content, "uniform-v1");
     put_reals(&content, origin, 3);
     put_reals(&content, steps, 8);
-    put(&content, "\1\0\0\0\0", 5);
+    append(&content, "\1\0\0\0\0", 5);
     put_record(&b, 3, &content);
 
     content.n = 0;
@@ -318,10 +318,10 @@ static struct bytes *make(void)
     put_number(&content, 0, 8);
     put_number(&content, spin_crc32(0, b.at + index, b.n - index), 4);
     put_record(&b, 2, &content);
-    put(&b,
-        "\x89"
-        "4DGS1\r\n",
-        8);
+    append(&b,
+           "\x89"
+           "4DGS1\r\n",
+           8);
     return &b;
 }
 

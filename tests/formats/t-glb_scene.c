@@ -100,7 +100,7 @@ static int add_accessor(const char *type, int component, int normalised, int cou
     return n++;
 }
 
-static void put(unsigned char *at, int component, double value)
+static void store_component(unsigned char *at, int component, double value)
 {
     float f = (float)value;
     int64_t whole = (int64_t)value;
@@ -123,8 +123,8 @@ static void make_numbers(void)
 
         for (int row = 0; row < 2; row++)
             for (int k = 0; k < (int)width_of(i); k++)
-                put(bytes + row * numbers[i].stride + k * size, numbers[i].component,
-                    numbers[i].row[row][k]);
+                store_component(bytes + row * numbers[i].stride + k * size, numbers[i].component,
+                                numbers[i].row[row][k]);
         add_view(bytes, 2 * (size_t)numbers[i].stride, numbers[i].stride);
         add_accessor(numbers[i].type, numbers[i].component, numbers[i].normalised, 2);
     }

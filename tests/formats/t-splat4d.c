@@ -32,7 +32,7 @@ struct bytes {
     size_t n;
 };
 
-static void put(struct bytes *b, const void *data, size_t n)
+static void append(struct bytes *b, const void *data, size_t n)
 {
     memcpy(b->at + b->n, data, n);
     b->n += n;
@@ -62,7 +62,7 @@ static void put_stream(struct bytes *heads, struct bytes *packed, int a, int kin
     put_number(heads, (uint64_t)symbol, 1);
     put_number(heads, n, 4);
     put_number(heads, n_out, 4);
-    put(packed, out, n_out);
+    append(packed, out, n_out);
     free(out);
 }
 
@@ -118,7 +118,7 @@ static void put_group(struct bytes *b, int first, int last)
             put_stream(b, &packed, a, kind, symbols[a], values, n);
             b->at[count]++;
         }
-    put(b, packed.at, packed.n);
+    append(b, packed.at, packed.n);
 }
 
 static size_t static_at, group_at[3];
@@ -133,7 +133,7 @@ static struct bytes *make(const char *find, const char *by)
     char *at;
 
     b.n = 0;
-    put(&b, "SP4D\1\0\1\0", 8);
+    append(&b, "SP4D\1\0\1\0", 8);
     put_number(&b, JSON, 4);
     static_at = b.n += JSON;
     put_static(&b);

@@ -27,7 +27,7 @@ static void clean_up(void)
     rmdir(folder);
 }
 
-static void put(const char *name, const uint8_t *data, size_t n)
+static void write_file(const char *name, const uint8_t *data, size_t n)
 {
     char path[128];
     FILE *file;
@@ -56,8 +56,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n)
     pairs[1] = kinds[data[0] % 3];
     n_static = data[1] | (size_t)data[2] << 8;
     n_static = n_static < n - 3 ? n_static : n - 3;
-    put(files[0], data + 3, n_static);
-    put(files[1], data + 3 + n_static, n - 3 - n_static);
+    write_file(files[0], data + 3, n_static);
+    write_file(files[1], data + 3 + n_static, n - 3 - n_static);
     read_run(&spin_importer_ex4dgs, folder, pairs);
     return 0;
 }

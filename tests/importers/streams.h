@@ -11,12 +11,12 @@ struct writer {
     int n_storages, count[64];
 };
 
-static inline void put(struct writer *w, const char *bytes, size_t n)
+static inline void put_bytes(struct writer *w, const char *bytes, size_t n)
 {
     fwrite(bytes, 1, n, w->file);
 }
 
-#define PUT(w, text) put(w, text, sizeof(text) - 1)
+#define PUT(w, text) put_bytes(w, text, sizeof(text) - 1)
 
 static inline void put_int(struct writer *w, int value)
 {
@@ -32,7 +32,7 @@ static inline void put_text(struct writer *w, const char *text)
     fputc('X', w->file);
     for (int i = 0; i < 4; i++)
         fputc(n >> 8 * i & 255, w->file);
-    put(w, text, (size_t)n);
+    put_bytes(w, text, (size_t)n);
 }
 
 /* b, c 0: fewer dimensions. */
@@ -116,7 +116,7 @@ static inline const char *write_items(const char *path, const struct item *item,
         else if (item[i].kind == 't')
             put_tensor(&w, item[i].a, item[i].b, item[i].c);
         else if (item[i].kind == 'b')
-            put(&w, item[i].a ? "\x88" : "\x89", 1);
+            put_bytes(&w, item[i].a ? "\x88" : "\x89", 1);
         else
             PUT(&w, "N");
     }

@@ -42,7 +42,7 @@ static uint32_t crc_of(const void *data, size_t n)
     return ~crc;
 }
 
-static void put(struct build *b, uint64_t value, int n)
+static void put_integer(struct build *b, uint64_t value, int n)
 {
     for (int i = 0; i < n; i++, value >>= 8)
         b->data[b->n++] = (unsigned char)value;
@@ -63,15 +63,15 @@ static void add_local(struct build *b, struct entry *e)
     if (!e->no_crc)
         e->crc = crc_of(e->data, e->size);
     e->offset = b->n;
-    put(b, 0x04034b50, 4);
-    put(b, 20, 2);
-    put(b, (uint64_t)e->flags, 2);
-    put(b, (uint64_t)e->method, 2);
-    put(b, 0, 8); /* time, date, crc: nobody may rely on these */
-    put(b, 0xffffffff, 4);
-    put(b, 0xffffffff, 4);
-    put(b, n_name, 2);
-    put(b, 3, 2);
+    put_integer(b, 0x04034b50, 4);
+    put_integer(b, 20, 2);
+    put_integer(b, (uint64_t)e->flags, 2);
+    put_integer(b, (uint64_t)e->method, 2);
+    put_integer(b, 0, 8); /* time, date, crc: nobody may rely on these */
+    put_integer(b, 0xffffffff, 4);
+    put_integer(b, 0xffffffff, 4);
+    put_integer(b, n_name, 2);
+    put_integer(b, 3, 2);
     put_bytes(b, name, n_name);
     put_bytes(b, "xyz", 3); /* not a proper extra field, and of no interest */
     put_bytes(b, e->data, e->packed);
@@ -83,19 +83,19 @@ static void add_central(struct build *b, const struct entry *e)
 
     if (b->count++ == 0)
         b->directory = b->n;
-    put(b, 0x02014b50, 4);
-    put(b, 20, 2);
-    put(b, 20, 2);
-    put(b, (uint64_t)e->flags, 2);
-    put(b, (uint64_t)e->method, 2);
-    put(b, 0, 4);
-    put(b, e->crc, 4);
-    put(b, e->packed, 4);
-    put(b, e->size, 4);
-    put(b, n_name, 2);
-    put(b, e->n_extra, 2);
-    put(b, 0, 10);
-    put(b, e->offset, 4);
+    put_integer(b, 0x02014b50, 4);
+    put_integer(b, 20, 2);
+    put_integer(b, 20, 2);
+    put_integer(b, (uint64_t)e->flags, 2);
+    put_integer(b, (uint64_t)e->method, 2);
+    put_integer(b, 0, 4);
+    put_integer(b, e->crc, 4);
+    put_integer(b, e->packed, 4);
+    put_integer(b, e->size, 4);
+    put_integer(b, n_name, 2);
+    put_integer(b, e->n_extra, 2);
+    put_integer(b, 0, 10);
+    put_integer(b, e->offset, 4);
     put_bytes(b, e->name, n_name);
     put_bytes(b, e->extra, e->n_extra);
 }
@@ -104,13 +104,13 @@ static void add_end(struct build *b, const char *comment)
 {
     size_t size = b->n - b->directory;
 
-    put(b, 0x06054b50, 4);
-    put(b, 0, 4);
-    put(b, b->count, 2);
-    put(b, b->count, 2);
-    put(b, size, 4);
-    put(b, b->directory, 4);
-    put(b, strlen(comment), 2);
+    put_integer(b, 0x06054b50, 4);
+    put_integer(b, 0, 4);
+    put_integer(b, b->count, 2);
+    put_integer(b, b->count, 2);
+    put_integer(b, size, 4);
+    put_integer(b, b->directory, 4);
+    put_integer(b, strlen(comment), 2);
     put_bytes(b, comment, strlen(comment));
 }
 
@@ -251,23 +251,23 @@ static void zip64(void)
     e.n_extra = sizeof extra;
     add_central(&b, &e);
     end64 = b.n;
-    put(&b, 0x06064b50, 4);
-    put(&b, 44, 8);
-    put(&b, 45 | 45 << 16, 4);
-    put(&b, 0, 8);
-    put(&b, 1, 8);
-    put(&b, 1, 8);
-    put(&b, end64 - b.directory, 8);
-    put(&b, b.directory, 8);
-    put(&b, 0x07064b50, 4);
-    put(&b, 0, 4);
-    put(&b, end64, 8);
-    put(&b, 1, 4);
-    put(&b, 0x06054b50, 4);
-    put(&b, 0, 4);
-    put(&b, 0xffffffff, 4);
-    put(&b, 0xffffffffffffffffu, 8);
-    put(&b, 0, 2);
+    put_integer(&b, 0x06064b50, 4);
+    put_integer(&b, 44, 8);
+    put_integer(&b, 45 | 45 << 16, 4);
+    put_integer(&b, 0, 8);
+    put_integer(&b, 1, 8);
+    put_integer(&b, 1, 8);
+    put_integer(&b, end64 - b.directory, 8);
+    put_integer(&b, b.directory, 8);
+    put_integer(&b, 0x07064b50, 4);
+    put_integer(&b, 0, 4);
+    put_integer(&b, end64, 8);
+    put_integer(&b, 1, 4);
+    put_integer(&b, 0x06054b50, 4);
+    put_integer(&b, 0, 4);
+    put_integer(&b, 0xffffffff, 4);
+    put_integer(&b, 0xffffffffffffffffu, 8);
+    put_integer(&b, 0, 2);
     save(&b, b.n);
     ok(reads("a.npy", hello, HELLO, 0), "reads zip64 records");
 
@@ -371,7 +371,7 @@ static void lies(void)
     save(&b, b.n);
     fails(SPIN_E_MALFORMED, "'a.npy' lies outside the file", 0, "a header outside the file");
     memset(&b, 0, sizeof b);
-    put(&b, 0, 64);
+    put_integer(&b, 0, 64);
     e = stored();
     e.offset = 3;
     add_central(&b, &e);
