@@ -16,7 +16,7 @@ void *realloc(void *block, size_t bytes)
 static char *got;
 static size_t n_got;
 
-static FILE *begin(void)
+static FILE *open_text(void)
 {
     free(got);
     return spin_text_open(&got, &n_got);
@@ -24,7 +24,7 @@ static FILE *begin(void)
 
 static void base64(const char *in, const char *want)
 {
-    FILE *f = begin();
+    FILE *f = open_text();
 
     spin_text_base64(f, (const unsigned char *)in, strlen(in));
     fclose(f);
@@ -52,23 +52,23 @@ TAP_MAIN
     base64("foo", "Zm9v");
     base64("foobar", "Zm9vYmFy");
     memset(block, 0xff, sizeof block);
-    f = begin();
+    f = open_text();
     spin_text_base64(f, block, sizeof block);
     fclose(f);
     ok(n_got == 8000 && strspn(got, "/") == 8000, "more than one piece");
-    f = begin();
+    f = open_text();
     spin_text_html(f, "a<b>&\"c\"\t\n");
     fclose(f);
     is_text(got, "a&lt;b&gt;&amp;&quot;c&quot;\n", "HTML");
-    f = begin();
+    f = open_text();
     spin_text_json(f, "a\"b\\\n\x01\x7f\xc3\xa4");
     fclose(f);
     is_text(got, "\"a\\\"b\\\\\\n\\u0001\\u007f\xc3\xa4\"", "JSON");
-    f = begin();
+    f = open_text();
     spin_text_json(f, "\xc2\x9b\xc2\xa0");
     fclose(f);
     is_text(got, "\"\\u009b\xc2\xa0\"", "JSON: a control character of two bytes");
-    f = begin();
+    f = open_text();
     spin_text_json(f, "\xe2\x80\xae\xf3\xa0\x80\xa1\x9b\xf0\x9f\x98\x80");
     fclose(f);
     is_text(got, "\"\\u202e\\udb40\\udc21\\ufffd\xf0\x9f\x98\x80\"",
@@ -109,10 +109,10 @@ TAP_MAIN
     is_text(spin_text_share(2, 6, "frame", "has", "have", (char[96]){0}), "2 of 6 frames have",
             "several of several");
 
-    f = begin();
+    f = open_text();
     ok(fclose(f) == 0 && got && !*got && n_got == 0, "no text is empty");
 #if defined(__GLIBC__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-    f = begin();
+    f = open_text();
     most = 100000;
     for (int i = 0; i < 100; i++)
         fwrite(block, 1, sizeof block, f);

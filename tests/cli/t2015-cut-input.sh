@@ -31,7 +31,7 @@ static spin_status views(const char *path, const struct spin_plugin_values *valu
 
 static struct spin_out out;
 
-static spin_status begin(const struct spin_export_job *job, void **self)
+static spin_status begin_export(const struct spin_export_job *job, void **self)
 {
     *self = &out;
     return spin_out_open(job->output, false, &out);
@@ -56,7 +56,7 @@ static const struct spin_importer importer = {
     .abi = SPIN_PLUGIN_ABI, .name = "cutting", .summary = "cuts $CUT", .views = views};
 static const struct spin_exporter exporter = {
     .abi = SPIN_PLUGIN_ABI, .name = "cut", .summary = "cuts $CUT", .wants = SPIN_COL_MEANS,
-    .begin = begin, .frame = frame, .end = end, .abort = abandon};
+    .begin = begin_export, .frame = frame, .end = end, .abort = abandon};
 const struct spin_plugin spin_plugin = {
     .abi = SPIN_PLUGIN_ABI,
     .importers = (const struct spin_importer *const[]){&importer, NULL},

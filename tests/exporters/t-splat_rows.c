@@ -3,8 +3,8 @@
 #include "exporters/lib/splat_rows.h"
 #include "tests/exporters/frame.h"
 
-static struct spin_splat_rows begin(const char *const *pairs, int n_threads,
-                                    struct spin_export_report *report)
+static struct spin_splat_rows open_rows(const char *const *pairs, int n_threads,
+                                        struct spin_export_report *report)
 {
     struct spin_plugin_values values = {pairs};
     struct spin_export_job job = {
@@ -17,7 +17,7 @@ static struct spin_splat_rows begin(const char *const *pairs, int n_threads,
 
 static void test_blocks(void)
 {
-    struct spin_splat_rows rows = begin(NULL, 1, NULL);
+    struct spin_splat_rows rows = open_rows(NULL, 1, NULL);
     struct spin_splats s = {0};
     unsigned char *keep;
 
@@ -45,7 +45,7 @@ static void test_up(void)
 
     for (int a = 0; a < 6; a++) {
         const char *pairs[] = {"up", axes[a], NULL};
-        struct spin_splat_rows rows = begin(pairs, 1, NULL);
+        struct spin_splat_rows rows = open_rows(pairs, 1, NULL);
         float v[3] = {0};
         spin_vec3 up;
 
@@ -59,7 +59,7 @@ static void test_up(void)
 static void test_rotate(void)
 {
     static const char *const pairs[] = {"up", "z", "rotate", "0,90,-30", NULL};
-    struct spin_splat_rows rows = begin(pairs, 1, NULL);
+    struct spin_splat_rows rows = open_rows(pairs, 1, NULL);
     spin_vec3 p = spin_scene_rotation_place(&rows.turn, spin_v3(0, 0, 1));
 
     /* z becomes y; y stays in the turn about y; about z by -30 degrees it leans to x. */
@@ -85,7 +85,7 @@ static void test_turned(void)
     static const float place[] = {1, -3, 2}, half = 0.70710678f;
     static const float quats[2][4] = {{-0.1f, 0.7f, 0.1f, 0.7f}, {0.1f, 0.7f, 0.1f, 0.7f}};
     static const float turned[2][4] = {{0.8f, -0.6f, 0.6f, -0.8f}, {0.6f, -0.8f, 0.6f, -0.8f}};
-    struct spin_splat_rows rows = begin(pairs, 1, NULL);
+    struct spin_splat_rows rows = open_rows(pairs, 1, NULL);
     float out[3], q[4], want[4], room[3 * SPIN_SH_MAX];
     struct spin_splats s = {0};
     const float *sh, *was;

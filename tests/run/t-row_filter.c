@@ -17,7 +17,7 @@ static struct spin_clip *one_frame(void)
     return &clip;
 }
 
-static struct spin_row_filter begin(const struct spin_export_options *o, bool renders)
+static struct spin_row_filter open_filter(const struct spin_export_options *o, bool renders)
 {
     struct spin_row_filter f = {0};
 
@@ -55,7 +55,7 @@ static bool keep_warning(const char *line)
 static void test_reasons(void)
 {
     struct spin_export_options o = {.n_threads = 1};
-    struct spin_row_filter f = begin(&o, false);
+    struct spin_row_filter f = open_filter(&o, false);
     struct spin_splats s = {0};
     const struct spin_splats *left = &s;
 
@@ -92,7 +92,7 @@ static void test_reasons(void)
 static void test_limits(void)
 {
     struct spin_export_options o = {.n_threads = 1, .max_scale = INFINITY};
-    struct spin_row_filter f = begin(&o, false);
+    struct spin_row_filter f = open_filter(&o, false);
     struct spin_splats s = {0};
 
     make_frame(&s, 100, 0, 3);
@@ -102,16 +102,16 @@ static void test_limits(void)
     ok(n_left(&f, &s) == 99, "but that of float");
     spin_row_filter_close(&f);
     o.max_scale = 0.5;
-    f = begin(&o, true);
+    f = open_filter(&o, true);
     s.log_scales[3] = 2.1f;
     ok(n_left(&f, &s) == 99, "--max-scale 0.5, rendered or not");
     spin_row_filter_close(&f);
     o.max_scale = 0;
-    f = begin(&o, true);
+    f = open_filter(&o, true);
     s.log_scales[3] = 5;
     ok(n_left(&f, &s) == 100, "renderers have no limit by default");
     spin_row_filter_close(&f);
-    f = begin(&o, false);
+    f = open_filter(&o, false);
     make_frame(&s, 7, 0, 3);
     s.log_scales[3] = 5;
     ok(n_left(&f, &s) == 7, "seven positions do not measure the scene");
@@ -134,7 +134,7 @@ static void test_order(void)
 {
     struct spin_export_options o = {
         .n_threads = 1, .n_crop = 6, .crop = {-9, -9, -9, 0, 9, 9}, .min_opacity = 0.5};
-    struct spin_row_filter f = begin(&o, false);
+    struct spin_row_filter f = open_filter(&o, false);
     struct spin_splats s = {0};
     uint64_t n_out = 0, n_faint = 0;
 
@@ -163,7 +163,7 @@ static void test_order(void)
 /* A frame of positions between -1 and 1, judged with these options; returns the filter. */
 static struct spin_row_filter judge(const struct spin_export_options *o, struct spin_splats *s)
 {
-    struct spin_row_filter f = begin(o, true);
+    struct spin_row_filter f = open_filter(o, true);
 
     make_frame(s, 2000, 0, 11);
     for (size_t i = 0; i < 3 * s->n; i++)
@@ -244,11 +244,11 @@ static void test_floaters(double factor)
 static void test_threads(void)
 {
     struct spin_export_options o = {.n_threads = 1, .min_opacity = 0.3}, many = o;
-    struct spin_row_filter one = begin(&o, false), four;
+    struct spin_row_filter one = open_filter(&o, false), four;
     struct spin_splats s = {0};
 
     many.n_threads = 4;
-    four = begin(&many, false);
+    four = open_filter(&many, false);
     make_frame(&s, 50001, 1, 8);
     ok(n_left(&one, &s) == n_left(&four, &s) && one.n_by[SPIN_ROW_MIN_OPACITY] > 0 &&
            memcmp(one.reason, four.reason, s.n) == 0,

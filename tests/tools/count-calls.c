@@ -15,7 +15,7 @@ void *__libc_memalign(size_t to, size_t n);
 
 static atomic_llong calls, fail_call, fail_bytes;
 
-__attribute__((constructor)) static void begin(void)
+__attribute__((constructor)) static void read_settings(void)
 {
     const char *call = getenv("FAIL_CALL"), *bytes = getenv("FAIL_BYTES");
 

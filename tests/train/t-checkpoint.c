@@ -37,8 +37,8 @@ struct run {
 };
 
 /* A trainer of these sizes with a lazy table, as at the start of a run. */
-static void begin(struct run *r, struct spin_device *d, const struct spin_frame_size *frame,
-                  size_t n, size_t n_moving, size_t n_varying)
+static void open_run(struct run *r, struct spin_device *d, const struct spin_frame_size *frame,
+                     size_t n, size_t n_moving, size_t n_varying)
 {
     memset(r, 0, sizeof *r);
     tracked_open(d, frame, n, n_moving, n_varying, &field, &r->t);
@@ -146,7 +146,7 @@ static spin_status resume(struct run *r, struct spin_device *d, const char *from
     ok(memcmp(frame, tracked_size, sizeof frame) == 0 && size.n_tracks == TRACKED &&
            size.n_moving == 2 && size.n_varying == 3,
        "the sizes of its frames and tracks");
-    begin(r, d, frame, size.n_tracks, size.n_moving, size.n_varying);
+    open_run(r, d, frame, size.n_tracks, size.n_moving, size.n_varying);
     r->c.path = from;
     memset(r->place[0], 0, 5 * sizeof *r->place[0]);
     status = spin_checkpoint_load(&r->c, &r->t);
@@ -187,7 +187,7 @@ static void check_back(struct spin_device *d)
     struct array a[MOST_ARRAYS], b[MOST_ARRAYS];
     int n, wrong = 0;
 
-    begin(&was, d, tracked_size, TRACKED, 2, 3);
+    open_run(&was, d, tracked_size, TRACKED, 2, 3);
     fill(&was);
     was.c.before_s = 100;
     was.c.start_s -= 50;
@@ -316,7 +316,7 @@ static void check_refused(struct spin_device *d)
            strstr(spin_last_error(), "another input") &&
            strstr(spin_last_error(), "ones, or --force to start anew"),
        "of another input: %s", spin_last_error());
-    begin(&r, d, tracked_size, TRACKED, 2, 3);
+    open_run(&r, d, tracked_size, TRACKED, 2, 3);
     r.c.fingerprint = "another input";
     ok(spin_checkpoint_load(&r.c, &r.t) == SPIN_E_USAGE, "nor is it loaded");
     r.c.fingerprint = "this input";
