@@ -34,8 +34,8 @@ static void make_long(double v[3], double length)
 }
 
 /* At eye, towards target, with this up as far as it may be, then rolled about its axis. */
-static struct pose look(const double eye[3], const double target[3], const double up[3],
-                        double roll)
+static struct pose pose_towards(const double eye[3], const double target[3], const double up[3],
+                                double roll)
 {
     struct pose p;
     double right[3], down[3];

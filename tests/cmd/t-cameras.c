@@ -77,7 +77,7 @@ static void make_scene(void)
         for (int k = 0; k < CAMERAS; k++) {
             double at[3] = {eye[k][0] + 0.4 * f, eye[k][1] - 0.2 * f, eye[k][2] + 0.1 * f * k};
 
-            pose[f][k] = look(at, middle, up[k == 4], roll[k] + 0.15 * f);
+            pose[f][k] = pose_towards(at, middle, up[k == 4], roll[k] + 0.15 * f);
             camera[f][k] = camera_of(lens[k], &pose[f][k]);
         }
     }

@@ -51,7 +51,7 @@ static void make_rig(void)
             make_long(eye, away[k] + 20 * (row == 0));
             for (int c = 0; c < 3; c++)
                 eye[c] += pivot[row][c];
-            rig[row][k] = look(eye, pivot[row], up[row], roll[k]);
+            rig[row][k] = pose_towards(eye, pivot[row], up[row], roll[k]);
             v.camera = camera_of(k > 2 ? test_lens : train_lens, &rig[row][k]);
             v.path = (char *)"none";
             if (spin_views_add(&views, &v) != SPIN_OK)
@@ -118,7 +118,7 @@ static void test_orbit(void)
 
         for (int c = 0; c < 3; c++)
             eye[c] = pivot[1][c] + dot(away, up) * up[c] + cos(a) * level[c] + sin(a) * side[c];
-        want = look(eye, pivot[1], up, 0);
+        want = pose_towards(eye, pivot[1], up, 0);
         worst = larger(worst, pose_error(&got[i], &want));
     }
     ok(worst < 1e-9, "an orbit at one height about the place all look at: %g off", worst);
@@ -138,7 +138,7 @@ static void test_spiral(void)
     begin_orbit(away);
     for (int c = 0; c < 3; c++)
         from[c] = pivot[1][c] + away[c];
-    first = look(from, pivot[1], up, 0);
+    first = pose_towards(from, pivot[1], up, 0);
     follow(pairs, PICTURES, got);
     for (int i = 0; i < PICTURES; i++) {
         double a = 2 * pi * i / PICTURES, eye[3];
@@ -148,7 +148,7 @@ static void test_spiral(void)
             eye[c] = from[c] +
                      0.5 * (sin(3 * a) * first.right[c] + (0.5 - 0.5 * cos(3 * a)) * first.down[c] +
                             sin(a) * first.ahead[c]);
-        want = look(eye, pivot[1], up, 0);
+        want = pose_towards(eye, pivot[1], up, 0);
         worst = larger(worst, pose_error(&got[i], &want));
     }
     ok(worst < 1e-9, "three turns beside the first view, once nearer and farther: %g off", worst);
@@ -784,7 +784,7 @@ static void test_pivot(void)
         struct pose p;
         struct spin_view v = {.camera_id = k, .path = (char *)"none"};
 
-        p = look(eye, target, (const double[3]){0, 1, 0.1}, k);
+        p = pose_towards(eye, target, (const double[3]){0, 1, 0.1}, k);
         v.camera = camera_of(train_lens, &p);
         if (spin_views_add(&other, &v) != SPIN_OK)
             exit(1);
@@ -794,7 +794,7 @@ static void test_pivot(void)
     for (int k = 0; k < 3; k++) { /* a ring that looks outwards */
         double eye[3] = {cos(2.1 * k), 0.1, sin(2.1 * k)},
                target[3] = {9 * eye[0], 0.2, 9 * eye[2]};
-        struct pose p = look(eye, target, (const double[3]){0, 1, 0}, 0.1);
+        struct pose p = pose_towards(eye, target, (const double[3]){0, 1, 0}, 0.1);
 
         other.view[k].camera = camera_of(train_lens, &p);
     }

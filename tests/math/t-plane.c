@@ -19,7 +19,7 @@ static void fill(void)
     }
 }
 
-static void look(float u, float v, double column, double row, const char *what)
+static void check_lookup(float u, float v, double column, double row, const char *what)
 {
     float out[N] = {0, 0}, twice[N] = {2, 3};
     struct spin_plane_axis x = spin_plane_axis(u, WIDTH), y = spin_plane_axis(v, HEIGHT);
@@ -47,11 +47,11 @@ static void test_voxels(void)
 TAP_MAIN
 {
     fill();
-    look(-1, -1, 0, 0, "the first sample is at -1");
-    look(1, 1, 3, 2, "the last at 1");
-    look(0, 0, 1.5, 1, "the middle at 0");
-    look(-0.2f, 0.5f, 1.2, 1.5, "between samples");
-    look(-3, 7, 0, 2, "outside the border repeats");
-    look(spin_plane_axis(0.9f, 1).r, -1, 1.5, 0, "an axis of one sample has no fraction");
+    check_lookup(-1, -1, 0, 0, "the first sample is at -1");
+    check_lookup(1, 1, 3, 2, "the last at 1");
+    check_lookup(0, 0, 1.5, 1, "the middle at 0");
+    check_lookup(-0.2f, 0.5f, 1.2, 1.5, "between samples");
+    check_lookup(-3, 7, 0, 2, "outside the border repeats");
+    check_lookup(spin_plane_axis(0.9f, 1).r, -1, 1.5, 0, "an axis of one sample has no fraction");
     test_voxels();
 }

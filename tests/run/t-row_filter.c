@@ -161,7 +161,8 @@ static void test_order(void)
 }
 
 /* A frame of positions between -1 and 1, judged with these options; returns the filter. */
-static struct spin_row_filter judge(const struct spin_export_options *o, struct spin_splats *s)
+static struct spin_row_filter filter_frame(const struct spin_export_options *o,
+                                           struct spin_splats *s)
 {
     struct spin_row_filter f = open_filter(o, true);
 
@@ -176,7 +177,7 @@ static void test_sphere(double radius)
 {
     struct spin_export_options o = {.n_threads = 1, .n_crop = 4, .crop = {0.5, -0.5, 0.25, radius}};
     struct spin_splats s = {0};
-    struct spin_row_filter f = judge(&o, &s);
+    struct spin_row_filter f = filter_frame(&o, &s);
     size_t n = 0;
 
     for (size_t i = 0; i < s.n; i++) {
@@ -223,7 +224,7 @@ static void test_floaters(double factor)
     static double of[2000], sorted[2000];
     struct spin_export_options o = {.n_threads = 1, .floaters = factor};
     struct spin_splats s = {0};
-    struct spin_row_filter f = judge(&o, &s);
+    struct spin_row_filter f = filter_frame(&o, &s);
     size_t n = 0;
 
     for (size_t i = 0; i < s.n; i++)
