@@ -245,7 +245,7 @@ static void find_nearest(const struct model *m, const float *place, const float 
     }
 }
 
-static void weigh_nearest(const struct model *m, const uint32_t *near, double *weight)
+static void weight_nearest(const struct model *m, const uint32_t *near, double *weight)
 {
     for (int k = 0; k < m->n_near; k++) {
         double radius = exp((double)m->radius[near[k]]), d = weight[k];
@@ -258,7 +258,7 @@ static void weigh_nearest(const struct model *m, const uint32_t *near, double *w
 
 /* With skinning, all nodes move every Gaussian, and their weights are the softmax of its
  * features. */
-static void weigh_all(const struct model *m, const float *features, uint32_t *near, double *weight)
+static void weight_all(const struct model *m, const float *features, uint32_t *near, double *weight)
 {
     double most = -HUGE_VAL;
 
@@ -281,10 +281,10 @@ static void attach(void *context, size_t first, int n, float *scratch)
         double sum = 0;
 
         if (m->skinning) {
-            weigh_all(m, features, near, weight);
+            weight_all(m, features, near, weight);
         } else {
             find_nearest(m, m->base.canonical.means + 3 * i, features, near, weight);
-            weigh_nearest(m, near, weight);
+            weight_nearest(m, near, weight);
         }
         for (int k = 0; k < m->n_near; k++)
             sum += weight[k];

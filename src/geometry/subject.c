@@ -121,7 +121,7 @@ static spin_status find_moving_shares(const struct spin_voxels *v, float **share
 
 /* Multiplies the weight of each splat by the square of its cell's dynamic share. This suppresses
  * flickering walls, of which only some splats seem to move. */
-static spin_status weigh_by_share(const struct spin_voxels *v, struct spin_subject *s)
+static spin_status weight_by_share(const struct spin_voxels *v, struct spin_subject *s)
 {
     SPIN_FREED float *share = NULL;
 
@@ -158,8 +158,8 @@ static spin_status list_splats(const struct spin_voxels *v, bool moving, struct 
 
 /* Multiplies the weight of each splat by the transmittance between the splat and the middle of the
  * scene, since splats that flicker behind a wall are not part of the subject. */
-static void weigh_by_sight(const struct spin_voxels *v, const double middle[3],
-                           struct spin_subject *s)
+static void weight_by_visibility(const struct spin_voxels *v, const double middle[3],
+                                 struct spin_subject *s)
 {
     for (size_t i = 0; i < s->n; i++) {
         double at[3], from[3], along[3];
@@ -270,8 +270,8 @@ spin_status spin_subject_find(const struct spin_voxels *v, uint64_t seed, struct
     SPIN_TRY(find_middle(v, middle));
     SPIN_TRY(find_reach(v, middle, &around));
     SPIN_TRY(list_splats(v, true, s));
-    weigh_by_sight(v, middle, s);
-    SPIN_TRY(weigh_by_share(v, s));
+    weight_by_visibility(v, middle, s);
+    SPIN_TRY(weight_by_share(v, s));
     s->moves = is_enough(s);
     if (!s->moves)
         SPIN_TRY(list_splats(v, false, s));

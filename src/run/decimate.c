@@ -177,7 +177,7 @@ static float unseen_weight(const struct spin_decimation *d, const struct spin_pa
 /* Sets the weights of the splats in d->part: for each splat the maximum over the views. With the
  * mean over the views instead, the loss is 0.5 to 1.8 dB larger on the clip 'court' if half or 70 %
  * of the splats are kept (tests/bench/README.md). */
-static spin_status weigh(struct spin_decimation *d, int f, float *weight)
+static spin_status compute_weights(struct spin_decimation *d, int f, float *weight)
 {
     size_t first, n, wanted = (size_t)n_views(d);
     SPIN_FREED float *seen = NULL;
@@ -205,7 +205,7 @@ static spin_status weigh(struct spin_decimation *d, int f, float *weight)
     return SPIN_OK;
 }
 
-static spin_status weigh_frame(struct spin_decimation *d, int f)
+static spin_status add_frame_weights(struct spin_decimation *d, int f)
 {
     struct spin_decimate_set *set = set_of(d, f);
     SPIN_FREED unsigned char *mark = NULL;
@@ -216,7 +216,7 @@ static spin_status weigh_frame(struct spin_decimation *d, int f)
     SPIN_TRY(read_frame(d, f, false, &mark, &row));
     SPIN_TRY(spin_splats_select(&d->splats, mark, &d->part));
     SPIN_TRY(spin_alloc(d->part.n + 1, sizeof *weight, (void **)&weight));
-    SPIN_TRY(weigh(d, f, weight));
+    SPIN_TRY(compute_weights(d, f, weight));
     for (size_t i = 0; i < d->splats.n; i++) {
         float *sum = &set->weight[row ? row[i] : i];
 
@@ -471,9 +471,9 @@ spin_status spin_decimation_open(struct spin_decimation *d)
     SPIN_TRY(make_sets(d));
     if (d->splats_4d)
         SPIN_TRY(begin_4d(d));
-    spin_progress_begin(&progress, "weighing", "frames", 0, d->clip->n_frames);
+    spin_progress_begin(&progress, "ranking", "frames", 0, d->clip->n_frames);
     for (int f = 0; f < d->clip->n_frames && status == SPIN_OK; f++) {
-        status = weigh_frame(d, f);
+        status = add_frame_weights(d, f);
         spin_progress_set(&progress, f + 1, "%zu splats", d->splats.n);
     }
     spin_progress_end(&progress);

@@ -212,7 +212,7 @@ static double bytes_of(const struct spin_zip *zip, const char *with)
     return sum;
 }
 
-static void weigh(const char *bundle, const char *more, const char *const measured[3])
+static void check_storage(const char *bundle, const char *more, const char *const measured[3])
 {
     struct eval e = measure(bundle, more);
     const spin_json *s = spin_json_get(e.json, "storage");
@@ -250,11 +250,11 @@ static void test_storage(void)
         *const residual[] = {"trained/", NULL, NULL}, *const source[] = {"source/", NULL, NULL},
         *const refined[] = {"refined/", NULL, NULL};
 
-    weigh("net.spin", "", network);
-    weigh("own.spin", "", residual);
-    weigh("net.spin", "--source", source);
-    weigh("in.spin", "", source);
-    weigh("refined.spin", "", refined);
+    check_storage("net.spin", "", network);
+    check_storage("own.spin", "", residual);
+    check_storage("net.spin", "--source", source);
+    check_storage("in.spin", "", source);
+    check_storage("refined.spin", "", refined);
 }
 
 /* The figures are consistent, and parts do not exceed the whole. */

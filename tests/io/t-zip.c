@@ -1,6 +1,6 @@
 /* Zip archives: good ones, lying ones, our own.  K: io zip hostile
  *
- * The lying ones are put together here byte by byte, independently of the writer under test. */
+ * Malformed archives are assembled here byte by byte, independently of the writer under test. */
 #include <unistd.h>
 
 #include "tests/check.h"

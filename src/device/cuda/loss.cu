@@ -175,7 +175,7 @@ static __device__ float window_along(const float *map, const struct value &v, in
 
 /* Computes slopes [SLOPES][3][h][w], the partial derivatives of the SSIM map by mu, xx and xy; and
  * for each block the sums of L1, SSIM and weights, sums [blocks]. */
-static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps, float *slopes,
+static __global__ void ssim_kernel(struct photo p, bool weighted, const float *maps, float *slopes,
                                    double *sums)
 {
     __shared__ float values[SUMS][GPU_BLOCK];
@@ -189,7 +189,7 @@ static __global__ void ssim_kernel(struct photo p, bool weigh, const float *maps
 
         for (size_t m = 0; m < MAPS; m++)
             mean[m] = window_along(maps + m * all, v, p.width);
-        weight = weigh ? weight_of(p, v.i) : 1.0f;
+        weight = weighted ? weight_of(p, v.i) : 1.0f;
         ssim = weight * spin_ssim(mean[0], mean[1], mean[2], mean[3], &slope);
         l1 = weight * fabsf(p.image[v.at] - truth_of(p, v.c, v.i));
         slopes[v.at] = weight * slope.d_mu;
@@ -286,12 +286,12 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
 }
 
 /* Computes w.sums [SUMS], the sums of L1, SSIM and weights over the image. */
-static void sum_loss(struct spin_device *d, const struct photo &p, bool weigh, const struct work &w)
+static void sum_loss(struct spin_device *d, const struct photo &p, bool weighted, const struct work &w)
 {
     unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
 
     GPU_EACH(gpu_of(d), n, down_kernel, p, n, w.maps);
-    GPU_LAUNCH(gpu_of(d), ssim_kernel, blocks, GPU_BLOCK, p, weigh, w.maps, w.slopes, w.blocks);
+    GPU_LAUNCH(gpu_of(d), ssim_kernel, blocks, GPU_BLOCK, p, weighted, w.maps, w.slopes, w.blocks);
     GPU_LAUNCH(gpu_of(d), add_blocks_kernel, SUMS, GPU_BLOCK, blocks, w.blocks, w.sums);
 }
 
