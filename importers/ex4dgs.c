@@ -137,7 +137,7 @@ static spin_status find_files(const char *path, struct model *m)
 
 /* Settings from the options or, where an option is not given, from cfg_args. NAN: neither contains
  * the setting. */
-struct told {
+struct given {
     double interval, pad, frames, var_pad, first;
     int kind; /* -1: not given */
 };
@@ -162,35 +162,35 @@ static spin_status read_kind(const struct spin_model *m, int *out)
     return SPIN_OK;
 }
 
-static spin_status read_told(const struct spin_model *m, struct told *told)
+static spin_status read_given(const struct spin_model *m, struct given *given)
 {
     const struct cfg_args *cfg = &m->settings.cfg;
     struct cfg_span turn = spin_cfg_get(cfg, "rot_interp_type");
 
-    *told = (struct told){NAN, NAN, NAN, 3, 0, -1};
+    *given = (struct given){NAN, NAN, NAN, 3, 0, -1};
     if (turn.at && !spin_cfg_is(turn, "'slerp'"))
         return spin_unsupported("'%s': rot_interp_type is %.*s, expected 'slerp'", cfg->path,
                                 (int)(turn.end - turn.at), turn.at);
-    SPIN_TRY(read_number(m, "interval", 1, "time_interval", &told->interval));
-    SPIN_TRY(read_number(m, "time-pad", 0, "time_pad", &told->pad));
-    SPIN_TRY(read_number(m, "duration", 1, "duration", &told->frames));
-    SPIN_TRY(spin_cfg_read_number(cfg, "var_pad", &told->var_pad));
-    SPIN_TRY(spin_cfg_read_number(cfg, "start_timestamp", &told->first));
-    return read_kind(m, &told->kind);
+    SPIN_TRY(read_number(m, "interval", 1, "time_interval", &given->interval));
+    SPIN_TRY(read_number(m, "time-pad", 0, "time_pad", &given->pad));
+    SPIN_TRY(read_number(m, "duration", 1, "duration", &given->frames));
+    SPIN_TRY(spin_cfg_read_number(cfg, "var_pad", &given->var_pad));
+    SPIN_TRY(spin_cfg_read_number(cfg, "start_timestamp", &given->first));
+    return read_kind(m, &given->kind);
 }
 
 /* Refuses a model with a missing setting. If a checkpoint is read, only the kind of interpolation
  * is required, since the checkpoint contains the other settings. */
-static spin_status check_told(const struct model *m, const struct told *told)
+static spin_status check_given(const struct model *m, const struct given *given)
 {
     const struct {
         bool missing;
         const char *key, *option;
     } all[] = {
-        {told->kind < 0, "interp_type", "interp"},
-        {!m->is_chkpnt && isnan(told->interval), "time_interval", "interval"},
-        {!m->is_chkpnt && isnan(told->pad), "time_pad", "time-pad"},
-        {!m->is_chkpnt && isnan(told->frames), "duration", "duration"},
+        {given->kind < 0, "interp_type", "interp"},
+        {!m->is_chkpnt && isnan(given->interval), "time_interval", "interval"},
+        {!m->is_chkpnt && isnan(given->pad), "time_pad", "time-pad"},
+        {!m->is_chkpnt && isnan(given->frames), "duration", "duration"},
     };
 
     for (int i = 0; i < 4; i++) {
@@ -224,15 +224,15 @@ static void note_differences(const struct model *m, double interval, double shif
                   m->duration, m->frames + m->shift + 1);
 }
 
-static spin_status apply_settings(struct model *m, const struct told *told)
+static spin_status apply_settings(struct model *m, const struct given *given)
 {
     struct spin_sequence_info *sequence = m->base.sequence;
-    double interval = m->is_chkpnt ? m->interval : told->interval;
-    double shift = told->pad + (told->kind == KEYFRAMES_LINEAR ? 0 : interval);
+    double interval = m->is_chkpnt ? m->interval : given->interval;
+    double shift = given->pad + (given->kind == KEYFRAMES_LINEAR ? 0 : interval);
 
-    SPIN_TRY(check_told(m, told));
-    m->kind = (enum keyframes_kind)told->kind;
-    m->frames = told->frames;
+    SPIN_TRY(check_given(m, given));
+    m->kind = (enum keyframes_kind)given->kind;
+    m->frames = given->frames;
     if (!m->is_chkpnt) {
         m->interval = interval;
         m->shift = shift;
@@ -244,7 +244,7 @@ static spin_status apply_settings(struct model *m, const struct told *told)
                   "checkpoint's duration; --duration overrides this",
                   m->frames);
     }
-    m->least_width = told->var_pad / m->interval / 2.36;
+    m->least_width = given->var_pad / m->interval / 2.36;
     if (!(m->interval >= 1 && m->interval <= MOST_FRAMES) || !(fabs(m->shift) <= MOST_FRAMES) ||
         !(m->duration >= 1 && m->duration <= MOST_FRAMES) ||
         !(m->frames >= 1 && m->frames <= MOST_FRAMES) ||
@@ -252,12 +252,12 @@ static spin_status apply_settings(struct model *m, const struct told *told)
         return spin_malformed("'%s': inconsistent settings: key frames every %g frames from frame "
                               "%g on, %g frames in the clip, duration %g, var_pad %g",
                               m->base.path, m->interval, -m->shift, m->frames, m->duration,
-                              told->var_pad);
+                              given->var_pad);
     if (m->is_chkpnt)
-        note_differences(m, told->interval, shift);
-    if (told->first > 0)
+        note_differences(m, given->interval, shift);
+    if (given->first > 0)
         spin_note(sequence, "start_timestamp=%g: this frame of the recording is at time 0",
-                  told->first);
+                  given->first);
     return SPIN_OK;
 }
 
@@ -265,13 +265,13 @@ static spin_status read_settings(struct model *m)
 {
     struct spin_model *base = &m->base;
     const char *folder = base->path;
-    struct told told;
+    struct given given;
 
     if (m->is_chkpnt)
         SPIN_TRY(spin_model_folder(base, &folder, base->path));
     SPIN_TRY(spin_model_cfg(base, folder, m->is_chkpnt ? NULL : base->path));
-    SPIN_TRY(read_told(base, &told));
-    return apply_settings(m, &told);
+    SPIN_TRY(read_given(base, &given));
+    return apply_settings(m, &given);
 }
 
 /* ---- Columns --------------------------------------------------------------------------------- */

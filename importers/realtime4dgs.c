@@ -240,9 +240,9 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
 /* ---- SH degrees ------------------------------------------------------------------------------ */
 
 /* Derives from the number of SH in a row the spatial degree, and whether the row includes temporal
- * SH, the factors of the cosines of time. `told` is sh_degree of cfg_args, or -1 if it is unknown.
- * Returns false for a number that no setting of the method yields. */
-static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
+ * SH, the factors of the cosines of time. `configured` is sh_degree of cfg_args, or -1 if it is
+ * unknown. Returns false for a number that no setting of the method yields. */
+static bool sh_to_degree(int n_sh, double configured, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
         int n = (d + 1) * (d + 1);
@@ -250,7 +250,7 @@ static bool sh_to_degree(int n_sh, double told, int *degree, bool *in_time)
          * SH are never used. */
         static const int unused[] = {1, 6, 16, 33};
 
-        if (n_sh == 16 && told != 2 &&
+        if (n_sh == 16 && configured != 2 &&
             d == 2) /* 16 SH are of degree 3, or of 2 if cfg_args has sh_degree=2 */
             continue;
         if (n_sh == n || n_sh == 3 * n || n_sh == unused[d]) {
@@ -273,12 +273,12 @@ static spin_status read_degree(const struct spin_value *v, const char *what, int
     return SPIN_OK;
 }
 
-static spin_status find_degrees(struct rows *r, double told)
+static spin_status find_degrees(struct rows *r, double configured)
 {
     bool in_time = false;
     int most = 0;
 
-    if (!sh_to_degree(r->n_sh, told, &most, &in_time))
+    if (!sh_to_degree(r->n_sh, configured, &most, &in_time))
         return spin_malformed(
             "features_dc and features_rest have %d rows of SH together, which matches no SH degree",
             r->n_sh);
@@ -307,7 +307,7 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
     static const int64_t places[2] = {-1, 3};
     const struct spin_value *rot_4d = r->part[R4_ROT_4D], *right = r->part[R4_ROTATION_R];
     bool has_right = right && right->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(right);
-    double told = -1;
+    double configured = -1;
     struct spin_array t;
 
     SPIN_TRY(bind_part(m, r, R4_XYZ, 2, places, &t));
@@ -317,10 +317,10 @@ static spin_status r4_read(struct spin_model *m, bool with_sh, struct rows *r)
     r->rot_4d = r->moving && (rot_4d ? rot_4d->integer != 0 : has_right);
     if (r->rot_4d && !has_right)
         return spin_malformed("rot_4d is true, but the right quaternions are empty");
-    SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "sh_degree", &told));
+    SPIN_TRY(spin_cfg_read_number(&m->settings.cfg, "sh_degree", &configured));
     if (with_sh) {
         SPIN_TRY(bind_sh(m, r));
-        SPIN_TRY(find_degrees(r, told));
+        SPIN_TRY(find_degrees(r, configured));
     }
     for (int p = 0; p < R4_N_PARTS; p++) { /* accepts nonfinite values: r4_add() drops such rows */
         int64_t shape[2] = {(int64_t)r->n, all[p].width};

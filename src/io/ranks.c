@@ -276,7 +276,7 @@ static void notify_failure(spin_status status)
 {
     double until = spin_now_s() + patience_s;
     struct timespec nap = {.tv_nsec = 1000000};
-    int told = heard, lowest = heard ? n_ranks : own_rank;
+    int n_notices = heard, lowest = heard ? n_ranks : own_rank;
     struct notice notice;
     int from;
 
@@ -284,12 +284,12 @@ static void notify_failure(spin_status status)
     last_words.heard = heard;
     snprintf(last_words.text, TEXT, "%s", spin_last_error());
     shim->notify(&last_words, sizeof last_words);
-    while (told < n_ranks - 1 && spin_now_s() < until) {
+    while (n_notices < n_ranks - 1 && spin_now_s() < until) {
         if (!shim->receive_notice(&from, &notice, sizeof notice)) {
             nanosleep(&nap, NULL);
             continue;
         }
-        told++;
+        n_notices++;
         if (!notice.heard && from < lowest)
             lowest = from;
     }

@@ -193,7 +193,7 @@ static bool without(int n, int missing, const struct outcome *whole, int *bad)
     struct spin_device *d;
     char number[16], count[16];
     spin_status status, again;
-    bool told;
+    bool reported;
 
     snprintf(number, sizeof number, "%d", n);
     snprintf(count, sizeof count, "%d", missing);
@@ -203,12 +203,12 @@ static bool without(int n, int missing, const struct outcome *whole, int *bad)
     d->deterministic = true;
     status = step(d, &out);
     unsetenv("SPIN_EMU_FULL");
-    told = strstr(spin_last_error(), "out of memory") != NULL;
+    reported = strstr(spin_last_error(), "out of memory") != NULL;
     if (status == SPIN_OK && memcmp(&out, whole, sizeof out) != 0) {
         printf("# piece %d of memory: another result\n", n);
         ++*bad;
     }
-    if (status != SPIN_OK && (status != SPIN_E_MEMORY || !told)) {
+    if (status != SPIN_OK && (status != SPIN_E_MEMORY || !reported)) {
         printf("# piece %d of memory: %s\n", n, spin_last_error());
         ++*bad;
     }

@@ -60,7 +60,7 @@ static void is_right(const char *object, const char *what)
 
 /* In every order the kernel is aborted with a message that contains `words`, or by a sanitizer that
  * found the fault first. */
-static void is_told(const char *object, const char *what, const char *words)
+static void is_reported(const char *object, const char *what, const char *words)
 {
     char said[4000];
 
@@ -69,7 +69,7 @@ static void is_told(const char *object, const char *what, const char *words)
 
         if (!ok((how == ABORTED || how == 99) &&
                     (strstr(said, words) || strstr(said, "AddressSanitizer")),
-                "%s: %s is told: %s, %s", object, what, words, orders[i]))
+                "%s: %s is reported: %s, %s", object, what, words, orders[i]))
             printf("#   %d: %s\n", how, said);
     }
 }
@@ -97,21 +97,21 @@ TAP_MAIN
         is_right(objects[k], "dynamic");
         is_right(objects[k], "mma");
         is_right(objects[k], "poisoned");
-        is_told(objects[k], "mma-float", "not a number of tf32");
-        is_told(objects[k], "mma-left", "has left");
-        is_told(objects[k], "warp-mask", "outside of the mask");
-        is_told(objects[k], "warp-outside", "outside of the mask");
-        is_told(objects[k], "warp-masks", "different masks");
-        is_told(objects[k], "warp-left", "has left");
-        is_told(objects[k], "two-barriers", "different operations");
-        is_told(objects[k], "early", "has left");
-        is_told(objects[k], "sum-index", "outside of its array");
+        is_reported(objects[k], "mma-float", "not a number of tf32");
+        is_reported(objects[k], "mma-left", "has left");
+        is_reported(objects[k], "warp-mask", "outside of the mask");
+        is_reported(objects[k], "warp-outside", "outside of the mask");
+        is_reported(objects[k], "warp-masks", "different masks");
+        is_reported(objects[k], "warp-left", "has left");
+        is_reported(objects[k], "two-barriers", "different operations");
+        is_reported(objects[k], "early", "has left");
+        is_reported(objects[k], "sum-index", "outside of its array");
     }
-    is_told("faults.so", "dynamic-past", "behind its dynamic shared memory");
-    is_told("faults.so", "dynamic-large", "more shared memory than a block may have");
+    is_reported("faults.so", "dynamic-past", "behind its dynamic shared memory");
+    is_reported("faults.so", "dynamic-large", "more shared memory than a block may have");
     shows("sum-barrier", 1);
     shows("rows-unmerged", 3);
     shows("mma-exchanged", 3);
-    is_told("faults-race.so", "sum-barrier", "a race");
-    is_told("faults-race.so", "rows-plain", "a race");
+    is_reported("faults-race.so", "sum-barrier", "a race");
+    is_reported("faults-race.so", "rows-plain", "a race");
 }

@@ -1,4 +1,4 @@
-/* Zip archives: good ones, lying ones, our own.  K: io zip hostile
+/* Zip archives: good ones, malformed ones, our own.  K: io zip hostile
  *
  * Malformed archives are assembled here byte by byte, independently of the writer under test. */
 #include <unistd.h>
