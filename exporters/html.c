@@ -101,7 +101,7 @@ struct export
     struct spin_page_space space;
     double size; /* size of the scene, see spin_initial_view_middle(); 0: not known yet */
     struct spin_initial_view view;
-    bool looks_at_subject; /* the clip has no cameras, and `view` is aimed at the subject */
+    bool faces_subject; /* the clip has no cameras, and `view` is aimed at the subject */
     struct version version[2];
     int n_versions;
     struct spin_splats source;
@@ -607,7 +607,7 @@ static spin_status find_subject(struct export *x)
     if (x->job->views || spin_plugin_value(x->job->values, "camera", NULL))
         return SPIN_OK;
     spin_initial_view_first(NULL, 0, false, origin, 1, &x->view);
-    return spin_initial_view_subject(x->job, 1280, 720, &x->view, &x->looks_at_subject);
+    return spin_initial_view_subject(x->job, 1280, 720, &x->view, &x->faces_subject);
 }
 
 static spin_status begin_export(struct export *x, const struct spin_export_job *job)
@@ -633,7 +633,7 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
 
     if (x->size == 0)
         SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->size));
-    if (!x->looks_at_subject) {
+    if (!x->faces_subject) {
         spin_initial_view_first(x->job->views, row, false, x->space.centre, x->size, &x->view);
         SPIN_TRY(spin_initial_view_chosen(x->job, row, x->space.centre, x->size, &x->view));
     }

@@ -104,7 +104,7 @@ static spin_status parse_heads(const char *list, bool used[N_HEADS])
 
 /* Guesses whether a layer was trained: if it was not, all its values are within the bounds of their
  * random initialisation. */
-static bool looks_trained(const struct mlp_layer *l)
+static bool is_trained(const struct mlp_layer *l)
 {
     double weight = sqrt(6.0 / (l->n_in + l->n_out)), bias = 1 / sqrt((double)l->n_in);
 
@@ -137,7 +137,7 @@ static spin_status note_guess(struct model *model)
         if (!spin_model_get(m, "%s.1.weight", heads[h].tensor))
             continue;
         SPIN_TRY(spin_model_head(m, heads[h].tensor, model->hex.width, heads[h].width, &head));
-        if (looks_trained(&head.layer[0]) || looks_trained(&head.layer[1]))
+        if (is_trained(&head.layer[0]) || is_trained(&head.layer[1]))
             used += snprintf(trained + used, sizeof trained - (size_t)used, " %s", heads[h].word);
     }
     spin_note(m->sequence, "heads that appear to be trained:%s", trained);

@@ -252,7 +252,7 @@ static int d3dgs_probe(const struct spin_peek *peek)
 
     if (peek->is_folder)
         return spin_peek_has(peek, "params.npz") && !mask ? 60 : 0;
-    if (mask || !spin_zip_looks_like(peek->head, peek->n_head))
+    if (mask || !spin_zip_detect(peek->head, peek->n_head))
         return 0;
     if (peek->tail_names[0] == '\0') /* a truncated zip has no directory: if its first member is
                                         means3D, open() reports the truncation */

@@ -49,7 +49,7 @@ struct model {
     struct gaussian4d gaussians;
     size_t *kept, n_kept; /* rows of splats_4d for which the networks are evaluated */
     float *app;           /* [n][6] appearance numbers of the rows of the file */
-    bool has_looks;       /* opacities and colours of splats_4d have been computed */
+    bool has_appearance;  /* opacities and colours of splats_4d have been computed */
     struct mlp_net net[N_NETS];
 };
 
@@ -60,7 +60,7 @@ static int probe(const struct spin_peek *peek)
     size_t n_xz = 0;
 
     if (!peek->is_folder) {
-        if (!spin_xz_looks_like(peek->head, peek->n_head))
+        if (!spin_xz_detect(peek->head, peek->n_head))
             return 0;
         return strcmp(spin_path_name(peek->path), "comp.xz") == 0 ? 95 : 60;
     }
@@ -608,7 +608,7 @@ static spin_status run_networks(struct pass *p)
     return SPIN_OK;
 }
 
-static spin_status fill_looks(struct model *m, struct spin_splats *own)
+static spin_status fill_appearance(struct model *m, struct spin_splats *own)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;
     struct pass pass = {m, 0, true, LOOKS, own};
@@ -620,7 +620,7 @@ static spin_status fill_looks(struct model *m, struct spin_splats *own)
     SPIN_TRY(spin_model_check(m->base.path, m->times.first, LOOKS, own));
     memcpy(s->logit_opacities, own->logit_opacities, s->n * sizeof *own->logit_opacities);
     memcpy(s->sh, own->sh, 48 * s->n * sizeof *own->sh);
-    m->has_looks = true;
+    m->has_appearance = true;
     return SPIN_OK;
 }
 
@@ -628,7 +628,7 @@ static spin_status omg4_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     struct model *m = self;
     struct spin_splats own = {0};
-    spin_status status = m->has_looks ? SPIN_OK : fill_looks(m, &own);
+    spin_status status = m->has_appearance ? SPIN_OK : fill_appearance(m, &own);
 
     spin_splats_free(&own);
     *out = &m->base.splats_4d;

@@ -18,7 +18,7 @@ static int probe(const struct spin_peek *peek)
     if (is_ply(peek->head, peek->n_head))
         return spin_peek_contains(peek, " t_center") && spin_peek_contains(peek, " t_sigma") ? 100
                                                                                              : 0;
-    if (!spin_zip_looks_like(peek->head, peek->n_head) || !strstr(peek->tail_names, "meta.json"))
+    if (!spin_zip_detect(peek->head, peek->n_head) || !strstr(peek->tail_names, "meta.json"))
         return 0;
     return spin_file_has_suffix(peek->path, ".sogst") || spin_peek_contains(peek, "\"sogst\"") ? 100
                                                                                                : 0;

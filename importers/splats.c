@@ -455,7 +455,7 @@ static int sog_probe(const struct spin_peek *peek)
     if (!peek->is_folder && spin_file_has_suffix(peek->path, ".json")) {
         meta = spin_peek_contains(peek, "\"means\"");
         picture = spin_peek_contains(peek, "\"mins\"");
-    } else if (spin_zip_looks_like(peek->head, peek->n_head)) {
+    } else if (spin_zip_detect(peek->head, peek->n_head)) {
         /* A meta.json in a folder is that of an unpacked SOG in any archive. */
         meta = strncmp(names, "meta.json", 9) == 0 || strstr(names, "\nmeta.json") != NULL;
         picture = strstr(names, ".webp") != NULL;

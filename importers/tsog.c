@@ -18,7 +18,7 @@ struct tsog_model {
  * The names of images do not identify the format, since they are arbitrary in older files. */
 static int probe(const struct spin_peek *peek)
 {
-    bool zip = spin_zip_looks_like(peek->head, peek->n_head);
+    bool zip = spin_zip_detect(peek->head, peek->n_head);
 
     if (peek->is_folder)
         return spin_file_named(peek, ".tsog");

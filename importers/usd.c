@@ -39,7 +39,7 @@ static int probe(const struct spin_peek *peek)
         return 90;
     if (spin_file_begins(peek, "#usda 1.0") || spin_file_begins(peek, "PXR-USDC"))
         return 90;
-    if (!peek->is_folder && spin_zip_looks_like(peek->head, peek->n_head))
+    if (!peek->is_folder && spin_zip_detect(peek->head, peek->n_head))
         return spin_file_has_suffix(peek->path, ".usdz") ? 90 : 0;
     return peek->is_folder ? best : 0;
 }

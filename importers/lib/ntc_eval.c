@@ -221,7 +221,7 @@ spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struc
     memset(n, 0, sizeof *n);
     n->shape = shape;
     SPIN_TRY(spin_file_head(path, head, sizeof head, &n_head));
-    if (!spin_zip_looks_like(head, n_head))
+    if (!spin_zip_detect(head, n_head))
         return spin_unsupported("'%s' is not a zip file, as PyTorch writes since version 1.6",
                                 path);
     SPIN_TRY(spin_torch_open(path, &torch));

@@ -10,9 +10,9 @@ spin_status spin_usd_open(const void *data, size_t size, struct spin_usd_layer *
 {
     out->data = data;
     out->size = size;
-    if (spin_usd_text_looks_like(data, size))
+    if (spin_usd_text_detect(data, size))
         return spin_usd_text_open(out);
-    if (spin_usd_crate_looks_like(data, size))
+    if (spin_usd_crate_detect(data, size))
         return spin_usd_crate_open(out);
     return spin_malformed("not a layer of USD: it begins neither with '#usda 1.0' nor with "
                           "'PXR-USDC'");

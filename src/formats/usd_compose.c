@@ -114,7 +114,7 @@ spin_status spin_usd_open_root(struct spin_usd_stage *s, const char *path, struc
     size_t n = 0;
 
     SPIN_TRY(spin_file_head(path, head, sizeof head, &n));
-    if (spin_zip_looks_like(head, n)) {
+    if (spin_zip_detect(head, n)) {
         SPIN_TRY(spin_zip_open(path, &s->package));
         s->packed = true;
         if (s->package.n == 0)

@@ -516,7 +516,7 @@ static spin_status read_specs(struct spin_usd_layer *layer)
     return SPIN_OK;
 }
 
-bool spin_usd_crate_looks_like(const void *data, size_t size)
+bool spin_usd_crate_detect(const void *data, size_t size)
 {
     return size >= 8 && memcmp(data, "PXR-USDC", 8) == 0;
 }

@@ -441,7 +441,7 @@ static spin_status read_prims(struct reader *r, struct spin_usd_prim *parent, in
     return SPIN_OK;
 }
 
-bool spin_usd_text_looks_like(const void *data, size_t size)
+bool spin_usd_text_detect(const void *data, size_t size)
 {
     return size >= 9 && memcmp(data, "#usda 1.0", 9) == 0;
 }

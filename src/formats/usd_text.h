@@ -3,7 +3,7 @@
 
 #include "formats/usd_layer.h"
 
-bool spin_usd_text_looks_like(const void *data, size_t size);
+bool spin_usd_text_detect(const void *data, size_t size);
 /* Reads the prims and attributes of the layer in out->data, but not their values. */
 spin_status spin_usd_text_open(struct spin_usd_layer *out);
 /* Counts the numbers of a value, not its tuples. A tuple that does not have `width` numbers is an

@@ -66,7 +66,7 @@ static spin_status fail_foreign(const char *path, const struct spin_map *map)
         what = "the file is empty";
     else if (begins_with(map, "<!doctype") || begins_with(map, "<html"))
         what = "it is an HTML page, not a PyTorch checkpoint: download it again";
-    else if (spin_xz_looks_like(p, map->size))
+    else if (spin_xz_detect(p, map->size))
         what = "it is an xz file, not a PyTorch checkpoint";
     else if (map->size >= 2 && p[0] == 0x80 && p[1] >= 2 && p[1] <= 5)
         what = "it is a bare pickle, not a PyTorch checkpoint";
@@ -286,7 +286,7 @@ spin_status spin_torch_open(const char *path, struct spin_torch *out)
     f = out->file = block;
     SPIN_TRY_OUT(spin_strdup(path, &f->path));
     SPIN_TRY_OUT(spin_map_open(path, &f->map));
-    f->is_zip = spin_zip_looks_like(f->map.data, f->map.size);
+    f->is_zip = spin_zip_detect(f->map.data, f->map.size);
     if (f->is_zip) {
         spin_map_close(&f->map); /* spin_zip_open() will map the file again */
         SPIN_TRY_OUT(open_zip(f, &out->pickle));

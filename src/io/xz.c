@@ -16,7 +16,7 @@
  * dictionary. */
 #define DECODER_MEMORY ((uint64_t)256 << 20)
 
-bool spin_xz_looks_like(const unsigned char *head, size_t n)
+bool spin_xz_detect(const unsigned char *head, size_t n)
 {
     return n >= 6 && memcmp(head,
                             "\xfd"

@@ -3,7 +3,7 @@
 
 #include "spin.h"
 
-bool spin_xz_looks_like(const unsigned char *head, size_t n);
+bool spin_xz_detect(const unsigned char *head, size_t n);
 
 /* Decompress a file into a block allocated with malloc. SPIN_E_UNSUPPORTED if the decompressed size
  * exceeds `limit` bytes, or exceeds the sum of 8 MiB and 32 times the size of the file. The

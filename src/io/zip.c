@@ -27,7 +27,7 @@ struct directory {
     bool zip64;
 };
 
-bool spin_zip_looks_like(const unsigned char *head, size_t n_head)
+bool spin_zip_detect(const unsigned char *head, size_t n_head)
 {
     return n_head >= 4 && (u32(head) == SIG_LOCAL || u32(head) == SIG_END);
 }

@@ -27,7 +27,7 @@ struct spin_zip {
     bool zip64;                             /* the directory was found through a zip64 record */
 };
 
-bool spin_zip_looks_like(const unsigned char *head, size_t n_head);
+bool spin_zip_detect(const unsigned char *head, size_t n_head);
 spin_status spin_zip_open(const char *path, struct spin_zip *out);
 /* Open an archive in memory, which must stay valid until spin_zip_close(); `what` is its name in
  * messages. */

@@ -160,7 +160,7 @@ static spin_status name_all(struct convert *c)
     SPIN_TRY(append_text(c->output, n, ".static.spin", &c->settled));
     if (stores_4d(c->to))
         SPIN_TRY(append_text(c->output, n, ".tracks.spin", &c->tracks));
-    c->imports = !spin_bundle_looks_like(o->input);
+    c->imports = !spin_bundle_detect(o->input);
     return c->imports ? append_text(c->output, n, ".import.spin", &c->import)
                       : spin_strdup(o->input, &c->import);
 }

@@ -95,7 +95,7 @@ spin_status spin_bundle_describe(const char *path, char **report)
     SPIN_FREED char *data = NULL;
 
     *report = NULL;
-    if (!spin_bundle_looks_like(path))
+    if (!spin_bundle_detect(path))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle", path);
     SPIN_TRY(spin_bundle_open(path, &bundle));
     SPIN_TRY(spin_bundle_data_path(&bundle, &data));

@@ -348,7 +348,7 @@ static spin_status choose_exposure(struct run *r)
         return SPIN_OK;
     SPIN_TRY(spin_photometric_fit_cameras(&r->plan, &r->photos, &r->look));
     if (trains_4d(r))
-        SPIN_TRY(spin_rows_4d_looks(&r->plan));
+        SPIN_TRY(spin_rows_4d_photometric(&r->plan));
     if (*choice == SPIN_EXPOSURE_ON)
         return SPIN_OK;
     *choice = (r->look.spread > least_spread && r->look.gains == SPIN_PHOTOMETRIC_SEEN) ||

@@ -561,7 +561,7 @@ static bool begins_with(const char *text, const char *with)
 }
 
 /* A zip with a meta.json may also be SOG, so a bundle must have members in source/ too. */
-bool spin_bundle_looks_like(const char *path)
+bool spin_bundle_detect(const char *path)
 {
     struct spin_zip zip;
     bool meta, source = false;

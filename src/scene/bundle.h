@@ -91,7 +91,7 @@ struct spin_bundle_bytes {
 
 /* Returns whether the path is a zip with a meta.json and members in source/. No input of an
  * importer has both. */
-bool spin_bundle_looks_like(const char *path);
+bool spin_bundle_detect(const char *path);
 /* The path of a checkpoint, followed by this suffix, is the path of the clip that was saved with
  * it. */
 #define SPIN_CLIP_OF_STATE ".spin"

@@ -219,11 +219,11 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "'%s' is not a bundle: convert it with spin-import (importer '%s') first",
                          path, importer->name);
-    if (status != SPIN_E_UNSUPPORTED && !spin_bundle_looks_like(path) &&
+    if (status != SPIN_E_UNSUPPORTED && !spin_bundle_detect(path) &&
         spin_foreign_input(path, false, what, sizeof what))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle: %s", path, what);
     if (!spin_path_is_folder(path) && spin_file_head(path, head, sizeof head, &n) == SPIN_OK &&
-        n > 0 && !spin_zip_looks_like(head, n))
+        n > 0 && !spin_zip_detect(head, n))
         return spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is not a bundle", path);
     return spin_fail(status, "%s", why);
 }

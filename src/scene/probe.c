@@ -143,7 +143,7 @@ spin_status spin_peek_open(const char *path, struct spin_peek *out)
         SPIN_TRY_OUT(peek_folder(path, out, &members));
     } else {
         SPIN_TRY_OUT(peek_head(path, out));
-        if (spin_zip_looks_like(out->head, out->n_head))
+        if (spin_zip_detect(out->head, out->n_head))
             SPIN_TRY_OUT(peek_members(path, &members));
     }
     if (!out->head) {
@@ -322,7 +322,7 @@ static spin_status fail_unknown(const struct spin_peek *peek, bool want_views)
 {
     struct spin_torch torch;
 
-    if (spin_bundle_looks_like(peek->path))
+    if (spin_bundle_detect(peek->path))
         return spin_fail(SPIN_E_NOT_RECOGNISED,
                          "'%s' is already a bundle: describe it with --info, or pass it to "
                          "spin-retrain, spin-eval or spin-export",

@@ -9,7 +9,7 @@ enum { NUMBERS = 14 }; /* of a camera in a path: focal length, near plane, pose 
 
 bool spin_renders_reads(const char *path, const char *from)
 {
-    return from ? strcmp(from, spin_renders.name) == 0 : spin_bundle_looks_like(path);
+    return from ? strcmp(from, spin_renders.name) == 0 : spin_bundle_detect(path);
 }
 
 /* ---- Paths of images ------------------------------------------------------------------------- */

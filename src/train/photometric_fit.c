@@ -234,8 +234,9 @@ static void fit_channel(struct fit *f, int rgb)
     }
 }
 
-static spin_status fit_looks(const struct spin_photometric_sample *sample, size_t n, int n_cameras,
-                             int n_lenses, const bool *falls, float *exposure)
+static spin_status fit_gains_and_falloffs(const struct spin_photometric_sample *sample, size_t n,
+                                          int n_cameras, int n_lenses, const bool *falls,
+                                          float *exposure)
 {
     SPIN_LEAVES(close_fit) struct fit f = {0};
 
@@ -403,7 +404,7 @@ static spin_status fit_sane(const struct spin_photometric_sample *sample, size_t
     }
     *why = left ? SPIN_PHOTOMETRIC_SEEN : SPIN_PHOTOMETRIC_SAME_RADII;
     for (int before = left + 1; left > 0 && left < before;) {
-        SPIN_TRY(fit_looks(sample, n, n_cameras, n_lenses, falls, exposure));
+        SPIN_TRY(fit_gains_and_falloffs(sample, n, n_cameras, n_lenses, falls, exposure));
         before = left;
         for (int k = 0; k < n_lenses; k++)
             if (falls[k] && !is_plausible(exposure + 6 * (n_cameras + k), corner[k])) {
@@ -450,7 +451,7 @@ spin_status spin_photometric_choose(const struct spin_photometric_sample *sample
     if (look->falloff == SPIN_PHOTOMETRIC_SEEN)
         return SPIN_OK;
     if (look->gains == SPIN_PHOTOMETRIC_SEEN)
-        return fit_looks(sample, n, n_cameras, n_lenses, none, exposure);
+        return fit_gains_and_falloffs(sample, n, n_cameras, n_lenses, none, exposure);
     memset(exposure, 0, (size_t)(n_cameras + n_lenses) * 6 * sizeof *exposure);
     return SPIN_OK;
 }

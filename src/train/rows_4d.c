@@ -328,7 +328,7 @@ static void read_three(const spin_json *array, float *to)
     }
 }
 
-spin_status spin_rows_4d_looks(struct spin_plan *plan)
+spin_status spin_rows_4d_photometric(struct spin_plan *plan)
 {
     const spin_json *json = plan->clip.bundle.json;
     const spin_json *cameras = spin_json_get(spin_json_get(json, "trained"), "cameras");

@@ -32,7 +32,7 @@ spin_status spin_rows_4d_cut(struct spin_rows_4d *rows, struct spin_plan *plan);
 void spin_rows_4d_close(struct spin_rows_4d *rows);
 /* Sets the initial exposures and falloffs of the plan to those that were learned in the training of
  * the input, which replace measured ones. */
-spin_status spin_rows_4d_looks(struct spin_plan *plan);
+spin_status spin_rows_4d_photometric(struct spin_plan *plan);
 /* Uploads the rows, and for each frame the list of its rows. With --method 4d it is called instead
  * of spin_frames_load(). */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,

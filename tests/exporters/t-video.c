@@ -227,7 +227,7 @@ static void test_speed_and_quality(struct spin_export_job job)
 }
 
 /* The distance from the eye to (0, 0, 0), and whether it faces that point. */
-static double looks_from(const struct spin_camera *camera, bool *at_middle)
+static double eye_distance(const struct spin_camera *camera, bool *at_middle)
 {
     double eye[3];
 
@@ -254,7 +254,7 @@ static void test_orbit(struct spin_export_job job)
     for (int i = 0; i < n_renders; i++) {
         const double *m = seen[i].w2c;
 
-        all = all && fabs(looks_from(&seen[i], &at_middle) - 5) < 1e-6 && at_middle;
+        all = all && fabs(eye_distance(&seen[i], &at_middle) - 5) < 1e-6 && at_middle;
         det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
               m[2] * (m[4] * m[9] - m[5] * m[8]);
         all = all && fabs(det - 1) < 1e-9 && fabs(m[5] - 1) < 1e-9;
@@ -266,7 +266,7 @@ static void test_orbit(struct spin_export_job job)
     job.output = named("spiral");
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK, "and in a spiral");
     for (int i = 0; i < n_renders; i++) {
-        double away = looks_from(&seen[i], &at_middle);
+        double away = eye_distance(&seen[i], &at_middle);
 
         still = still && at_middle && away > 4 && away < 6;
     }

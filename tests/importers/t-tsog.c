@@ -36,8 +36,8 @@ static void compare_rest(struct spin_npz *npz, const float *sh, size_t n, int de
 }
 
 /* Opacities and SH of a frame. */
-static void compare_looks(struct spin_npz *npz, const struct spin_splats *s, const size_t *row,
-                          const char *name)
+static void compare_appearance(struct spin_npz *npz, const struct spin_splats *s, const size_t *row,
+                               const char *name)
 {
     struct table alpha = table_load(npz, "alpha", 0), dc = table_load(npz, "f_dc", 0);
     size_t width = 3 * (size_t)(s->sh_degree * (s->sh_degree + 2));
@@ -161,7 +161,7 @@ static void compare_frames(struct run *run, struct spin_npz *npz, const char *na
                    s.n == n && run->sequence.counts[f] == n,
                "%s: frame %d has %zu splats", name, f, n)) {
             compare_slice(npz, &s, row, 0, "centre", false, name);
-            compare_looks(npz, &s, row, name);
+            compare_appearance(npz, &s, row, name);
         }
         all += n;
     }

@@ -65,13 +65,13 @@ TAP_MAIN
     snprintf(path, sizeof path, "%s/file.xz", check_folder());
     for (size_t i = 0; i < SIZE; i++)
         bytes[i] = (unsigned char)(i * i >> 7);
-    ok(spin_xz_looks_like((const unsigned char *)"\xfd"
-                                                 "7zXZ\0",
-                          6) &&
-           !spin_xz_looks_like((const unsigned char *)"\xfd"
-                                                      "7zXZ",
-                               5) &&
-           !spin_xz_looks_like((const unsigned char *)"PK\3\4..", 6),
+    ok(spin_xz_detect((const unsigned char *)"\xfd"
+                                             "7zXZ\0",
+                      6) &&
+           !spin_xz_detect((const unsigned char *)"\xfd"
+                                                  "7zXZ",
+                           5) &&
+           !spin_xz_detect((const unsigned char *)"PK\3\4..", 6),
        "knows an xz by its first six bytes");
     for (int preset = 0; preset <= 9; preset += 9) {
         write_xz(bytes, SIZE, preset, 1);

@@ -231,7 +231,7 @@ static void good_ones(void)
     add_end(&b, "");
     save(&b, b.n);
     ok(!reads("a.npy", hello, HELLO, 100), "an empty archive opens and has no members");
-    ok(spin_zip_looks_like(b.data, 4), "and looks like one");
+    ok(spin_zip_detect(b.data, 4), "and looks like one");
 }
 
 static void zip64(void)
