@@ -190,7 +190,7 @@ static void code_row(struct export *x, size_t k, struct spin_4dgs_splat *to)
     spin_splat_rows_get(&x->rows, k, &is);
     shown = is;
     code_place(x, k, life, to, &shown);
-    spin_4dgs_code_look(&x->coder, k, &is, to, &shown);
+    spin_4dgs_code_attributes(&x->coder, k, &is, to, &shown);
     *spin_4dgs_bin(to, SPIN_4DGS_WINDOW) = (int32_t)x->window_of[k];
     spin_quant_error_row(&x->coder.quant, &is, &shown);
 }

@@ -69,8 +69,9 @@ static void code_sh(struct spin_4dgs_coder *coder, size_t k, struct spin_4dgs_sp
         spin_quant_error_add_sh(&coder->quant, off, 3 * n - 3);
 }
 
-void spin_4dgs_code_look(struct spin_4dgs_coder *coder, size_t row, const struct spin_gaussian *is,
-                         struct spin_4dgs_splat *to, struct spin_gaussian *shown)
+void spin_4dgs_code_attributes(struct spin_4dgs_coder *coder, size_t row,
+                               const struct spin_gaussian *is, struct spin_4dgs_splat *to,
+                               struct spin_gaussian *shown)
 {
     const double *step = coder->coding->step;
     const int32_t *colour = spin_4dgs_bin(to, SPIN_4DGS_COLOUR);

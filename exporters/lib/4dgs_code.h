@@ -19,7 +19,8 @@ struct spin_4dgs_coder {
 int32_t spin_4dgs_round(double value, double step);
 /* Quantises scale, rotation, colour, opacity and SH of the row *is, and sets the same members of
  * *shown to the values that a reader decodes. Adds the errors of SH to those of the coder. */
-void spin_4dgs_code_look(struct spin_4dgs_coder *c, size_t row, const struct spin_gaussian *is,
-                         struct spin_4dgs_splat *to, struct spin_gaussian *shown);
+void spin_4dgs_code_attributes(struct spin_4dgs_coder *c, size_t row,
+                               const struct spin_gaussian *is, struct spin_4dgs_splat *to,
+                               struct spin_gaussian *shown);
 /* Warns about clamped values, and logs the quantisation errors. */
 void spin_4dgs_coder_report(const struct spin_4dgs_coder *c);

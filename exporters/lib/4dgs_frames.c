@@ -93,7 +93,7 @@ static spin_status code_row(struct spin_4dgs_frames *x, size_t row, struct spin_
         shown.place[c] = (float)(x->coding->origin[c] + bin[c] * step);
     }
     *spin_4dgs_bin(to, SPIN_4DGS_FLAGS) = SPIN_4DGS_NEVER_FADES;
-    spin_4dgs_code_look(&x->coder, row, &is, to, &shown);
+    spin_4dgs_code_attributes(&x->coder, row, &is, to, &shown);
     spin_quant_error_row(&x->coder.quant, &is, &shown);
     return SPIN_OK;
 }

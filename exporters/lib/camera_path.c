@@ -243,11 +243,11 @@ static spin_status look_at_subject(struct spin_camera_path *d)
 {
     static const double origin[3] = {0};
 
-    spin_initial_view_first(NULL, 0, false, origin, 1, &d->look);
-    SPIN_TRY(
-        spin_initial_view_subject(d->job, d->lens.width, d->lens.height, &d->look, &d->looked));
-    if (d->looked)
-        d->lens.z_near = d->look.z_near;
+    spin_initial_view_first(NULL, 0, false, origin, 1, &d->initial);
+    SPIN_TRY(spin_initial_view_subject(d->job, d->lens.width, d->lens.height, &d->initial,
+                                       &d->has_initial));
+    if (d->has_initial)
+        d->lens.z_near = d->initial.z_near;
     return SPIN_OK;
 }
 
@@ -461,7 +461,7 @@ void spin_rig_path_camera(const struct spin_rig_path *path, double share, double
  * forward and back once. */
 static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 {
-    const double *from = d->look.eye, *to = d->look.target;
+    const double *from = d->initial.eye, *to = d->initial.target;
     double away[3], axis[3][3], angle = 6.283185307179586 * turn, distance = 0;
 
     for (int c = 0; c < 3; c++) {
@@ -474,12 +474,12 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
         return;
     }
     if (d->path == SPIN_PATH_ORBIT) {
-        spin_initial_view_turn(away, d->look.up, angle, eye);
+        spin_initial_view_turn(away, d->initial.up, angle, eye);
         for (int c = 0; c < 3; c++)
             eye[c] += to[c];
         return;
     }
-    spin_initial_view_axes(from, to, d->look.up, axis);
+    spin_initial_view_axes(from, to, d->initial.up, axis);
     for (int c = 0; c < 3; c++)
         eye[c] = from[c] + 0.1 * distance *
                                (sin(3 * angle) * axis[0][c] +
@@ -496,12 +496,12 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     if (!spin_camera_pivot(d->job->views, row, pivot, &median))
         return;
     for (int c = 0; c < 3; c++)
-        distance += (d->look.eye[c] - pivot[c]) * (d->look.eye[c] - pivot[c]);
+        distance += (d->initial.eye[c] - pivot[c]) * (d->initial.eye[c] - pivot[c]);
     distance = sqrt(distance);
     for (int c = 0; c < 3; c++) {
-        d->look.target[c] = pivot[c];
+        d->initial.target[c] = pivot[c];
         if (distance > median)
-            d->look.eye[c] = pivot[c] + (d->look.eye[c] - pivot[c]) * median / distance;
+            d->initial.eye[c] = pivot[c] + (d->initial.eye[c] - pivot[c]) * median / distance;
     }
 }
 
@@ -512,12 +512,12 @@ static spin_status set_first_view(struct spin_camera_path *d, const struct spin_
 
     if (d->reach == 0)
         SPIN_TRY(spin_initial_view_middle(splats, d->middle, &d->reach));
-    spin_initial_view_first(views, d->row, true, d->middle, d->reach, &d->look);
+    spin_initial_view_first(views, d->row, true, d->middle, d->reach, &d->initial);
     if (!spin_plugin_value(d->job->values, "camera", NULL))
         move_into_rig(d, d->row);
-    SPIN_TRY(spin_initial_view_chosen(d->job, d->row, d->middle, d->reach, &d->look));
-    d->lens.z_near = d->look.z_near;
-    d->looked = true;
+    SPIN_TRY(spin_initial_view_chosen(d->job, d->row, d->middle, d->reach, &d->initial));
+    d->lens.z_near = d->initial.z_near;
+    d->has_initial = true;
     return SPIN_OK;
 }
 
@@ -527,7 +527,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
     double eye[3];
     double turn = (double)picture / (double)d->n_pictures;
 
-    if (!d->looked)
+    if (!d->has_initial)
         SPIN_TRY(set_first_view(d, splats));
     *out = d->lens;
     if (d->path == SPIN_PATH_FILE) {
@@ -548,7 +548,7 @@ spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
         return SPIN_OK;
     }
     eye_of(d, turn, eye);
-    spin_initial_view_pose(eye, d->look.target, d->look.up, out->w2c);
+    spin_initial_view_pose(eye, d->initial.target, d->initial.up, out->w2c);
     return SPIN_OK;
 }
 

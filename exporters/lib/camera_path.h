@@ -76,20 +76,20 @@ struct spin_camera_path {
     enum spin_camera_path_panel panel[3];
     int n_panels;
     bool labels;
-    int64_t n_pictures;            /* number of images to render, over all frames */
-    double fps;                    /* images per second */
-    int size[2];                   /* width, height of a panel in pixels; 0: those of the camera */
-    int row;                       /* data-set frame of the first exported frame */
-    struct spin_rig_path rig;      /* for SPIN_PATH_TRAIN */
-    struct spin_path_file file;    /* for SPIN_PATH_FILE: one camera per image */
-    bool fixed;                    /* the first camera of `file` renders all images */
-    int camera_id;                 /* --camera, for SPIN_PATH_CAMERA; -1: not given */
-    struct spin_camera lens;       /* intrinsics and near plane of a moving camera */
-    double middle[3], reach;       /* centre and half extent of the scene; reach 0: not yet known */
-    bool looked;                   /* true: `look` is set */
-    struct spin_initial_view look; /* the view from which a moving camera starts */
-    float *image;                  /* [3][h][w] one panel */
-    float *wide;                   /* [3][h][n_panels w] all panels side by side */
+    int64_t n_pictures;         /* number of images to render, over all frames */
+    double fps;                 /* images per second */
+    int size[2];                /* width, height of a panel in pixels; 0: those of the camera */
+    int row;                    /* data-set frame of the first exported frame */
+    struct spin_rig_path rig;   /* for SPIN_PATH_TRAIN */
+    struct spin_path_file file; /* for SPIN_PATH_FILE: one camera per image */
+    bool fixed;                 /* the first camera of `file` renders all images */
+    int camera_id;              /* --camera, for SPIN_PATH_CAMERA; -1: not given */
+    struct spin_camera lens;    /* intrinsics and near plane of a moving camera */
+    double middle[3], reach;    /* centre and half extent of the scene; reach 0: not yet known */
+    bool has_initial;           /* true: `initial` is set */
+    struct spin_initial_view initial; /* the view from which a moving camera starts */
+    float *image;                     /* [3][h][w] one panel */
+    float *wide;                      /* [3][h][n_panels w] all panels side by side */
     int n_drawn, n_blank; /* number of all renders, and of renders that show only the background */
     struct spin_splats source; /* frame source_frame as imported, for the panel "before" */
     int source_frame;          /* index of the frame in `source`; -1: none */

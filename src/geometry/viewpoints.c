@@ -92,8 +92,8 @@ static void find_axes(const double eye[3], const double target[3], const double 
     cross(axis[2], axis[0], axis[1]);
 }
 
-void spin_viewpoints_look(const double eye[3], const double target[3], const double up[3],
-                          struct spin_camera *camera)
+void spin_viewpoints_set_pose(const double eye[3], const double target[3], const double up[3],
+                              struct spin_camera *camera)
 {
     double axis[3][3];
 
@@ -514,7 +514,7 @@ static void add_camera(struct placing *p, const double eye[3], bool test)
                                      .cx = 0.5 * p->o->width,
                                      .cy = 0.5 * p->o->height,
                                      .z_near = 0.05 * distance_to(eye, p->out->centre)};
-    spin_viewpoints_look(eye, best, p->out->up, &c->camera);
+    spin_viewpoints_set_pose(eye, best, p->out->up, &c->camera);
     p->out->n++;
     p->out->distance = fmax(p->out->distance, distance_to(eye, p->out->centre));
 }

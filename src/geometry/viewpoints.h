@@ -46,5 +46,5 @@ spin_status spin_viewpoints_open(const struct spin_viewpoints_options *o, int n_
 void spin_viewpoints_close(struct spin_viewpoints *p);
 
 /* Sets a camera's pose to `eye`, looking at `target`. */
-void spin_viewpoints_look(const double eye[3], const double target[3], const double up[3],
-                          struct spin_camera *camera);
+void spin_viewpoints_set_pose(const double eye[3], const double target[3], const double up[3],
+                              struct spin_camera *camera);

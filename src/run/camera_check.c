@@ -138,7 +138,7 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
 #define DEVIATIONS 6
 #define LEAST_GAP 0.25
 
-struct look {
+struct view_shares {
     size_t view;
     double share[2]; /* share of points in front of the camera; share inside the image */
 };
@@ -151,14 +151,14 @@ static double median(double *values, size_t n)
 
 /* Computes, for share[which], its median over all views and the limit below which a view is an
  * outlier. */
-static void find_limit(const struct look *look, size_t n, int which, double *values, double *middle,
-                       double *limit)
+static void find_limit(const struct view_shares *view_shares, size_t n, int which, double *values,
+                       double *middle, double *limit)
 {
     for (size_t i = 0; i < n; i++)
-        values[i] = look[i].share[which];
+        values[i] = view_shares[i].share[which];
     *middle = median(values, n);
     for (size_t i = 0; i < n; i++)
-        values[i] = fabs(look[i].share[which] - *middle);
+        values[i] = fabs(view_shares[i].share[which] - *middle);
     *limit = *middle - fmax(LEAST_GAP, DEVIATIONS * 1.4826 * median(values, n));
 }
 
@@ -186,7 +186,7 @@ static void add_camera(const struct spin_views *views, const struct spin_camera_
 /* Computes the shares of every view of the given data set frames, and returns the number of these
  * views. */
 static size_t measure_views(const struct spin_views *views, const int *rows, int n_rows,
-                            const struct spin_splats *s, struct look *look)
+                            const struct spin_splats *s, struct view_shares *view_shares)
 {
     size_t n = 0;
 
@@ -197,7 +197,7 @@ static size_t measure_views(const struct spin_views *views, const int *rows, int
             struct spin_camera_overlay_share share;
 
             draw_points(NULL, &views->view[v].camera, s, s->n / POINTS + 1, &share);
-            look[n++] = (struct look){v, {share.in_front, share.inside}};
+            view_shares[n++] = (struct view_shares){v, {share.in_front, share.inside}};
         }
     }
     return n;
@@ -232,24 +232,25 @@ spin_status spin_camera_shares(const struct spin_views *views, const int *rows, 
 {
     SPIN_FREED double *values = NULL;
     double limit[2];
-    SPIN_FREED struct look *look = NULL;
+    SPIN_FREED struct view_shares *view_shares = NULL;
     size_t n;
 
     *out = (struct spin_camera_shares){0};
-    SPIN_TRY(spin_alloc(views->n, sizeof *look, (void **)&look));
+    SPIN_TRY(spin_alloc(views->n, sizeof *view_shares, (void **)&view_shares));
     SPIN_TRY(spin_alloc(views->n, sizeof *values, (void **)&values));
     SPIN_TRY(spin_alloc(views->n, sizeof *out->camera, (void **)&out->camera));
-    n = measure_views(views, rows, n_rows, s, look);
+    n = measure_views(views, rows, n_rows, s, view_shares);
     if (n == 0)
         return SPIN_OK;
     out->seen = share_seen(views, rows[n_rows - 1], s);
-    find_limit(look, n, 0, values, &out->in_front, &limit[0]);
-    find_limit(look, n, 1, values, &out->inside, &limit[1]);
+    find_limit(view_shares, n, 0, values, &out->in_front, &limit[0]);
+    find_limit(view_shares, n, 1, values, &out->inside, &limit[1]);
     for (size_t i = 0; i < n; i++) {
-        const double *share = look[i].share;
+        const double *share = view_shares[i].share;
         bool apart = n >= LEAST_VIEWS && (share[0] < limit[0] || share[1] < limit[1]);
 
-        add_camera(views, &(struct spin_camera_share){look[i].view, share[0], share[1], apart},
+        add_camera(views,
+                   &(struct spin_camera_share){view_shares[i].view, share[0], share[1], apart},
                    out);
     }
     return SPIN_OK;

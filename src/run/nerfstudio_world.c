@@ -123,7 +123,7 @@ static void invert(const struct rigid *t, double scale, struct spin_placement *o
 
 /* Sets *out to the path of the file in `folder`, or to NULL if there is none, or if spin-export
  * wrote the frames in this folder. Sets *ours in the latter case. */
-static spin_status look_in(const char *folder, char **out, bool *ours)
+static spin_status find_in_folder(const char *folder, char **out, bool *ours)
 {
     SPIN_FREED char *path = NULL, *sequence = NULL;
 
@@ -147,12 +147,12 @@ static spin_status find_file(const char *input, const char *data, char **out)
     for (int level = 0; level < 3 && !*out; level++) {
         char *above;
 
-        SPIN_TRY(look_in(folder, out, &ours));
+        SPIN_TRY(find_in_folder(folder, out, &ours));
         SPIN_TRY(spin_path_folder(folder, &above));
         free(folder);
         folder = above;
     }
-    return *out || !data ? SPIN_OK : look_in(data, out, &ours);
+    return *out || !data ? SPIN_OK : find_in_folder(data, out, &ours);
 }
 
 spin_status spin_parser_find(const char *input, const char *data, const char *data_from,

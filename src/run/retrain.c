@@ -47,7 +47,7 @@ struct run {
     struct spin_watch watch;
     /* Differences in colour and brightness between the cameras; look.spread is NaN if they were not
      * measured. */
-    struct spin_photometric_result look;
+    struct spin_photometric_result photometric;
     bool resume; /* whether the training continues from a checkpoint */
 };
 
@@ -343,18 +343,19 @@ static spin_status choose_exposure(struct run *r)
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
     const struct spin_lenses *lenses = &r->plan.lenses;
 
-    r->look.spread = NAN;
+    r->photometric.spread = NAN;
     if (*choice == SPIN_EXPOSURE_OFF)
         return SPIN_OK;
-    SPIN_TRY(spin_photometric_fit_cameras(&r->plan, &r->photos, &r->look));
+    SPIN_TRY(spin_photometric_fit_cameras(&r->plan, &r->photos, &r->photometric));
     if (trains_4d(r))
         SPIN_TRY(spin_rows_4d_photometric(&r->plan));
     if (*choice == SPIN_EXPOSURE_ON)
         return SPIN_OK;
-    *choice = (r->look.spread > least_spread && r->look.gains == SPIN_PHOTOMETRIC_SEEN) ||
-                      fabs(corner_brightness(r) - 1) > least_falloff
-                  ? SPIN_EXPOSURE_ON
-                  : SPIN_EXPOSURE_OFF;
+    *choice =
+        (r->photometric.spread > least_spread && r->photometric.gains == SPIN_PHOTOMETRIC_SEEN) ||
+                fabs(corner_brightness(r) - 1) > least_falloff
+            ? SPIN_EXPOSURE_ON
+            : SPIN_EXPOSURE_OFF;
     for (int i = 0; i < lenses->n; i++)
         r->plan.lenses_stay |= !has_falloff(&lenses->lens[i]);
     return SPIN_OK;
@@ -378,8 +379,8 @@ static const char *rejection_text(enum spin_photometric_why why)
  */
 static void describe_differences(const struct run *r, bool on, char text[400])
 {
-    const struct spin_photometric_result *look = &r->look;
-    bool refused = !on && look->spread > least_spread;
+    const struct spin_photometric_result *photometric = &r->photometric;
+    bool refused = !on && photometric->spread > least_spread;
     char falloff[160];
 
     if (corner_brightness(r) != 1)
@@ -388,10 +389,10 @@ static void describe_differences(const struct run *r, bool on, char text[400])
                  100 * corner_brightness(r));
     else
         snprintf(falloff, sizeof falloff, "no falloff is measured (%s)",
-                 rejection_text(look->falloff));
-    snprintf(text, 400, "cameras differ in colour by %.1f %%%s%s%s, %s", 100 * look->spread,
-             refused ? " (" : "", refused ? rejection_text(look->gains) : "", refused ? ")" : "",
-             falloff);
+                 rejection_text(photometric->falloff));
+    snprintf(text, 400, "cameras differ in colour by %.1f %%%s%s%s, %s", 100 * photometric->spread,
+             refused ? " (" : "", refused ? rejection_text(photometric->gains) : "",
+             refused ? ")" : "", falloff);
 }
 
 static void log_exposure(const struct run *r)
@@ -399,22 +400,22 @@ static void log_exposure(const struct run *r)
     bool on = r->plan.o->learn_exposure == SPIN_EXPOSURE_ON;
     char text[400];
 
-    if (isnan(r->look.spread))
+    if (isnan(r->photometric.spread))
         return;
     if (on && spin_rank() == 0)
         spin_lenses_warn(&r->plan.lenses, &r->plan.clip.views, r->plan.test, r->plan.n_test);
     describe_differences(r, on, text);
-    if (on && r->look.spread < 0)
+    if (on && r->photometric.spread < 0)
         spin_log(0, "no point is visible in three training cameras to compare their colours: "
                     "the learned exposures and falloff start from neutral values");
     else if (on)
         spin_log(0, "%s: learning an exposure for each camera%s", text,
                  r->plan.lenses_stay ? "" : " and the falloff of the lenses");
-    else if (r->look.spread < 0)
+    else if (r->photometric.spread < 0)
         spin_log(1, "no point is visible in three training cameras to compare their colours: no "
                     "exposure is learned");
     else
-        spin_log(r->look.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
+        spin_log(r->photometric.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
 }
 
 /* Opens the images and computes what the training derives from these: exposures, the backdrop, the

@@ -196,7 +196,7 @@ static spin_status add_fit_samples(struct colours *c)
     return SPIN_OK;
 }
 
-static spin_status fit_samples(struct colours *c, struct spin_photometric_result *look)
+static spin_status fit_samples(struct colours *c, struct spin_photometric_result *result)
 {
     struct spin_plan *plan = c->plan;
     const float *lens = plan->exposure + SPIN_EXPOSURE * (size_t)plan->n_cameras;
@@ -208,7 +208,7 @@ static spin_status fit_samples(struct colours *c, struct spin_photometric_result
     for (int k = 0; k < plan->lenses.n; k++)
         corner[k] = spin_lens_corner_r2(&plan->lenses.lens[k]);
     SPIN_TRY(spin_photometric_choose(c->sample, c->n_samples, plan->n_cameras, plan->lenses.n,
-                                     corner, plan->exposure, look));
+                                     corner, plan->exposure, result));
     for (int k = 0; k < plan->lenses.n; k++)
         memcpy(plan->lenses.lens[k].falloff, lens + SPIN_EXPOSURE * k,
                sizeof plan->lenses.lens[k].falloff);
@@ -263,14 +263,14 @@ static double spread_of(struct colours *c, int rgb)
 }
 
 spin_status spin_photometric_fit_cameras(struct spin_plan *plan, struct spin_photos *photos,
-                                         struct spin_photometric_result *look)
+                                         struct spin_photometric_result *result)
 {
     struct colours *c = NULL;
     size_t n = (size_t)plan->n_cameras;
     int frames = plan->clip.n_frames < FRAMES ? plan->clip.n_frames : FRAMES;
     spin_status status;
 
-    *look = (struct spin_photometric_result){
+    *result = (struct spin_photometric_result){
         .spread = -1, .gains = SPIN_PHOTOMETRIC_FEW, .falloff = SPIN_PHOTOMETRIC_FEW};
     SPIN_TRY(spin_alloc(1, sizeof *c, (void **)&c));
     c->plan = plan;
@@ -286,8 +286,8 @@ spin_status spin_photometric_fit_cameras(struct spin_plan *plan, struct spin_pho
         SPIN_TRY_OUT(
             sample_frame(c, frames > 1 ? i * (plan->clip.n_frames - 1) / (frames - 1) : 0));
     for (int rgb = 0; rgb < 3; rgb++)
-        look->spread = fmax(look->spread, spread_of(c, rgb));
-    status = fit_samples(c, look);
+        result->spread = fmax(result->spread, spread_of(c, rgb));
+    status = fit_samples(c, result);
 out:
     for (int rgb = 0; rgb < 3; rgb++)
         free(c->difference[rgb]);

@@ -14,4 +14,4 @@
  * plan->exposure and plan->lenses. Gains and falloffs that the fit does not determine, or that are
  * not credible (photometric_fit.h), are 0. */
 spin_status spin_photometric_fit_cameras(struct spin_plan *plan, struct spin_photos *photos,
-                                         struct spin_photometric_result *look);
+                                         struct spin_photometric_result *result);

@@ -418,7 +418,7 @@ static spin_status fit_sane(const struct spin_photometric_sample *sample, size_t
 
 spin_status spin_photometric_choose(const struct spin_photometric_sample *sample, size_t n,
                                     int n_cameras, int n_lenses, const double *corner,
-                                    float *exposure, struct spin_photometric_result *look)
+                                    float *exposure, struct spin_photometric_result *result)
 {
     SPIN_FREED struct spin_photometric_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
@@ -437,20 +437,20 @@ spin_status spin_photometric_choose(const struct spin_photometric_sample *sample
     first = split_halves(sample, n, parted);
     SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, none, false, nothing));
     SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, none, true, gains));
-    look->gains = errors_below(parted, n, gains, nothing) > least_errors &&
-                          sum_of(gains, n) < (1 - least_explained) * sum_of(nothing, n)
-                      ? SPIN_PHOTOMETRIC_SEEN
-                      : SPIN_PHOTOMETRIC_NOT_HELD_OUT;
-    SPIN_TRY(fit_sane(sample, n, n_cameras, n_lenses, corner, falls, exposure, &look->falloff));
-    if (look->falloff == SPIN_PHOTOMETRIC_SEEN) {
+    result->gains = errors_below(parted, n, gains, nothing) > least_errors &&
+                            sum_of(gains, n) < (1 - least_explained) * sum_of(nothing, n)
+                        ? SPIN_PHOTOMETRIC_SEEN
+                        : SPIN_PHOTOMETRIC_NOT_HELD_OUT;
+    SPIN_TRY(fit_sane(sample, n, n_cameras, n_lenses, corner, falls, exposure, &result->falloff));
+    if (result->falloff == SPIN_PHOTOMETRIC_SEEN) {
         SPIN_TRY(add_held_out_loss(parted, n, first, n_cameras, n_lenses, falls, true, falloff));
         if (!(errors_below(parted, n, falloff, gains) > least_errors &&
               errors_below(parted, n, falloff, nothing) > 0))
-            look->falloff = SPIN_PHOTOMETRIC_NOT_HELD_OUT;
+            result->falloff = SPIN_PHOTOMETRIC_NOT_HELD_OUT;
     }
-    if (look->falloff == SPIN_PHOTOMETRIC_SEEN)
+    if (result->falloff == SPIN_PHOTOMETRIC_SEEN)
         return SPIN_OK;
-    if (look->gains == SPIN_PHOTOMETRIC_SEEN)
+    if (result->gains == SPIN_PHOTOMETRIC_SEEN)
         return fit_gains_and_falloffs(sample, n, n_cameras, n_lenses, none, exposure);
     memset(exposure, 0, (size_t)(n_cameras + n_lenses) * 6 * sizeof *exposure);
     return SPIN_OK;

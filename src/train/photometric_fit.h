@@ -42,4 +42,4 @@ struct spin_photometric_result {
  * rejected, all values are 0. corner [n_lenses] is r^2 at the corners of each lens's images. */
 spin_status spin_photometric_choose(const struct spin_photometric_sample *sample, size_t n,
                                     int n_cameras, int n_lenses, const double *corner,
-                                    float *exposure, struct spin_photometric_result *look);
+                                    float *exposure, struct spin_photometric_result *result);

@@ -17,8 +17,8 @@ static const float place_tolerance = 0.5f;
 static const struct {
     size_t first, width;
     float tolerance;
-} look[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
-enum { LOOKS = sizeof look / sizeof *look };
+} attribute_group[] = {{3, 3, 0.25f}, {7, 4, 0.2f}, {10, 3, 0.15f}, {13, 1, 1.0f}};
+enum { ATTRIBUTE_GROUPS = sizeof attribute_group / sizeof *attribute_group };
 
 /* The standard deviation of a segment's Gaussian window is bell_of_span times the duration of the
  * segment, plus bell_of_frame times the interval between frames. Tuned on the clip "court". */
@@ -87,9 +87,10 @@ static bool fits_row(const struct cut *c, const struct piece *p)
             away += pow((double)(row[k] + d * motion[k] - p->value[i][k]), 2);
         if (away > size * size)
             return false;
-        for (int l = 0; l < LOOKS; l++)
-            for (size_t k = look[l].first; k < look[l].first + look[l].width; k++)
-                if (fabsf(row[k] - p->value[i][k]) > look[l].tolerance)
+        for (int l = 0; l < ATTRIBUTE_GROUPS; l++)
+            for (size_t k = attribute_group[l].first;
+                 k < attribute_group[l].first + attribute_group[l].width; k++)
+                if (fabsf(row[k] - p->value[i][k]) > attribute_group[l].tolerance)
                     return false;
     }
     return true;

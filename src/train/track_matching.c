@@ -234,7 +234,8 @@ static bool is_better(struct link a, struct link b)
 static float cost_of(const struct round *r, size_t from, size_t to)
 {
     const float *at = r->from->at + 3 * from, *to_at = r->to->at + 3 * to;
-    const float *look = r->from->look + r->width * from, *to_look = r->to->look + r->width * to;
+    const float *appearance = r->from->appearance + r->width * from,
+                *to_appearance = r->to->appearance + r->width * to;
     float cost = 0, reach = r->reach[from];
 
     for (int k = 0; k < 3; k++)
@@ -243,7 +244,7 @@ static float cost_of(const struct round *r, size_t from, size_t to)
         return INFINITY;
     cost /= reach * reach;
     for (size_t k = 0; k < r->width; k++) {
-        float e = to_look[k] - look[k];
+        float e = to_appearance[k] - appearance[k];
 
         if (fabsf(e) > 1)
             return INFINITY;

@@ -391,7 +391,7 @@ enum {
     NONE = UINT8_MAX, /* stands for a brightness if the point is outside the image */
 };
 
-struct look {
+struct appearance {
     const struct spin_plan *plan;
     struct spin_photos *photos;
     size_t n;
@@ -451,7 +451,7 @@ static uint8_t median_of(const uint8_t *bright, int n_frames)
 }
 
 /* Returns the index of a frame among the examined frames; -1 if it is not examined. */
-static int examined_index(const struct look *l, int frame)
+static int examined_index(const struct appearance *l, int frame)
 {
     int64_t all = l->plan->clip.n_frames, k = (int64_t)frame * l->n_frames / all;
 
@@ -459,7 +459,7 @@ static int examined_index(const struct look *l, int frame)
 }
 
 /* Adds one camera to the counts `seen` and `changed` of each point and frame. */
-static spin_status count_camera(struct look *l, int camera_id)
+static spin_status count_camera(struct appearance *l, int camera_id)
 {
     size_t n_frames = (size_t)l->n_frames;
 
@@ -503,7 +503,7 @@ double spin_tracks_pixels(const struct spin_plan *plan)
 spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_photos *photos,
                                    size_t n, const float *place, uint8_t *varies)
 {
-    struct look l = {.plan = plan, .photos = photos, .n = n, .place = place};
+    struct appearance l = {.plan = plan, .photos = photos, .n = n, .place = place};
     SPIN_FREED void *block = NULL;
     size_t cells;
 

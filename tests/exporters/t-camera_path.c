@@ -327,7 +327,7 @@ static void test_late_splats(void)
         ok(spin_camera_path_begin(&d, &job) == SPIN_OK &&
                spin_camera_path_camera(&d, 0, &none, &camera) == SPIN_OK,
            "a path");
-        ok(fabs(d.look.target[0] - 500) < 5, "looks at %g", d.look.target[0]);
+        ok(fabs(d.initial.target[0] - 500) < 5, "looks at %g", d.initial.target[0]);
         spin_camera_path_free(&d);
     }
 }

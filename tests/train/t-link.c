@@ -8,7 +8,7 @@
 #include "geometry/kd_tree.h"
 
 enum { N = 700, M = 650, WIDTH = 2 };
-static float at[3 * N], look[WIDTH * N], reach[N], to_at[3 * M], to_look[WIDTH * M];
+static float at[3 * N], appearance[WIDTH * N], reach[N], to_at[3 * M], to_appearance[WIDTH * M];
 
 /* M of the N splats displaced by a step, and as many elsewhere; every ninth duplicates another. */
 static void fill(void)
@@ -17,7 +17,7 @@ static void fill(void)
         for (size_t c = 0; c < 3; c++)
             at[3 * i + c] = 3 * spin_rng_normal(1, c, i % 9 == 8 ? i - 1 : i);
         for (size_t k = 0; k < WIDTH; k++)
-            look[WIDTH * i + k] = spin_rng_normal(2, k, i % 9 == 8 ? i - 1 : i);
+            appearance[WIDTH * i + k] = spin_rng_normal(2, k, i % 9 == 8 ? i - 1 : i);
         reach[i] = i % 11 == 0 ? 0 : i % 7 == 0 ? 2.5f : 0.7f;
     }
     for (size_t i = 0; i < M; i++) {
@@ -26,7 +26,8 @@ static void fill(void)
         for (size_t c = 0; c < 3; c++)
             to_at[3 * i + c] = at[3 * from + c] + 0.2f * spin_rng_normal(3, c, i);
         for (size_t k = 0; k < WIDTH; k++)
-            to_look[WIDTH * i + k] = look[WIDTH * from + k] + 0.4f * spin_rng_normal(4, k, i);
+            to_appearance[WIDTH * i + k] =
+                appearance[WIDTH * from + k] + 0.4f * spin_rng_normal(4, k, i);
     }
 }
 
@@ -40,7 +41,7 @@ static double cost(size_t i, size_t k)
         return INFINITY;
     sum /= pow((double)reach[i], 2);
     for (size_t c = 0; c < WIDTH; c++) {
-        double e = (double)to_look[WIDTH * k + c] - (double)look[WIDTH * i + c];
+        double e = (double)to_appearance[WIDTH * k + c] - (double)appearance[WIDTH * i + c];
 
         if (fabs(e) > 1)
             return INFINITY;
@@ -83,8 +84,8 @@ static void link_with(int n_threads, uint32_t *next)
     struct spin_pool *pool = NULL;
 
     ok(spin_pool_create(n_threads, &pool) == SPIN_OK &&
-           spin_link(pool, &(struct spin_link_side){N, at, look}, reach,
-                     &(struct spin_link_side){M, to_at, to_look}, WIDTH, next) == SPIN_OK,
+           spin_link(pool, &(struct spin_link_side){N, at, appearance}, reach,
+                     &(struct spin_link_side){M, to_at, to_appearance}, WIDTH, next) == SPIN_OK,
        "links by %d threads", n_threads);
     spin_pool_free(pool);
 }
@@ -114,7 +115,7 @@ static void test_none(void)
 {
     struct spin_pool *pool = NULL;
     uint32_t next[1] = {0};
-    struct spin_link_side none = {0}, one = {1, at, look};
+    struct spin_link_side none = {0}, one = {1, at, appearance};
 
     ok(spin_pool_create(1, &pool) == SPIN_OK &&
            spin_link(pool, &one, reach, &none, WIDTH, next) == SPIN_OK && next[0] == SPIN_NO_LINK &&

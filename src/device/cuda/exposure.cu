@@ -7,14 +7,14 @@
 enum { SUMS = 4 };
 
 /* The parameters of a view that the kernels need. */
-struct look {
+struct lens_exposure {
     int width;
     size_t plane;
     float cx, cy;
     const float *exposure, *lens;
 };
 
-static struct look look_of(const struct spin_view_batch *views, int k, const float *exposure)
+static struct lens_exposure lens_exposure_of(const struct spin_view_batch *views, int k, const float *exposure)
 {
     const auto *view = &views->view[k];
 
@@ -26,13 +26,13 @@ static struct look look_of(const struct spin_view_batch *views, int k, const flo
             exposure + (size_t)view->lens * SPIN_EXPOSURE};
 }
 
-static __device__ float r2_of(const struct look &l, size_t pixel)
+static __device__ float r2_of(const struct lens_exposure &l, size_t pixel)
 {
     return spin_lens_r2((int)(pixel % (size_t)l.width), (int)(pixel / (size_t)l.width), l.cx, l.cy,
                         0.5f * (float)l.width);
 }
 
-static __global__ void exposure_kernel(struct look l, const float *image, float *out)
+static __global__ void exposure_kernel(struct lens_exposure l, const float *image, float *out)
 {
     size_t at = GPU_INDEX(), c = at / l.plane;
 
@@ -48,7 +48,7 @@ void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
 {
     cuda_clocked clocked(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
-        struct look l = look_of(views, k, exposure);
+        struct lens_exposure l = lens_exposure_of(views, k, exposure);
         size_t at = cuda_picture(views, k);
 
         GPU_EACH(gpu_of(d), 3 * l.plane, exposure_kernel, l, image + at, out + at);
@@ -57,7 +57,7 @@ void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
 
 /* Computes d_image, and the sums of each block, sums [3][blocks][SUMS]. blockIdx.y is the channel.
  */
-static __global__ void back_kernel(struct look l, const float *image, float *d_image, double *sums)
+static __global__ void back_kernel(struct lens_exposure l, const float *image, float *d_image, double *sums)
 {
     __shared__ double sum[GPU_BLOCK];
     size_t i = GPU_INDEX(), c = blockIdx.y, at = c * l.plane + i;
@@ -105,7 +105,7 @@ void cuda_exposure_back(struct spin_device *d, const struct spin_view_batch *vie
     cuda_clocked clocked(d, SPIN_OP_LOSS);
     for (int k = 0; k < views->n_views; k++) {
         const auto *view = &views->view[k];
-        struct look l = look_of(views, k, exposure);
+        struct lens_exposure l = lens_exposure_of(views, k, exposure);
         size_t at = cuda_picture(views, k);
         unsigned blocks = gpu_blocks(l.plane);
         double *sums =
