@@ -14,7 +14,8 @@ struct lens_exposure {
     const float *exposure, *lens;
 };
 
-static struct lens_exposure lens_exposure_of(const struct spin_view_batch *views, int k, const float *exposure)
+static struct lens_exposure lens_exposure_of(const struct spin_view_batch *views, int k,
+                                             const float *exposure)
 {
     const auto *view = &views->view[k];
 
@@ -57,7 +58,8 @@ void cuda_exposure(struct spin_device *d, const struct spin_view_batch *views,
 
 /* Computes d_image, and the sums of each block, sums [3][blocks][SUMS]. blockIdx.y is the channel.
  */
-static __global__ void back_kernel(struct lens_exposure l, const float *image, float *d_image, double *sums)
+static __global__ void back_kernel(struct lens_exposure l, const float *image, float *d_image,
+                                   double *sums)
 {
     __shared__ double sum[GPU_BLOCK];
     size_t i = GPU_INDEX(), c = blockIdx.y, at = c * l.plane + i;

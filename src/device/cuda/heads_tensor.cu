@@ -68,7 +68,10 @@ static __device__ int tiles(int n) { return (n + DEEP - 1) / DEEP; }
 
 /* Returns the index of weight W(o, i) in shared memory, chosen so that lanes that read the weights
  * (g, 2 t) and (g, 2 t + 1), or (2 t, g), use different banks. */
-static __device__ int weight_index(int o, int i) { return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4)); }
+static __device__ int weight_index(int o, int i)
+{
+    return o * WIDE + (i ^ ((o & 6) << 2 ^ (o & 1) << 4));
+}
 
 template <int ROOM>
 static __device__ void stage_weights(const float *w, int n_in, int n_out, float *to)
@@ -123,8 +126,8 @@ static __device__ void load_rows(const float *x, int step, cuda_split<4> *to)
 
 /* Loads from each of N tiles the weights (k, n) and (k + 1, n), where k = 8 step + 2 t and n = 8
  * tile + g. They are elements of W^T or, if BACK is true, of W, which has ROOM rows. The index is
- * that of weight_index(), with the terms that do not depend on the step written separately, so that the
- * compiler moves these out of the loop over steps. */
+ * that of weight_index(), with the terms that do not depend on the step written separately, so that
+ * the compiler moves these out of the loop over steps. */
 template <int N, bool BACK, int ROOM>
 static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> *to)
 {
@@ -140,8 +143,8 @@ static __device__ void load_weights(const float *w, int step, cuda_split<2 * N> 
                 pair[0] = spin_bits_of_float(from[DEEP * (n % 4 ^ t())]);
                 pair[1] = spin_bits_of_float(from[WIDE + DEEP * (n % 4 ^ t() ^ 2)]);
             } else {
-                float2 v =
-                    *(const float2 *)(from + n * DEEP * WIDE + weight_index(g(), step * DEEP) + 2 * t());
+                float2 v = *(const float2 *)(from + n * DEEP * WIDE +
+                                             weight_index(g(), step * DEEP) + 2 * t());
 
                 pair[0] = spin_bits_of_float(v.x);
                 pair[1] = spin_bits_of_float(v.y);

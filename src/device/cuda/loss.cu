@@ -286,7 +286,8 @@ static bool work_of(struct spin_device *d, size_t plane, struct work *w)
 }
 
 /* Computes w.sums [SUMS], the sums of L1, SSIM and weights over the image. */
-static void sum_loss(struct spin_device *d, const struct photo &p, bool weighted, const struct work &w)
+static void sum_loss(struct spin_device *d, const struct photo &p, bool weighted,
+                     const struct work &w)
 {
     unsigned n = strips(p, 3), blocks = blocks_of(p.plane);
 
