@@ -327,7 +327,7 @@ static spin_status check_values(struct blocks *b)
     for (size_t t = 0; t < n_tasks; t++)
         spin_quant_error_merge(&g->quant, &e.quant[t]);
     free(e.quant);
-    return spin_page_errors_judge(&g->quant, &g->space.bounds);
+    return spin_page_errors_check(&g->quant, &g->space.bounds);
 }
 
 /* ---- The whole group ------------------------------------------------------------------------- */

@@ -669,7 +669,7 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
         r->n_values += b.n_values[t];
         spin_quant_error_merge(&r->quant, &b.quant[t]);
     }
-    SPIN_TRY_OUT(spin_page_errors_judge(&r->quant, &r->space.bounds));
+    SPIN_TRY_OUT(spin_page_errors_check(&r->quant, &r->space.bounds));
     spin_sort_rows_sort(&order);
     for (size_t k = 0; k < n; k++)
         order.item[k].key = class_of(r, b.key + order.item[k].row * (size_t)r->n_columns);

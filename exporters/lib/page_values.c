@@ -128,7 +128,7 @@ void spin_page_errors_add(struct spin_quant_error *q, const double *is, const do
                              is[SPIN_PAGE_VALUE_SH + c] - want[SPIN_PAGE_VALUE_SH + c]);
 }
 
-spin_status spin_page_errors_judge(const struct spin_quant_error *q,
+spin_status spin_page_errors_check(const struct spin_quant_error *q,
                                    const struct spin_page_bounds *b)
 {
     static const char *const name[] = {"position", "scale", "rotation", "opacity", "colour", "SH"};

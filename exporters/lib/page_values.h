@@ -70,7 +70,7 @@ uint64_t spin_page_place_key(const struct spin_page_space *space, const float pl
 void spin_page_errors_add(struct spin_quant_error *q, const double *is, const double *want,
                           bool present, int n_sh);
 /* Returns SPIN_E_MALFORMED if an error is larger than its bound. */
-spin_status spin_page_errors_judge(const struct spin_quant_error *q,
+spin_status spin_page_errors_check(const struct spin_quant_error *q,
                                    const struct spin_page_bounds *bounds);
 /* Decodes a row into value[14 + n_sh], in the layout of spin_page_number_row(). number: the
  * differences from the key; NULL: decode the key itself. */

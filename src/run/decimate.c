@@ -93,7 +93,7 @@ static spin_status read_frame(struct spin_decimation *d, int f, bool kept, unsig
     SPIN_TRY(spin_player_splats(d->frames, d->clip->frame[f], COLUMNS, &d->splats));
     SPIN_TRY_OUT(rows_of(d, f, d->splats.n, row));
     if (!d->splats_4d)
-        SPIN_TRY_OUT(spin_row_filter_judge(d->filter, f, &d->splats));
+        SPIN_TRY_OUT(spin_row_filter_apply(d->filter, f, &d->splats));
     SPIN_TRY_OUT(spin_alloc(d->splats.n + 1, 1, (void **)mark));
     for (size_t i = 0; i < d->splats.n; i++) {
         size_t k = *row ? (*row)[i] : i;
@@ -239,7 +239,7 @@ static bool exists_in_clip(const struct spin_decimation *d, size_t i)
 
 static spin_status begin_4d(struct spin_decimation *d)
 {
-    SPIN_TRY(spin_row_filter_judge_4d(d->filter, d->splats_4d));
+    SPIN_TRY(spin_row_filter_apply_4d(d->filter, d->splats_4d));
     for (size_t i = 0; i < d->splats_4d->n; i++)
         d->set[0].weight[i] = exists_in_clip(d, i) && !d->filter->reason_4d[i] ? 0 : -1;
     return SPIN_OK;

@@ -271,7 +271,7 @@ static spin_status drop_floaters(struct spin_row_filter *f, const struct rows *r
 }
 
 /* Initialises rows->reason, and applies the options that judge a row by its position. */
-static spin_status judge_places(struct spin_row_filter *f, int frame, const struct rows *rows)
+static spin_status filter_places(struct spin_row_filter *f, int frame, const struct rows *rows)
 {
     for (size_t i = 0; i < rows->n; i++) {
         bool away = is_finite(rows->place + 3 * i) && crops_away(f->o, rows->place + 3 * i);
@@ -307,7 +307,7 @@ struct drawable {
     float limit; /* the largest permitted log scale */
 };
 
-static void judge_block(void *context, size_t first, size_t end)
+static void filter_block(void *context, size_t first, size_t end)
 {
     const struct drawable *d = context;
     const struct spin_splats *s = d->s;
@@ -330,8 +330,8 @@ static void judge_block(void *context, size_t first, size_t end)
 
 /* Drops undrawable rows and applies --min-opacity and --max-scale. The size of the scene, which
  * limits the scales, is that of the rows that remain so far. */
-static void judge_attributes(const struct spin_row_filter *f, const struct spin_splats *s,
-                             unsigned char *reason)
+static void filter_attributes(const struct spin_row_filter *f, const struct spin_splats *s,
+                              unsigned char *reason)
 {
     float low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     struct drawable d = {.f = f, .s = s, .reason = reason};
@@ -341,7 +341,7 @@ static void judge_attributes(const struct spin_row_filter *f, const struct spin_
         if (!reason[i])
             n_finite += (size_t)spin_box_add(s->means + 3 * i, low, high);
     d.limit = spin_log_scale_limit(low, high, n_finite, f->max_scale);
-    spin_pool_rows(f->pool, s->n, BLOCK, judge_block, &d);
+    spin_pool_rows(f->pool, s->n, BLOCK, filter_block, &d);
 }
 
 /* ---- A frame --------------------------------------------------------------------------------- */
@@ -353,8 +353,8 @@ static int number_of(const struct spin_row_filter *f, int frame)
 
 /* Sets the reason of each row of a frame. If `source` is true, these are rows of an imported frame;
  * --backdrop then has no effect, since only a training adds a backdrop. */
-static spin_status judge_rows(struct spin_row_filter *f, int frame, const struct spin_splats *s,
-                              bool source)
+static spin_status filter_rows(struct spin_row_filter *f, int frame, const struct spin_splats *s,
+                               bool source)
 {
     struct rows rows = {s->n, s->means, s->log_scales, NULL};
 
@@ -363,16 +363,16 @@ static spin_status judge_rows(struct spin_row_filter *f, int frame, const struct
                                 number_of(f, frame), s->n, UINT32_MAX);
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&f->reason));
     rows.reason = f->reason;
-    SPIN_TRY(judge_places(f, frame, &rows));
+    SPIN_TRY(filter_places(f, frame, &rows));
     if (!source)
         SPIN_TRY(drop_backdrop(f, frame, &rows));
-    judge_attributes(f, s, f->reason);
+    filter_attributes(f, s, f->reason);
     return SPIN_OK;
 }
 
-spin_status spin_row_filter_judge(struct spin_row_filter *f, int frame, const struct spin_splats *s)
+spin_status spin_row_filter_apply(struct spin_row_filter *f, int frame, const struct spin_splats *s)
 {
-    return judge_rows(f, frame, s, false);
+    return filter_rows(f, frame, s, false);
 }
 
 /* Sets *mark to an allocated array with 1 for each row that remains and 0 for each that is dropped,
@@ -390,7 +390,7 @@ static spin_status mark_kept(const unsigned char *reason, size_t n, size_t *n_ke
 static spin_status choose_rows(struct spin_row_filter *f, int frame, const struct spin_splats *s,
                                bool source, size_t *n_kept, unsigned char **mark)
 {
-    SPIN_TRY(judge_rows(f, frame, s, source));
+    SPIN_TRY(filter_rows(f, frame, s, source));
     if (f->drop)
         SPIN_TRY(f->drop(f->drop_context, frame, s, source, f->reason));
     return mark_kept(f->reason, s->n, n_kept, mark);
@@ -472,8 +472,8 @@ static void find_frames(const struct spin_row_filter *filter, const struct spin_
 
 /* Judges the positions of the 4D splats that are assigned to this frame. For --floaters, their
  * neighbours are searched among all 4D splats that the frame shows. */
-static spin_status judge_slice(struct spin_row_filter *f, const struct spin_splats_4d *s, int frame,
-                               const int *frame_of, struct spin_splats *slice)
+static spin_status filter_slice(struct spin_row_filter *f, const struct spin_splats_4d *s,
+                                int frame, const int *frame_of, struct spin_splats *slice)
 {
     double time = f->clip->bundle.meta.frame[f->clip->frame[frame]].time;
     struct rows rows;
@@ -482,7 +482,7 @@ static spin_status judge_slice(struct spin_row_filter *f, const struct spin_spla
     SPIN_TRY(spin_splats_4d_slice(s, time, SPIN_COL_MEANS | SPIN_COL_LOG_SCALES, slice));
     SPIN_TRY(spin_grow(slice->n + 1, 1, (void **)&f->reason));
     rows = (struct rows){slice->n, slice->means, slice->log_scales, f->reason};
-    SPIN_TRY(judge_places(f, frame, &rows));
+    SPIN_TRY(filter_places(f, frame, &rows));
     for (size_t i = 0; i < s->n; i++) {
         if (!spin_splats_4d_is_visible(s, i, time))
             continue;
@@ -493,7 +493,7 @@ static spin_status judge_slice(struct spin_row_filter *f, const struct spin_spla
     return SPIN_OK;
 }
 
-static spin_status judge_slices(struct spin_row_filter *f, const struct spin_splats_4d *s)
+static spin_status filter_slices(struct spin_row_filter *f, const struct spin_splats_4d *s)
 {
     SPIN_LEAVES(spin_splats_free) struct spin_splats slice = {0};
     SPIN_FREED int *frame = NULL;
@@ -509,12 +509,12 @@ static spin_status judge_slices(struct spin_row_filter *f, const struct spin_spl
         while (i < s->n && frame[i] != k)
             i++;
         if (i < s->n)
-            SPIN_TRY(judge_slice(f, s, k, frame, &slice));
+            SPIN_TRY(filter_slice(f, s, k, frame, &slice));
     }
     return SPIN_OK;
 }
 
-spin_status spin_row_filter_judge_4d(struct spin_row_filter *f, const struct spin_splats_4d *s)
+spin_status spin_row_filter_apply_4d(struct spin_row_filter *f, const struct spin_splats_4d *s)
 {
     const struct spin_splats view = spin_splats_of_4d(s);
 
@@ -522,8 +522,8 @@ spin_status spin_row_filter_judge_4d(struct spin_row_filter *f, const struct spi
         return SPIN_OK;
     SPIN_TRY(spin_alloc(s->n + 1, 1, (void **)&f->reason_4d));
     if (f->o->n_crop > 0 || f->o->min_views > 0 || f->o->floaters > 0)
-        SPIN_TRY(judge_slices(f, s));
-    judge_attributes(f, &view, f->reason_4d);
+        SPIN_TRY(filter_slices(f, s));
+    filter_attributes(f, &view, f->reason_4d);
     return SPIN_OK;
 }
 
@@ -533,7 +533,7 @@ spin_status spin_row_filter_4d(struct spin_row_filter *f, const struct spin_spla
     SPIN_FREED unsigned char *mark = NULL;
     size_t n_kept;
 
-    SPIN_TRY(spin_row_filter_judge_4d(f, s));
+    SPIN_TRY(spin_row_filter_apply_4d(f, s));
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&f->reason));
     memcpy(f->reason, f->reason_4d, s->n);
     if (f->drop_4d)

@@ -61,9 +61,9 @@ void spin_row_filter_restart(struct spin_row_filter *f);
  * applied. The position of a 4D splat is judged in one frame: the frame nearest to its own time
  * among those that show it. If no frame shows the splat, --crop judges its position at its own
  * time, and --min-views and --floaters do not apply. */
-spin_status spin_row_filter_judge(struct spin_row_filter *f, int frame,
+spin_status spin_row_filter_apply(struct spin_row_filter *f, int frame,
                                   const struct spin_splats *s);
-spin_status spin_row_filter_judge_4d(struct spin_row_filter *f, const struct spin_splats_4d *s);
+spin_status spin_row_filter_apply_4d(struct spin_row_filter *f, const struct spin_splats_4d *s);
 
 /* Replaces *splats, the rows of a frame, by the rows that remain. If all remain, the pointer stays
  * unchanged; otherwise it points to a copy that the next call overwrites. Counts the dropped rows,

@@ -278,25 +278,25 @@ static void test_group(void)
 }
 
 /* Errors that exceed the bound or are nonfinite are not written. */
-static void test_judge(void)
+static void test_check(void)
 {
     struct spin_page_bounds bounds = space_of(0.001).bounds;
     struct spin_quant_error quant = {0};
 
     spin_quant_error_add(&quant, SPIN_QUANT_PLACE, 0.001);
-    ok(spin_page_errors_judge(&quant, &bounds) == SPIN_OK, "at its bound");
+    ok(spin_page_errors_check(&quant, &bounds) == SPIN_OK, "at its bound");
     spin_quant_error_add(&quant, SPIN_QUANT_PLACE, 0.0011);
-    ok(spin_page_errors_judge(&quant, &bounds) == SPIN_E_MALFORMED &&
+    ok(spin_page_errors_check(&quant, &bounds) == SPIN_E_MALFORMED &&
            strstr(spin_last_error(), "position is off by 0.0011"),
        "beyond it: %s", spin_last_error());
     quant = (struct spin_quant_error){0};
     spin_quant_error_add(&quant, SPIN_QUANT_SH, (double)NAN);
-    ok(spin_page_errors_judge(&quant, &bounds) == SPIN_E_MALFORMED, "and no number");
+    ok(spin_page_errors_check(&quant, &bounds) == SPIN_E_MALFORMED, "and no number");
 }
 
 TAP_MAIN
 {
-    test_judge();
+    test_check();
     test_whole();
     test_columns();
     test_changes();

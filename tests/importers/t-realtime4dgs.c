@@ -249,7 +249,7 @@ static void test_dicts(void)
 
     for (int fork = 0; fork < 2; fork++) {
         begin_stream(&w, path);
-        put(&w, fork ? "(}(" : "}(", fork ? 3 : 2);
+        put_bytes(&w, fork ? "(}(" : "}(", fork ? 3 : 2);
         for (size_t i = 0; i < sizeof items / sizeof *items; i++) {
             char key[32];
 
