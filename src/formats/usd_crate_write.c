@@ -53,7 +53,7 @@ static void keep_status(struct spin_usdc_writer *w, spin_status status)
 }
 
 /* Appends bytes to the file at a multiple of 8, and returns their offset. */
-static uint64_t put(struct spin_usdc_writer *w, const void *data, size_t n)
+static uint64_t append_bytes(struct spin_usdc_writer *w, const void *data, size_t n)
 {
     uint64_t at = w->at = (w->at + 7) / 8 * 8;
 
@@ -63,13 +63,13 @@ static uint64_t put(struct spin_usdc_writer *w, const void *data, size_t n)
     return at;
 }
 
-/* put() that also frees the bytes. */
+/* append_bytes() that also frees the bytes. */
 static uint64_t put_bytes(struct spin_usdc_writer *w, struct bytes *b)
 {
     uint64_t at;
 
     keep_status(w, b->status);
-    at = put(w, b->data, b->n);
+    at = append_bytes(w, b->data, b->n);
     free(b->data);
     *b = (struct bytes){.n = 0};
     return at;
@@ -94,7 +94,7 @@ uint64_t spin_usdc_reserve(struct spin_usdc_writer *w, enum spin_usdc_type type,
 uint64_t spin_usdc_value(struct spin_usdc_writer *w, enum spin_usdc_type type, const void *data,
                          size_t bytes)
 {
-    return word_of((int)type, false, false, put(w, data, bytes));
+    return word_of((int)type, false, false, append_bytes(w, data, bytes));
 }
 
 uint64_t spin_usdc_array(struct spin_usdc_writer *w, enum spin_usdc_type type, size_t n,
@@ -118,7 +118,7 @@ uint64_t spin_usdc_double(struct spin_usdc_writer *w, double v)
 {
     if ((double)(float)v == v)
         return word_of(DOUBLE, false, true, spin_bits_of_float((float)v));
-    return word_of(DOUBLE, false, false, put(w, &v, sizeof v));
+    return word_of(DOUBLE, false, false, append_bytes(w, &v, sizeof v));
 }
 
 /* Returns the index of a token, which it adds if it is new. */

@@ -14,7 +14,7 @@ enum { RATE = 1000, N = 500, HEAD = 44 };
 
 static unsigned char wav[HEAD + 2 * N];
 
-static void put(unsigned char *to, uint32_t value, int bytes)
+static void put_integer(unsigned char *to, uint32_t value, int bytes)
 {
     for (int i = 0; i < bytes; i++)
         to[i] = (unsigned char)(value >> 8 * i);
@@ -24,18 +24,18 @@ static void put(unsigned char *to, uint32_t value, int bytes)
 static void make_wav(void)
 {
     memcpy(wav, "RIFF....WAVEfmt ", 16);
-    put(wav + 4, sizeof wav - 8, 4);
-    put(wav + 16, 16, 4);
-    put(wav + 20, 1, 2);
-    put(wav + 22, 1, 2);
-    put(wav + 24, RATE, 4);
-    put(wav + 28, 2 * RATE, 4);
-    put(wav + 32, 2, 2);
-    put(wav + 34, 16, 2);
+    put_integer(wav + 4, sizeof wav - 8, 4);
+    put_integer(wav + 16, 16, 4);
+    put_integer(wav + 20, 1, 2);
+    put_integer(wav + 22, 1, 2);
+    put_integer(wav + 24, RATE, 4);
+    put_integer(wav + 28, 2 * RATE, 4);
+    put_integer(wav + 32, 2, 2);
+    put_integer(wav + 34, 16, 2);
     memcpy(wav + 36, "data", 4);
-    put(wav + 40, 2 * N, 4);
+    put_integer(wav + 40, 2 * N, 4);
     for (uint32_t i = 0; i < N; i++)
-        put(wav + HEAD + 2 * i, i + 1, 2);
+        put_integer(wav + HEAD + 2 * i, i + 1, 2);
 }
 
 static const char *type_of(const void *data, size_t size)
@@ -116,9 +116,9 @@ static void test_seconds(void)
 
     opus[26] = 1;
     memcpy(opus + 28, "OpusHead", 8);
-    put(opus + 38, 312, 2);
+    put_integer(opus + 38, 312, 2);
     memcpy(page, "OggS", 4);
-    put(page + 6, 24312, 4);
+    put_integer(page + 6, 24312, 4);
     ok(spin_sound_set(&s, "x", opus, sizeof opus) == SPIN_OK && spin_sound_seconds(&s) == 0.5,
        "Opus: the last page minus the samples to skip");
     ok(spin_sound_set(&s, "x", wav, sizeof wav) == SPIN_OK && spin_sound_seconds(&s) == 0.5,
@@ -153,7 +153,7 @@ static void test_align(void)
     s.start = 1e9;
     ok(spin_sound_align(&s, &out, &owned) == SPIN_OK && !owned && out.start == 1e9,
        "but not more than fits");
-    put(wav + 20, 0x11, 2);
+    put_integer(wav + 20, 0x11, 2);
     s.start = -0.1;
     ok(spin_sound_align(&s, &out, &owned) == SPIN_OK && !owned && out.start == -0.1,
        "compressed samples are not cut");
