@@ -172,7 +172,7 @@ static void mattes(struct spin_device *d)
     static uint8_t matte[PIXELS];
     struct spin_camera camera = camera_of(150, 90, 120);
     struct view v;
-    float *before = take(3 * PIXELS, sizeof *before);
+    float *before = allocate(3 * PIXELS, sizeof *before);
     size_t n_same = 0, n_unknown = 0;
 
     for (int i = 0; i < PIXELS; i++)

@@ -357,9 +357,9 @@ static void mattes(struct spin_device *d)
 {
     enum { W = 40, H = 30, PLANE = W * H, N = 3 * PLANE };
     static const float change[3] = {0.9f, -0.2f, 0.4f};
-    float *x = take(N, 4), *y = take(N, 4), *over = take(N, 4), *got = take(N, 4),
-          *want = take(N, 4);
-    uint8_t *matte = take(PLANE, 1);
+    float *x = allocate(N, 4), *y = allocate(N, 4), *over = allocate(N, 4), *got = allocate(N, 4),
+          *want = allocate(N, 4);
+    uint8_t *matte = allocate(PLANE, 1);
     double values[2][3], worst = 0;
     uint64_t state = 9;
 
