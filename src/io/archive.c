@@ -265,11 +265,11 @@ static bool read_kind(const char *path, bool *zip)
 
     if (spin_path_is_folder(path) || spin_file_head(path, head, sizeof head, &n) != SPIN_OK)
         return false;
-    *zip = spin_zip_looks_like(head, n);
+    *zip = spin_zip_detect(head, n);
     return *zip || spin_tar_looks_like(head, n) || (n > 2 && head[0] == 0x1f && head[1] == 0x8b);
 }
 
-bool spin_archive_looks_like(const char *path)
+bool spin_archive_detect(const char *path)
 {
     bool zip;
 

@@ -12,7 +12,7 @@ struct spin_unpacked {
 };
 
 /* Whether the file begins like an archive that spin_archive_unpack() reads. */
-bool spin_archive_looks_like(const char *path);
+bool spin_archive_detect(const char *path);
 /* Unpacks the archive. Until spin_unpacked_remove(), messages show the path of the archive in place
  * of that of the temporary folder. */
 spin_status spin_archive_unpack(const char *path, struct spin_unpacked *out);

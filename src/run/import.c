@@ -1101,8 +1101,8 @@ static bool is_packed(const struct import *im, spin_status found)
     const struct spin_import_options *o = im->o;
     SPIN_LEAVES(spin_peek_free) struct spin_peek peek = {0};
 
-    if (found != (o->from ? SPIN_OK : SPIN_E_NOT_RECOGNISED) ||
-        !spin_archive_looks_like(o->input) || spin_bundle_looks_like(o->input))
+    if (found != (o->from ? SPIN_OK : SPIN_E_NOT_RECOGNISED) || !spin_archive_detect(o->input) ||
+        spin_bundle_detect(o->input))
         return false;
     return !o->from ||
            (!spin_plugin_origin(im->importer) && im->importer->probe &&
