@@ -269,11 +269,27 @@ static bool read_kind(const char *path, bool *zip)
     return *zip || spin_tar_looks_like(head, n) || (n > 2 && head[0] == 0x1f && head[1] == 0x8b);
 }
 
+/* Whether a zip file is a checkpoint of PyTorch, whose pickle is the member <name>/data.pkl. */
+static bool is_checkpoint(const char *path)
+{
+    SPIN_LEAVES(spin_zip_close) struct spin_zip zip = {0};
+
+    if (spin_zip_open(path, &zip) != SPIN_OK)
+        return false;
+    for (size_t i = 0; i < zip.n; i++) {
+        const char *slash = strchr(zip.member[i].name, '/');
+
+        if (slash && strcmp(slash + 1, "data.pkl") == 0)
+            return true;
+    }
+    return false;
+}
+
 bool spin_archive_detect(const char *path)
 {
     bool zip;
 
-    return read_kind(path, &zip);
+    return read_kind(path, &zip) && !(zip && is_checkpoint(path));
 }
 
 /* Sets u->path to the innermost folder or file that has all contents. */

@@ -11,7 +11,8 @@ struct spin_unpacked {
     char *path;   /* the contents: `root` or, while a folder has a single entry, that entry */
 };
 
-/* Whether the file begins like an archive that spin_archive_unpack() reads. */
+/* Whether the file begins like an archive that spin_archive_unpack() reads. False for checkpoints
+ * of PyTorch, which are zip files. */
 bool spin_archive_detect(const char *path);
 /* Unpacks the archive. Until spin_unpacked_remove(), messages show the path of the archive in place
  * of that of the temporary folder. */

@@ -20,7 +20,7 @@ static void test_folders(const char *fixture)
     ok(spin_importer_find(path_in(folder, "chkpnt_best.pth"), NULL, false, &found) == SPIN_OK &&
            !strcmp(found->name, FROM),
        "so is the checkpoint");
-    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.sequence.notes, "own times") &&
+    ok(run_open(NULL, folder, &run) == SPIN_OK && strstr(run.sequence.notes, "is assumed, from") &&
            !strstr(run.sequence.notes, "colours depend"),
        "the range of times is guessed then, and colours do not depend on it");
     run_close(&run);
