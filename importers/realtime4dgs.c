@@ -562,7 +562,8 @@ static void realtime_describe(const struct realtime_model *m)
                             "only the geometry is imported; import comp.xz for all attributes");
     r4_note(r, &m->times, sequence);
     if (r->masked)
-        spin_note(sequence, "the last item of the model, the mask of a fork, is ignored");
+        spin_note(sequence,
+                  "the last item of the model is ignored: a mask that a fork of the method adds");
     /* Upstream issue 50: training can lose the gradients of the temporal SH. */
     if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
         spin_note(sequence, "all temporal SH are 0: colours do not change over time");

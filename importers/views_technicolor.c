@@ -20,7 +20,8 @@ enum { MAX_CAMERAS = 1024, TEST_CAMERA = 10 };
 
 static int probe(const struct spin_peek *peek) { return spin_peek_has(peek, PARAMETERS) ? 80 : 0; }
 
-/* Converts the values of a line, 12 or 14 with distortion, to a camera without a size. */
+/* Converts the values of a line to a camera, except for its width and height. A line has 12 values,
+ * or 14 if it includes two distortion coefficients, which must be 0. */
 static spin_status fill_camera(const double *p, size_t n, struct spin_camera *c)
 {
     double norm = 0, q[4], r[9];

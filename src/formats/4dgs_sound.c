@@ -51,9 +51,10 @@ static spin_status check_keyframes(struct spin_4dgs_cursor *c, uint32_t id, doub
         double time = spin_4dgs_double(c);
 
         if (!(time > last) || time < 0 || time > duration)
-            return spin_malformed("sound %u: the times of its keyframes do not increase inside the "
-                                  "clip",
-                                  id);
+            return spin_malformed(
+                "sound %u: the times of its keyframes are not in ascending order within the "
+                "clip",
+                id);
         if (!read_pose(c))
             return spin_malformed("sound %u: a keyframe has an invalid place or rotation", id);
         last = time;

@@ -74,8 +74,9 @@ static void choose_initial(const float *sorted, size_t n, double place[SPIN_CODE
         place[k++] = sorted[n - 1];
 }
 
-/* One iteration of Lloyd's algorithm: replaces each number by the mean of the values that are
- * nearest to it. before[i]: sum of the first i values. Returns false if no number changed. */
+/* One iteration of Lloyd's algorithm: replaces each entry place[k] of the codebook by the mean of
+ * the values nearest to it. An entry without such values stays the same. before[i]: sum of the
+ * first i values. Returns false if no entry changed. */
 static bool move_to_means(const float *sorted, const double *before, size_t n,
                           double place[SPIN_CODEBOOK])
 {

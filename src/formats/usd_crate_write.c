@@ -258,7 +258,8 @@ void spin_usdc_begin(struct spin_usdc_writer *w, struct spin_out *out)
 {
     w->out = out;
     w->at = HEAD;
-    token_index(w, ";-)"); /* the negative of an index marks properties, so none may have index 0 */
+    /* Takes index 0, which the name of an attribute must not have: its negative marks the name. */
+    token_index(w, ";-)");
     add_node(w, 0, "", false);
 }
 

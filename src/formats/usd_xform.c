@@ -167,8 +167,9 @@ static spin_status decompose(const struct matrix *a, struct spin_placement *out)
     return SPIN_OK;
 }
 
-/* Sets the placement of a prim in the scene. A stage with z up is rotated to y up before the half
- * turn about x that leads to the axes of a training. */
+/* Computes the placement of a prim in the scene. If `turned` is true, it is then converted to the
+ * axes that the training uses: a stage with z up is rotated to y up, and every stage by half a turn
+ * about x. */
 spin_status spin_usd_place(struct spin_usd_stage *s, const struct usd_node *node, double time,
                            bool turned, struct spin_placement *out)
 {

@@ -313,7 +313,9 @@ static void find_azimuth(const struct placing *p, int k, double sine, double dis
     add_scaled(eye, sine * distance, p->axis[2], eye);
 }
 
-/* Returns the largest distance from the centre at which a circle is inside all walls. */
+/* Returns the distance from the centre for the cameras of the circle whose elevation has this sine:
+ * somewhat less than that of the nearest wall in these directions, at most `far`, but at least
+ * LEAST_DISTANCE radii of the subject, even if a wall is nearer. */
 static double circle_distance(const struct placing *p, double sine)
 {
     double least = p->far, radius = p->out->radius, unit[3], eye[3];

@@ -84,7 +84,8 @@ struct import {
     } done[2];          /* results of task 0, which reads, and of task 1, which writes */
 };
 
-/* The path beside which data sets are searched. */
+/* Returns the path beside which data sets are searched for: the path that the user gave, also if
+ * the input was unpacked to another folder. */
 static const char *own_place(const struct import *im)
 {
     return im->unpacked.folder ? im->o->input : im->input;

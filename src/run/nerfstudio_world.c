@@ -1,6 +1,7 @@
-/* nerfstudio computes p' = scale (T p), where p are the coordinates before applied_transform A and
- * applied_scale a of transforms.json, and scale contains a. The poses in transforms.json are those
- * after A, so that p' = (scale / a) (T A^-1 p) for these. */
+/* nerfstudio computes p' = scale (T p), where p are the coordinates to which neither
+ * applied_transform A nor applied_scale a of transforms.json was applied; T contains A, and scale
+ * contains a. Both were applied to the poses in transforms.json. For coordinates q of these poses,
+ * p' = (scale / a) (T A^-1 q). */
 #include "run/nerfstudio_world.h"
 
 #include "base/base.h"

@@ -35,8 +35,9 @@ struct run {
     struct spin_photos photos;
     struct spin_refinement refinement;
     struct spin_tracks tracks;
-    struct spin_frame_size *sizes; /* [frames] sizes of the frames once tracks were found */
-    struct spin_rows_4d rows;      /* set with --method 4d only */
+    struct spin_frame_size
+        *sizes;               /* [frames] computed from the tracks; NULL until these are found */
+    struct spin_rows_4d rows; /* set with --method 4d only */
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;

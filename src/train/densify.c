@@ -541,7 +541,8 @@ static spin_status update_permutation(const struct rows *rows, size_t n_before,
                                       uint32_t **permutation)
 {
     size_t n = rows->size.n, n_kept = 0;
-    /* row_at [n_before]: the new index of the splat in each old row of the output. */
+    /* row_at [n_before]: for each row of the output before the change, the row that its splat now
+     * has in `rows`, or NEW_ROW if the splat was removed. */
     uint32_t *to, *row_at;
 
     SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, (void **)&to));

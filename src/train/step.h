@@ -21,8 +21,8 @@ struct spin_train_values {
     double loss, l1, ssim; /* means over the images of the batch */
     /* True if at least one splat is visible in at least one view of the batch. */
     bool seen;
-    /* [n] set to the loss of each item that this rank renders, other values are left unchanged; or
-     * NULL. */
+    /* NULL, or an array [n] of the caller that receives the loss of each item that this rank
+     * renders. The values of the other items are left unchanged. */
     double *each;
 };
 

@@ -128,10 +128,11 @@ static spin_status invert_permutation(const uint32_t *permutation, size_t n, uin
     return SPIN_OK;
 }
 
-/* Adds the effect of turns to the values that splats own, since the output does not contain turns.
- * `rows` are the values to change: positions [n_pos][3] or, with `residual`, residual values
- * [n_residual][SPIN_RESIDUAL]. `tracks` are the values of the tracks in groups, to which the turns
- * apply. */
+/* The trainer rotates the values of a splat's track by the splat's turn (track_matching.h). The
+ * output contains no turns, so this adds the change that the turn makes to the splat's own values:
+ * `rows`, which are positions [n_pos][3] or, with `residual`, residual values
+ * [n_residual][SPIN_RESIDUAL]. `tracks` are the values of the tracks, which are stored in groups.
+ */
 static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
                               const float *tracks, bool residual, float *rows)
 {

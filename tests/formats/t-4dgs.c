@@ -639,7 +639,7 @@ static void test_bad_sounds(void)
     refused(make(), "invalid place or rotation", "a rotation that is none");
     sounds.turn = 1;
     sounds.time = 2.6;
-    refused(make(), "do not increase inside the clip", "a keyframe after the clip");
+    refused(make(), "not in ascending order within the clip", "a keyframe after the clip");
     sounds.time = 1;
     sounds.how = "cubic";
     refused(make(), "neither linear nor step", "an unknown interpolation");

@@ -210,7 +210,7 @@ static void test_refused(void)
     struct run run;
 
     ok(run_open(NULL, write_checkpoint(path, &good), &run) == SPIN_OK &&
-           strstr(run.sequence.notes, "mask of a fork") &&
+           strstr(run.sequence.notes, "a mask that a fork") &&
            strstr(run.sequence.variant, "iteration 123"),
        "a fork's 20 items are read, its mask is not");
     if (run.self) {

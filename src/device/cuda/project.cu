@@ -28,8 +28,8 @@ static __device__ int row_with(int k, unsigned mask, int degree)
     return used && mask >> row & 1 ? row : -1;
 }
 
-/* Copies from [32][SPIN_ATTR] to `rows`, only rows whose mask bit is 1. All lanes must call the
- * function. */
+/* Copies those of the 32 rows at `from` [32][SPIN_ATTR] whose mask bit is 1 to `rows`, without the
+ * SH coefficients above the degree. All lanes must call the function. */
 static __device__ void load_rows(struct rows *rows, const float *from, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
