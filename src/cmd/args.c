@@ -32,7 +32,7 @@ static const struct spin_args_row common_rows[] = {
     SPIN_ARG("threads", 0, "N", INT, spin_args.n_threads,
              "number of threads (all cores); no effect on imports", .min = 1, .max = 1024),
     SPIN_ARG("quiet", 'q', NULL, COUNT, spin_args.quiet, "print less"),
-    SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "print more; repeat up to four times"),
+    SPIN_ARG("verbose", 'v', NULL, COUNT, spin_args.verbose, "print more"),
     SPIN_ARG("completion", 0, "bash|zsh", CHOICE, wants_completion,
              "print the completion script for this shell"),
     SPIN_ARG("help", 'h', NULL, FLAG, wants_help_flag,

@@ -28,6 +28,7 @@ for colour in black white; do
     run "$bin/spin-eval" "$work/far.spin" --split all --pair order --background $colour --json
     is "$code" 0 "measured over $colour"
     member psnr >"$work/$colour"
+    member psnr_opposite >"$work/not-$colour"
 done
 # Most of each image is transparent, so a render of the same background is close. White composited
 # before an image over black would give about 1 dB.
@@ -35,6 +36,10 @@ greater "$(cat "$work/white")" 7
 ok $? "white is close to the images over white: $(cat "$work/white") dB"
 greater "$(cat "$work/black")" 7
 ok $? "black is close to the images over black: $(cat "$work/black") dB"
+# Their alpha is known everywhere, so the opposite background must give what the other colour gives.
+paste "$work/white" "$work/not-black" "$work/black" "$work/not-white" |
+    awk '{ exit !($1 != "" && ($1 - $2) ^ 2 < 1e-4 && ($3 - $4) ^ 2 < 1e-4) }'
+ok $? "over the opposite background: $(cat "$work/not-black") dB and $(cat "$work/not-white") dB"
 
 # The alpha of these images is learned by default.
 is "$(member alpha_known)" true "their alpha is known"
