@@ -48,7 +48,12 @@ static __device__ float truth_of(const struct photo &p, size_t c, size_t i)
 {
     float value = p.rgb8 ? (float)p.rgb8[3 * i + c] / 255.0f : p.f32[c * p.plane + i];
 
-    return p.matte ? value + spin_matte_transmittance(p.matte[i]) * p.change[c] : value;
+    /* Indexing `change` by a variable would copy the whole parameter p to local memory. */
+    if (p.matte)
+        value += spin_matte_transmittance(p.matte[i]) * (c == 0   ? p.change[0]
+                                                         : c == 1 ? p.change[1]
+                                                                  : p.change[2]);
+    return value;
 }
 
 static __device__ int bit_of(const struct photo &p, size_t i) { return p.mask[i / 8] >> i % 8 & 1; }
