@@ -188,7 +188,7 @@ static spin_json *network_to_json(const struct spin_field *field)
         spin_json_push_number(centre, (double)field->transform.centre[i]);
     spin_json_set(transform, "centre", centre);
     spin_json_set_number(transform, "inv_radius", (double)field->transform.inv_radius);
-    if (field->transform.raw) /* the paper has a contraction: written only if there is none */
+    if (field->transform.raw) /* the contraction of the paper is the default and is not recorded */
         spin_json_set_bool(transform, "raw", true);
     if (field->heads.relu)
         spin_json_set_string(j, "activation", "relu");
@@ -239,8 +239,9 @@ static bool get_float(const spin_json *j, double lo, double hi, float *out)
     return true;
 }
 
-/* Reads the numbers of a level of the hash grid and checks that they are consistent. If a dense
- * level had fewer rows than vertices, its evaluation would read beyond the end of the level. */
+/* Reads the scale, resolution, offset and kind (hashed or dense) of level l of the hash grid and
+ * checks that they are consistent. If a dense level had fewer rows than vertices, the encoder would
+ * read beyond the end of the level. */
 static bool read_level(const spin_json *json, int l, struct spin_grid *grid)
 {
     const spin_json *scale = spin_json_at(spin_json_get(json, "scale"), (size_t)l);

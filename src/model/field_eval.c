@@ -1,11 +1,11 @@
-/* Calls the device for the forward and the backward pass of the network over the splats of frames
- * (docs/method.md section 3). */
+/* Queues the device operations of the forward and the backward pass of the network (docs/method.md
+ * section 3). */
 #include "model/field_eval.h"
 
 #include "base/base.h"
 
 /* A buffer in device memory with `floats` values of 4 bytes for each splat. training: true if only
- * training needs it. */
+ * the backward pass needs the buffer. */
 struct piece {
     void SPIN_DEV **at;
     size_t floats;
@@ -14,7 +14,7 @@ struct piece {
 enum { N_PIECES = 9 };
 
 /* Lists all buffers, for their allocation and release. Without a network, the buffers of the
- * encoder have no values. */
+ * encoder are empty. */
 static void list_pieces(struct spin_field_eval *w, const struct spin_field *field,
                         struct piece piece[N_PIECES])
 {
@@ -163,7 +163,7 @@ void spin_field_backward(struct spin_field_eval *w, const struct spin_field *fie
 /* ---- Rows and columns ------------------------------------------------------------------------ */
 
 /* Copies log scale and logit opacity from the raw attributes: computing them from the activated
- * ones would add the rounding errors of exp and log. */
+ * attributes would add the rounding errors of exp and log. */
 void spin_attr_to_splats(const float *raw, const float *attr, size_t width, struct spin_splats *s)
 {
     size_t k = (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1) * 3;

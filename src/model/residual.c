@@ -1,4 +1,4 @@
-/* Converts residual values between rows and groups. */
+/* Copies residual values between rows and groups. */
 #include "model/residual.h"
 
 #include <string.h>

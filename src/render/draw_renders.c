@@ -7,9 +7,9 @@
 #include "render/player.h"
 #include "scene/renders.h"
 
-/* The bundle whose images were drawn last stays open with its current frame, since images are
- * mostly read frame by frame. It is rendered on a separate device, since a training may be using
- * another device at the same time. */
+/* The most recently rendered bundle stays open with its current frame, since images are mostly read
+ * frame by frame. Renders use a CPU device of their own, since a training may be using its device
+ * at the same time. */
 static struct {
     pthread_mutex_t mutex;
     int users, n_threads;

@@ -1,4 +1,4 @@
-/* Images in device memory. */
+/* Stores images in device memory. */
 #include "render/image_store.h"
 
 #include <stdlib.h>

@@ -45,8 +45,9 @@ spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
 
 /* ---- Values that are not finite -------------------------------------------------------------- */
 
-/* Whether the values of a splat can be drawn. An infinite logit can, since it means an opacity of 0
- * or 1; so can a log scale of minus infinity, which means a point. */
+/* True if a splat can be drawn, that is, if its values are finite. Two infinite values are allowed:
+ * an infinite logit, which means an opacity of 0 or 1, and a log scale of minus infinity, which
+ * means a scale of 0. */
 static bool is_drawable(const struct spin_splats *s, size_t i, size_t n_sh)
 {
     const float *scale = s->log_scales + 3 * i;
@@ -76,8 +77,8 @@ static void count_stored(struct spin_player *p, int index, const struct spin_spl
     add_bad_splats(p, index, n_bad);
 }
 
-/* Counts splats whose positions or residuals (NULL: none) are not finite. No other check is needed,
- * since the network, from which the other values are computed, was checked when it was loaded. */
+/* Counts splats whose positions or residuals are not finite; residual may be NULL. All other values
+ * are computed by the network, whose parameters were checked when it was loaded. */
 static void count_network(struct spin_player *p, int index, size_t n, const float *means,
                           const float *residual)
 {
@@ -117,7 +118,7 @@ static spin_status check_weights(const char *name, const float *values, size_t n
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-enum { PORTION = 1 << 20 }; /* number of values of a packed array that are decoded at once */
+enum { PORTION = 1 << 20 }; /* number of values of a compressed array that are decoded at a time */
 
 static spin_status upload_values(struct spin_player *p, const char *name,
                                  const struct spin_bundle_values *v, float SPIN_DEV *to)
@@ -262,7 +263,7 @@ void spin_player_close(struct spin_player *p)
     memset(p, 0, sizeof *p);
 }
 
-/* Ensures capacity for n splats. If the capacity grows, the current frame is discarded. */
+/* Ensures capacity for n splats. If the buffers have to grow, the current frame is discarded. */
 static spin_status reserve_frame(struct spin_player *p, size_t n)
 {
     struct spin_device *d = p->device;
@@ -296,7 +297,8 @@ static void decode_frame(struct spin_player *p, const struct spin_frame_batch *f
     p->now_antialias = p->field.antialias;
 }
 
-/* Reads the array [n][width] of a frame. */
+/* Reads the array [n][width] of frame `index` from a series, that is, an array name with one array
+ * per frame. */
 static spin_status read_rows(struct spin_player *p, const char *series, int index, size_t n,
                              int64_t width, float *to)
 {
@@ -309,7 +311,7 @@ static spin_status read_rows(struct spin_player *p, const char *series, int inde
     return SPIN_OK;
 }
 
-/* Uploads the residuals of a frame, which are rows [n][SPIN_RESIDUAL] in the staging buffer. */
+/* Uploads the residuals of a frame from rows [n][SPIN_RESIDUAL] in the staging buffer. */
 static spin_status upload_residual(struct spin_player *p, size_t n, const float SPIN_DEV **residual)
 {
     struct spin_device *d = p->device;
@@ -351,7 +353,7 @@ static spin_status read_network_frame(struct spin_player *p, int index, size_t n
     return upload_residual(p, n, residual);
 }
 
-/* Reads columns that are stored as they are. */
+/* Reads columns of splats that need no network and no tracks. */
 static spin_status read_stored(struct spin_player *p, int index, unsigned columns,
                                struct spin_splats *out)
 {
@@ -436,7 +438,7 @@ spin_status spin_player_splats(struct spin_player *p, int index, unsigned column
     return SPIN_OK;
 }
 
-/* Ensures that the raster is open, with capacity for an image of this size. */
+/* Ensures that the raster is open and has capacity for an image of this size. */
 static spin_status reserve_images(struct spin_player *p, size_t pixels, size_t tiles)
 {
     if (pixels > p->pixels || tiles > p->tiles) {
@@ -499,8 +501,9 @@ spin_status spin_player_image(struct spin_player *p, float *image)
                                    3 * p->drawn_pixels * sizeof(float));
 }
 
-/* The contribution of a splat is the derivative of the sum of all pixels by the splat's colour.
- * Hence this runs the backward pass of blending with a gradient of 1 in every pixel. */
+/* The contribution of a splat is the derivative of the sum of all pixels with respect to the
+ * splat's colour, so this runs the backward pass of blending with a gradient of 1 in every pixel.
+ */
 spin_status spin_player_contributions(struct spin_player *p, float *weights)
 {
     struct spin_device *d = p->device;

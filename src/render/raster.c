@@ -1,17 +1,18 @@
-/* Renders views with the device's rasteriser. All sizes are known beforehand except the number of
- * intersections, that is, of (splat, tile) pairs: the device counts them, the host reads the count
- * and reserves memory, then the device fills the list. */
+/* Renders views with the device's rasteriser. The sizes of all buffers are known beforehand, except
+ * that of the list of intersections, that is, of (splat, tile) pairs: the device counts the pairs,
+ * the host reads the count and reserves memory, then the device fills the list. */
 #include "render/raster.h"
 
 #include <string.h>
 
 #include "base/text.h"
 
-/* An array of struct spin_raster. All of them are reserved and released together. */
+/* An array of struct spin_raster. The list of these arrays serves both to reserve and to release
+ * them. */
 struct piece {
     void SPIN_DEV **at;
     size_t bytes;
-    bool training; /* only needed for gradients */
+    bool training; /* true if only the backward pass needs the array */
 };
 enum { N_PIECES = 7 };
 
@@ -34,8 +35,8 @@ static void list_pieces(struct spin_raster *r, struct piece piece[N_PIECES])
 
 static const size_t pair_gradient = 12 * 4; /* bytes of gradients per (splat, tile) pair */
 
-/* Fails if the list of pairs exceeds the free memory. An allocation would succeed, as the system
- * overcommits, but the process would be killed later. */
+/* Fails if the list of pairs exceeds the free memory. Without this check, the allocation would
+ * succeed because the system overcommits memory, and the process would be killed later. */
 static spin_status check_pairs(const struct spin_raster *r)
 {
     size_t pair = sizeof *r->tiles.intersections + (r->training ? pair_gradient : 0);
@@ -54,8 +55,8 @@ static spin_status check_pairs(const struct spin_raster *r)
 
 size_t spin_raster_grows(size_t n, size_t pixels, bool training)
 {
-    /* A splat has about six pairs of 4 bytes, in the list and again in buffers of the device.
-     * During training, the loss also needs 16 floats per pixel. */
+    /* A splat is in about six pairs. Each pair needs 4 bytes in the list and 4 in buffers of the
+     * device. During training, the loss also needs 16 floats per pixel. */
     size_t splat = 6 * 4 * 2;
 
     return training ? n * (splat + 6 * pair_gradient) + pixels * 16 * 4 : n * splat;

@@ -1,5 +1,5 @@
-/* Renders views and propagates gradients back: project, sort into tiles, blend, and their
- * adjoints. */
+/* Renders views (projection, sorting into tiles, blending) and computes the gradients of both
+ * projection and blending in a backward pass. */
 #pragma once
 
 #include "device/device.h"
@@ -7,9 +7,9 @@
 struct spin_raster {
     struct spin_device *device;
     bool training;
-    size_t capacity; /* splats per view */
+    size_t capacity; /* largest number of splats per view */
     size_t pixels, tiles_capacity, intersections_capacity;
-    int views;                                    /* most views that are rendered at once */
+    int views;                                    /* largest number of views rendered at once */
     struct spin_splat2d SPIN_DEV *splat2d;        /* [views][n] */
     struct spin_splat2d_grad SPIN_DEV *d_splat2d; /* [views][n] (training) */
     struct spin_tiles tiles;
@@ -19,30 +19,31 @@ struct spin_raster {
     float SPIN_DEV *d_image;             /* [views][3][h][w] (training) */
 };
 
-/* Reserves memory for rendering `views` views at once (0 means 1), each of up to n splats, `pixels`
- * pixels and `tiles` tiles. The list of intersections grows on demand. training: also reserve
- * memory for gradients. */
+/* Reserves memory for rendering `views` views at once (0 means 1), each with up to n splats,
+ * `pixels` pixels and `tiles` tiles. The list of intersections, that is, of (splat, tile) pairs,
+ * grows on demand. training: also reserves memory for gradients. */
 spin_status spin_raster_open(struct spin_raster *r, struct spin_device *device, size_t n,
                              size_t pixels, size_t tiles, int views, bool training);
 void spin_raster_close(struct spin_raster *r);
-/* Estimates the bytes that rendering a view of n splats needs beyond those that spin_raster_open()
- * reserves: the list of intersections and buffers of the device. */
+/* Estimates the memory, in bytes, that rendering a view of n splats needs in addition to what
+ * spin_raster_open() reserves: the list of intersections, and buffers of the device. */
 size_t spin_raster_grows(size_t n, size_t pixels, bool training);
 
 /* Creates an empty batch of views. */
 struct spin_view_batch spin_raster_batch(const struct spin_raster *r, const float background[3]);
-/* Adds a view to the batch; frame is an index in the frame batch, and n its number of splats.
- * Returns NULL if the batch is full. */
+/* Adds a view to the batch; frame is an index in the frame batch, and n the number of splats of
+ * this frame. Returns NULL if the batch is full. */
 struct spin_view_of_batch *spin_raster_add_view(const struct spin_raster *r,
                                                 struct spin_view_batch *views, int frame, size_t n,
                                                 const struct spin_camera *camera, bool antialias);
 
-/* Renders the views into r->image. Fails only if the (splat, tile) pairs do not fit into memory. */
+/* Renders the views into r->image. Fails only if the list of intersections does not fit into
+ * memory. */
 spin_status spin_raster_forward(struct spin_raster *r, const struct spin_view_batch *views,
                                 const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                                 int sh_degree);
-/* Adds the gradients that follow from r->d_image to d_attr and to d_means of the frames. Requires a
- * preceding spin_raster_forward() of the same views. */
+/* Propagates r->d_image, the gradient with respect to the image, back: adds to d_attr, and to
+ * d_means of the frames. Requires a preceding spin_raster_forward() of the same views. */
 void spin_raster_backward(struct spin_raster *r, const struct spin_view_batch *views,
                           const struct spin_frame_batch *frames, const float SPIN_DEV *attr,
                           int sh_degree, float SPIN_DEV *d_attr);
