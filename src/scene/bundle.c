@@ -1,9 +1,9 @@
 /* Reads and writes *.spin bundles. man/spin-bundle.5 describes the format.
  *
- * The file is not trusted: meta.json defines which arrays must exist and what shapes they have, and
- * spin_bundle_open() checks the headers of all arrays. It does not read their values, so that a
- * clip of many gigabytes opens at once. The values are read later from the memory map, frame by
- * frame. */
+ * The file is not trusted: spin_bundle_open() checks the headers of all arrays against meta.json,
+ * which defines which arrays must exist and what shapes they have. It does not read the values of
+ * the arrays, so that a clip of many gigabytes opens in moments. Values are read later from the
+ * memory map, frame by frame. */
 #include "scene/bundle.h"
 
 #include "base/base.h"
@@ -27,7 +27,7 @@ struct group {
     unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
-    /* [n_frames] number of splats of each frame; NULL: these numbers are in meta.frame[].n */
+    /* [n_frames] number of splats of each frame; NULL: meta.frame[].n contains it */
     const size_t *n;
 };
 
@@ -65,8 +65,8 @@ static spin_status find_column(struct spin_bundle *b, const struct group *group,
                : spin_bundle_values_check(b, name, frame, 'f', n_dims, wanted);
 }
 
-/* Releases the mapped pages after every 16 headers, since the kernel reads up to a megabyte of the
- * file around each header. */
+/* Called once per header: every 16th call releases all mapped pages of the file, since the kernel
+ * reads up to a megabyte of the file around each header, which would add up to much memory. */
 static void drop_pages(const struct spin_bundle *b, int n_looked_at)
 {
     const struct spin_map *map = &b->npz.zip.map;
@@ -75,7 +75,8 @@ static void drop_pages(const struct spin_bundle *b, int n_looked_at)
         spin_map_forget(map, map->data, map->size);
 }
 
-/* Opens array k of the source's 4D splats as *out. If out is NULL, only checks its header. */
+/* Opens array k of the source's 4D splats as *out. If out is NULL, only checks the header of the
+ * array. */
 static spin_status find_4d(struct spin_bundle *b, int k, struct spin_bundle_values *out)
 {
     const struct spin_splats_4d *s = &b->meta.four_d;
@@ -144,9 +145,9 @@ static spin_status check_refined(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Reads "splats", the list with the number of splats of each frame. It is missing if the training
- * used neither tracks nor densification, since the numbers are then those of the source or of the
- * refined frames. */
+/* Reads "splats", a list with the number of splats of each frame. If the training used neither
+ * tracks nor densification, there is no such list, and the numbers are those of the refined frames
+ * or, without refined frames, of the source. */
 static spin_status read_trained_counts(struct spin_bundle *b, const spin_json *trained)
 {
     const spin_json *list = spin_json_get(trained, "splats");
@@ -201,7 +202,7 @@ static spin_status check_trained(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Reads the sound track, which must exist if meta.json describes one. */
+/* Reads the sound track. If meta.json describes one, the zip member must exist. */
 static spin_status read_sound(struct spin_bundle *b)
 {
     const spin_json *json = spin_json_get(b->json, SOUND);
@@ -227,9 +228,9 @@ static spin_status read_sound(struct spin_bundle *b)
     return SPIN_OK;
 }
 
-/* Converts the JSON of a bundle below version 4 to that of version 4. "trained" was called
- * "network" then, and the keys that "field" contains now were in "network" itself. If "explicit"
- * was true, there was no field. */
+/* Converts the meta.json of a bundle older than version 4 to version 4: renames "network" to
+ * "trained", and adds "field" with the keys of the network, which older versions store in "network"
+ * itself. If "explicit" is true, there is no network, and "field" becomes null. */
 static void upgrade_meta(struct spin_bundle *b)
 {
     static const char *const series[] = {"per_unit", "xor_rows"};
@@ -269,7 +270,8 @@ static spin_status load_meta(struct spin_bundle *b)
     return spin_bundle_meta_read(&b->meta, b->json);
 }
 
-/* Opens, in place of the checkpoint b->path, the clip that was saved beside it. */
+/* Replaces the open checkpoint b->path by the clip that was saved beside it. Fails with
+ * SPIN_E_UNSUPPORTED if no clip was saved. */
 static spin_status open_clip_of_state(struct spin_bundle *b)
 {
     size_t n = strlen(b->path) + sizeof SPIN_CLIP_OF_STATE;
@@ -327,8 +329,8 @@ void spin_bundle_close(struct spin_bundle *bundle)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Sets *out to the group of `from`. Fails with SPIN_E_NOT_FOUND if the frame or one of the columns
- * does not exist. */
+/* Sets *out to the group of splats that `from` selects. Fails with SPIN_E_NOT_FOUND if the clip
+ * does not contain the frame or the group lacks one of the columns. */
 static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_splat_source from,
                               unsigned columns, struct group *out)
 {
@@ -547,7 +549,7 @@ spin_status spin_bundle_checksum(struct spin_bundle *bundle, int frame, unsigned
         SPIN_TRY(find_column(bundle, &source, column, frame, &v));
         crc = spin_bundle_values_crc(&v);
         spin_bundle_values_close(&v);
-        /* like FNV-1a, but a word at a time instead of a byte */
+        /* like FNV-1a, but over words instead of bytes */
         *out = (*out ^ crc) * 0x01000193u + column;
     }
     return SPIN_OK;
@@ -575,8 +577,8 @@ bool spin_bundle_detect(const char *path)
     return meta && source;
 }
 
-/* Returns the member of *bytes to which the size of zip member `name` is added; NULL if that size
- * is only part of the size of the file. */
+/* Returns the member of *bytes to which the size of zip member `name` is added; NULL if the member
+ * counts only towards the size of the whole file. */
 static uint64_t *part_of(struct spin_bundle_bytes *bytes, const char *name)
 {
     if (begins_with(name, "source/"))
@@ -658,7 +660,7 @@ spin_status spin_bundle_write_array(struct spin_bundle_writer *w, const char *se
 {
     char name[80];
 
-    if (!values) /* an array without rows may have no memory */
+    if (!values) /* an array without rows may be NULL, which the functions below do not accept */
         values = "";
     if (w->packs)
         return spin_packer_put(&w->packer, &w->zip, series, frame, n_dims, shape, values);
@@ -713,8 +715,8 @@ static spin_status write_array_4d(struct spin_bundle_writer *w, const struct spi
         unit[c] = per_unit;
     if (per_unit > 0)
         SPIN_TRY(spin_packer_units(&w->packer, name, shape[1], unit));
-    /* Such an array contains SH, whose low bits are noise, so packing would save at most a fifth of
-     * its size. */
+    /* An array with SPIN_WIDE columns or more contains SH, whose low bits are noise, so packing
+     * would save at most a fifth of the array's size. */
     else if (w->packer.quick && shape[1] >= SPIN_WIDE)
         return spin_npz_write(&w->zip, name, "<f4", 2, shape, values);
     return spin_bundle_write_array(w, name, -1, "<f4", 2, shape, values);

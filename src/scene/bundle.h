@@ -8,11 +8,12 @@
  *   trained/means/<index>.npy      positions of one frame after retraining
  *   trained/residual/<index>.npy   optional values that are added to the network's outputs
  *   trained/table.npy, heads.npy   the parameters of the network (model/field)
- *   sound                          the file of the sound track
+ *   sound                          the sound track, as an encoded file
  *
  * The columns are means [n,3], quats [n,4], log_scales [n,3], logit_opacities [n], sh [n,K,3] and
  * rgb [n,3]. All values are little-endian float32, plain or packed (scene/bundle_pack.h). <index>
- * has 5 digits and is the position of the frame in the list of meta.json, not the frame number. */
+ * has 5 digits and is the position of the frame in the list "frames" of meta.json, not the frame
+ * number. */
 #pragma once
 
 #include "spin.h"
@@ -27,7 +28,7 @@
 struct spin_bundle_refined {
     unsigned columns; /* columns of the refined frames; 0: there are no refined frames */
     int sh_degree;    /* degree of column sh; -1: there is no such column */
-    bool antialias;   /* whether splats must be drawn antialiased, as they were trained */
+    bool antialias;   /* true: splats were trained with antialiasing and must be drawn with it */
     size_t *n;        /* [n_frames] number of splats of each refined frame */
 };
 
@@ -36,10 +37,9 @@ struct spin_bundle_values {
     int n_dims;
     uint64_t shape[SPIN_NPY_MAX_DIMS];
     uint64_t count; /* product of shape */
-    const float
-        /* The values in the memory map. NULL if they are packed or unaligned, so that they must be
-           copied with spin_bundle_values_get(). */
-        *floats;
+    /* The values in the memory map. NULL if they are packed or unaligned:
+     * spin_bundle_values_get() then copies them. */
+    const float *floats;
     /* Private. */
     const unsigned char *bytes; /* byte planes, or plain values */
     void *owned;
@@ -54,8 +54,8 @@ struct spin_bundle_values {
     uint64_t n_key;
 };
 
-/* Cache of the decoded frame 0 of each packed series. Later frames of a series are stored as
- * differences from it. */
+/* Cache of the decoded frame 0 of each packed series, with which later frames of the series may be
+ * XORed. */
 struct spin_bundle_keys {
     struct spin_bundle_key *key;
     size_t n, capacity;
@@ -69,17 +69,17 @@ struct spin_bundle {
     spin_json *json; /* all of meta.json */
     struct spin_bundle_meta meta;
     struct spin_bundle_refined refined;
-    size_t
-        /* [n_frames] number of splats of each retrained frame; NULL: as in the source or in the
-         * refined frames */
-        *trained_n;
-    void *sound; /* private; memory of meta.sound.data, NULL if that is in the memory map */
+    /* [n_frames] number of splats of each retrained frame; NULL: as many as in the refined frames
+     * or, without refined frames, in the source */
+    size_t *trained_n;
+    /* private; the memory of meta.sound.data; NULL: meta.sound.data points into the memory map */
+    void *sound;
     struct spin_bundle_keys keys;
     struct spin_splats_4d four_d; /* private; loaded by spin_bundle_splats_4d() */
-    bool nonfinite_reported;      /* true: no further warning about splats that cannot be drawn */
+    bool nonfinite_reported;      /* true: splats with non-finite values were reported */
 };
 
-/* Size of a bundle by purpose, in bytes: packed as in the file, or unpacked. */
+/* Sizes of the parts of a bundle in bytes, either packed as in the file or unpacked. */
 struct spin_bundle_bytes {
     uint64_t file;         /* the whole file */
     uint64_t source;       /* imported positions and attributes */
@@ -92,14 +92,15 @@ struct spin_bundle_bytes {
 /* Returns whether the path is a zip with a meta.json and members in source/. No input of an
  * importer has both. */
 bool spin_bundle_detect(const char *path);
-/* The path of a checkpoint, followed by this suffix, is the path of the clip that was saved with
- * it. */
+/* The path of a checkpoint with this suffix appended is the path of the clip that was saved with
+ * the checkpoint. */
 #define SPIN_CLIP_OF_STATE ".spin"
 /* Opens a bundle and checks the header of every array against meta.json. If `path` is a checkpoint,
  * opens the clip that was saved with it, or fails with SPIN_E_UNSUPPORTED if no clip was saved. */
 spin_status spin_bundle_open(const char *path, struct spin_bundle *out);
 void spin_bundle_close(struct spin_bundle *bundle);
-/* Sums up the sizes of all members by purpose, packed as in the file and unpacked. */
+/* Sums up the sizes of all zip members by part of the bundle, packed as in the file and
+ * unpacked. */
 void spin_bundle_sizes(const struct spin_bundle *bundle, struct spin_bundle_bytes *packed,
                        struct spin_bundle_bytes *unpacked);
 spin_json *spin_bundle_bytes_json(const struct spin_bundle_bytes *bytes);
@@ -136,7 +137,7 @@ spin_status spin_bundle_view(struct spin_bundle *bundle, int frame, enum spin_sp
 /* Releases the memory pages of a mapped view that is not needed soon. Does nothing for a copy. */
 void spin_bundle_release(const struct spin_splats *view);
 /* Releases the memory pages of n rows of a mapped view, from row `first` on, in these columns only.
- * Does nothing for a copy or for a small frame. */
+ * Does nothing for a copy or for a frame below 64 MiB. */
 void spin_bundle_release_rows(const struct spin_splats *view, size_t first, size_t n,
                               unsigned columns);
 /* Returns the number of splats of a frame: for SPIN_FROM_REFINED the number of refined splats, or
@@ -156,7 +157,7 @@ struct spin_bundle_writer {
     struct spin_packer packer;
 };
 /* Begins a bundle in a temporary file, which is renamed to `path` at the end. If `sync` is true,
- * the file is written to the disk with fsync() before that. */
+ * fsync() writes the file to the disk before it is renamed. */
 spin_status spin_bundle_writer_open(const char *path, bool force, bool sync,
                                     struct spin_bundle_writer *w);
 /* Writes columns of frame `index`. Columns in static_columns are written only if index is 0. */
@@ -167,7 +168,8 @@ spin_status spin_bundle_write_frame(struct spin_bundle_writer *w, int index, uns
  * the values must not have changed since then. */
 spin_status spin_bundle_write_4d(struct spin_bundle_writer *w, const struct spin_splats_4d *s,
                                  enum spin_round_4d round, struct spin_bundle_meta *meta);
-/* Writes columns of refined frame `index`. The caller must add "refined" to meta.json. */
+/* Writes columns of refined frame `index`. The caller must pass "refined" to
+ * spin_bundle_writer_finish() in `extra`. */
 spin_status spin_bundle_write_refined(struct spin_bundle_writer *w, int index, unsigned columns,
                                       const struct spin_splats *splats);
 /* Writes array `series`/`frame`, or array `series` if frame is -1. `descr` is the type of the

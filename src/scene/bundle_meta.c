@@ -7,8 +7,9 @@
 #include "scene/splats_4d.h"
 
 #define FORMAT "spin bundle"
-/* Format versions: of plain arrays, packed arrays and 4D splats. A bundle gets the lowest version
- * that describes its contents, so that older readers can read as many bundles as possible. */
+/* Format versions. VERSION: all arrays are plain. VERSION_PACKED: arrays may be packed. VERSION_4D:
+ * the source consists of 4D splats. A bundle gets the lowest version that describes its contents,
+ * so that older readers can read as many bundles as possible. */
 enum { VERSION = 1, VERSION_PACKED = 4, VERSION_4D = 5 };
 
 spin_status spin_bundle_meta_reserve(struct spin_bundle_meta *meta, int n_frames)
@@ -172,7 +173,8 @@ static spin_status read_number(const spin_json *object, const char *key, double 
                : spin_meta_fail(key, "a number");
 }
 
-/* Reads "splats_4d": the number of 4D splats, the list of optional arrays, and common values. */
+/* Reads "splats_4d": the number of 4D splats, the list of optional arrays, and the values that all
+ * splats share. */
 static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
 {
     const spin_json *json = spin_json_get(root, "splats_4d"), *list;

@@ -8,7 +8,7 @@
 /* The contents of meta.json, except for "trained" and "refined". */
 struct spin_bundle_meta {
     char from[32];      /* name of the importer */
-    char upstream[160]; /* project, with its commit, for whose files the importer was written */
+    char upstream[160]; /* project and commit that the importer was written for */
     char variant[128];  /* variant of the source's format */
     int n_frames;
     struct spin_frame_info *frame; /* [n_frames] */
@@ -17,24 +17,25 @@ struct spin_bundle_meta {
     int n_source_frames;
     double shift[3]; /* coordinates to add to all positions; see struct spin_sequence_info */
     double fps;      /* frames per second; 0: the source does not specify it */
-    /* true: frame numbers come from the source; false: frames are counted */
+    /* true: frame numbers come from the source; false: the importer counted the frames */
     bool numbered;
     unsigned columns, static_columns;
     bool identity; /* true: row i is the same splat in every frame */
-    /* If four_d.n is above 0, the source consists of 4D splats, and frames are slices of these. The
-     * arrays of four_d are NULL here; `parts` is the set of optional arrays in the bundle. */
+    /* If four_d.n is above 0, the source consists of 4D splats, and its frames are slices of the 4D
+     * splats. The arrays of four_d are NULL here; `parts` is the set of optional arrays in the
+     * bundle. */
     struct spin_splats_4d four_d;
     unsigned parts;
     int sh_degree;  /* degree of column sh; -1: there is no such column */
-    bool antialias; /* whether splats must be drawn antialiased, as they were trained */
+    bool antialias; /* true: splats were trained with antialiasing and must be drawn with it */
     /* path of the data set, relative to the bundle's folder or absolute; NULL: no data set */
     char *data_path;
     char *data_absolute; /* absolute path of the data set; NULL in older bundles */
     char data_from[128]; /* importer of the data set, as in argument `from` of spin_views_open() */
     /* how frames are paired with images, as in argument `pair` of spin_views_pair() */
     char pair[8];
-    /* The sound track. It starts relative to the first frame of the whole source clip. The data are
-     * borrowed. */
+    /* The sound track. sound.start is relative to the first frame of the whole source clip.
+     * spin_bundle_meta_free() does not free sound.data. */
     struct spin_sound sound;
     struct spin_views cameras; /* see scene/kept_cameras.h; empty if there are none */
 };
@@ -51,7 +52,7 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
  * object, replacing keys of the same name, and the object itself is returned. */
 spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json *extra);
 /* Creates the value of "splats_4d" for meta.json or for a report. `parts` is the set of optional
- * arrays that it lists. */
+ * arrays that "arrays" lists. */
 spin_json *spin_bundle_4d_json(const struct spin_splats_4d *s, unsigned parts);
 /* Adds the keys "xor_rows" and "per_unit" of a packed bundle to the JSON of meta.json, and sets the
  * version for packed bundles. */

@@ -23,8 +23,8 @@ struct spin_pack_series {
     size_t n_units;
     bool written;     /* whether at least one array was written */
     struct words key; /* words of frame 0 */
-    /* Value of "xor_rows" for the frames so far. NULL if the series is a single array without
-     * frames. */
+    /* Value of "xor_rows" for this series: one number per frame written so far. NULL if the series
+     * is a single array for the whole clip. */
     spin_json *rows;
 };
 

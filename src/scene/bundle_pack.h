@@ -2,12 +2,12 @@
  * for the whole clip. The 4-byte words of an array are split into byte planes, which are compressed
  * by deflate.
  *
- * A word is the bit pattern of a float, or an integer. It is an integer if "per_unit" of meta.json
- * lists the series, with a number u for each column. The word then encodes an integer k, and the
- * value is k / u: the words 0, 1, 2, 3, 4, ... encode k = 0, -1, 1, -2, 2, ...
+ * A word is usually the bit pattern of a float. If "per_unit" of meta.json lists the series, with a
+ * number u for each column, the word is an integer k in zigzag encoding, and the value is k / u:
+ * the words 0, 1, 2, 3, 4, ... encode k = 0, -1, 1, -2, 2, ...
  *
- * Some rows of a frame, from the first row on, may be XORed with the same rows of frame 0.
- * "xor_rows" of meta.json lists the number of these rows for each frame.
+ * The first rows of a frame may be XORed with the same rows of frame 0. "xor_rows" of meta.json
+ * lists, for each frame, the number of rows that are XORed.
  *
  * Plane k contains byte k of every word, where byte 0 is the lowest. There are two layouts, which
  * differ in the type of the npy array:
@@ -22,7 +22,8 @@
 /* SPIN_UNITS: maximum number of columns of a series in "per_unit". SPIN_WIDE: an array with this
  * many columns or more contains SH. */
 enum { SPIN_UNITS = 96, SPIN_WIDE = 12 };
-/* These functions encode an integer as a word and decode it. */
+/* spin_word_of() encodes an integer as a word (zigzag encoding); spin_word_to() decodes the
+ * word. */
 static inline uint32_t spin_word_of(int32_t k) { return (uint32_t)k << 1 ^ (uint32_t)(k >> 31); }
 static inline int32_t spin_word_to(uint32_t word) { return (int32_t)(word >> 1 ^ -(word & 1)); }
 
@@ -33,8 +34,8 @@ typedef spin_status (*spin_pack_read_fn)(void *context, uint64_t first, size_t n
 struct spin_packer {
     struct spin_pack_series *series;
     size_t n, capacity;
-    /* True: arrays of SPIN_WIDE columns or more are packed several times faster, but to a size that
-     * is a few percent larger. */
+    /* True: arrays of SPIN_WIDE columns or more are packed several times faster, but become a few
+     * percent larger. */
     bool quick;
 };
 

@@ -1,12 +1,12 @@
-/* Reads tracks. The values of all tracks are read when they are opened; the values that splats have
- * of their own are read frame by frame. */
+/* Reads the tracks of a bundle. The values of all tracks are read by spin_bundle_tracks_open(), and
+ * the values that belong to single splats frame by frame. */
 #include "scene/bundle_tracks.h"
 
 #include <inttypes.h>
 
 #include "base/base.h"
 
-/* number of floats per row, without the three of the displacement */
+/* number of floats per row of trained/residual: those of a track without its displacement */
 enum { ROW = SPIN_TRACK_WIDTH - 3 };
 
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)
@@ -55,8 +55,8 @@ void spin_bundle_tracks_close(struct spin_bundle_tracks *t)
 }
 
 /* Reads array trained/<what>/<index>, of `width` floats per row, into the memory from `out` to
- * `room_end`, and fails if it is too small. Sets *n to the number of rows, or to 0 if the array
- * does not exist. */
+ * `room_end`. Fails if this memory is too small. Sets *n to the number of rows, or to 0 if the
+ * array does not exist. */
 static spin_status read_own(struct spin_bundle_tracks *t, const char *what, int index, int width,
                             const float *room_end, float *out, size_t *n)
 {

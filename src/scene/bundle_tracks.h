@@ -9,9 +9,10 @@
  *   trained/residual/<index>.npy  [rows][11] values of splats with a varying track or without a
  *                                 track
  *
- * The attributes of a splat are the sum of its own values and those of its track. meta.json states
- * two numbers of tracks: the first "moving" tracks are dynamic, and the first "varying" tracks are
- * varying. The displacement of a static track is the position of its splats. */
+ * The attributes of a splat are the sum of its own values and those of its track. Tracks are
+ * ordered by kind: the first n_moving tracks ("moving" in meta.json) are dynamic, and the first
+ * n_varying tracks ("varying") are varying. The displacement of a static track is the position of
+ * its splats. */
 #pragma once
 
 #include "scene/bundle.h"
@@ -31,14 +32,15 @@ struct spin_bundle_tracks {
 };
 
 /* Reads the values of all tracks and checks that they are finite. The caller zeroes *out before the
- * call and closes it later, also if the call fails. The bundle must stay open until then. */
+ * call and closes it later, also if the call fails. The bundle must stay open until *out is
+ * closed. */
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out);
 void spin_bundle_tracks_close(struct spin_bundle_tracks *tracks);
-/* Reads the track of each of the n splats of frame `index`. A splat without a track gets
- * SPIN_NOT_TRACKED, which all splats get in a bundle without tracks. */
+/* Sets track[i] to the track of splat i of frame `index`, which has n splats, or to
+ * SPIN_NOT_TRACKED if the splat has no track. In a bundle without tracks, no splat has one. */
 spin_status spin_bundle_tracks_numbers(struct spin_bundle_tracks *tracks, int index, size_t n,
                                        uint32_t *track);
 /* Computes the values of the n splats of frame `index`: means [n][3] and residual rows [n][11].
- * Each is the sum of the splat's own value and that of its track. */
+ * Each value is the sum of the splat's own value and that of its track. */
 spin_status spin_bundle_tracks_frame(struct spin_bundle_tracks *tracks, int index, size_t n,
                                      float *means, float *rows);

@@ -6,8 +6,8 @@
 #include "base/base.h"
 #include "scene/bundle.h"
 
-/* Arrays that are larger than this, in bytes, are read without a check of their CRC, since the
- * check reads every byte. */
+/* For arrays of this size in bytes or more, the CRC is not checked, since the check reads every
+ * byte. */
 #define CRC_LIMIT (64u << 20)
 
 /* The words of frame 0 of a series. */

@@ -105,8 +105,9 @@ static spin_status count_taught(const struct spin_clip_options *o, struct spin_c
     return SPIN_OK;
 }
 
-/* Returns whether the data set is to be drawn from the input itself: "--data renders", or
- * "--data-from renders:..." without --data. */
+/* Returns whether the images of the data set are rendered from the input itself. This is the case
+ * with "--data renders" if no file has this name, and with "--data-from renders:..." without
+ * --data. */
 static bool draws_itself(const struct spin_clip_options *o)
 {
     const char *name = spin_renders.name, *from = o->data_from;
@@ -162,8 +163,9 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     return status;
 }
 
-/* Sets *pair to the pairing to use. The recorded one belongs to the recorded data set: another data
- * set may have other frame numbers, and is paired anew. */
+/* Sets *pair to the pairing to use: that of --pair, otherwise the one that the bundle records. The
+ * recorded pairing applies only to the recorded data set; another data set may have other frame
+ * numbers, so *pair is then "", which means "auto". */
 static spin_status find_pairing(const struct spin_clip_options *o, const struct spin_clip *clip,
                                 const char **pair)
 {
@@ -228,8 +230,8 @@ static spin_status open_bundle(const char *path, struct spin_bundle *out)
     return spin_fail(status, "%s", why);
 }
 
-/* Uses the cameras that the bundle keeps, if there are any, as views. If none of them was held out,
- * the first becomes a test view, since exports choose test views. */
+/* Uses the cameras that the bundle keeps, if there are any, as views. If none of them is a test
+ * view, the first becomes one, since exporters use test views. */
 static spin_status open_kept(struct spin_clip *clip)
 {
     struct spin_view *view;
@@ -247,7 +249,8 @@ static spin_status open_kept(struct spin_clip *clip)
     return SPIN_OK;
 }
 
-/* Logs that the data set `path` cannot be used, with the last error. */
+/* Logs that the data set cannot be used, with the last error as the reason. This is a warning
+ * unless the data set no longer exists and the bundle keeps its cameras. */
 static void log_kept(const struct spin_clip_options *o, const struct spin_clip *clip)
 {
     bool keeps = clip->bundle.meta.cameras.n > 0;
@@ -261,9 +264,9 @@ static void log_kept(const struct spin_clip_options *o, const struct spin_clip *
                   keeps ? "with the cameras that the bundle keeps" : "without its cameras");
 }
 
-/* Opens the data set and pairs its rows with the frames of the clip. If the data set cannot be
- * opened, this is an error if the caller needs it or the user named it; otherwise, its path comes
- * from the bundle, and a warning is printed. */
+/* Opens the data set and pairs its rows with the frames of the clip. A data set that cannot be
+ * opened is an error if the caller needs it or the user named it. If only the bundle names it, a
+ * message is printed. */
 static spin_status open_data(const struct spin_clip_options *o, struct spin_clip *clip)
 {
     bool named = o->data || o->data_from, opened = named || o->needs_views || o->wants_views;
@@ -297,7 +300,7 @@ static spin_status set_near(struct spin_clip *clip)
     spin_status status;
     int f = 0;
 
-    if (clip->views.view[0].camera.z_near > 0) /* drawn images have the near plane of the camera */
+    if (clip->views.view[0].camera.z_near > 0) /* set by the data set "renders" */
         return SPIN_OK;
     while (f < meta->n_frames && meta->frame[f].n == 0)
         f++;

@@ -9,17 +9,16 @@
 
 struct spin_clip_options {
     const char *input;
-    /* Options --data, --data-from and --pair. If one is NULL, the value that the bundle records is
-     * used; the recorded pairing only with the recorded data set. If the bundle records none, the
-     * importer is detected, and frames are paired by "auto".
-     */
+    /* Options --data, --data-from and --pair. If an option is NULL, the value that the bundle
+     * records is used, but a recorded pairing only with the recorded data set. Without a recorded
+     * value, the importer is detected, and frames are paired by "auto". */
     const char *data, *data_from, *pair;
     struct spin_range range;
     const int *test_cameras; /* [n_test_cameras], replaces the test split of the data set */
     int n_test_cameras;
-    /* number of outermost training cameras that are held out in addition */
+    /* number of the outermost training cameras that become test cameras, too */
     int n_outer;
-    /* true: without test_cameras, the cameras that the training held out are held out */
+    /* true: if there are no test_cameras, the cameras that the training held out are held out */
     bool as_trained;
     double image_scale; /* factor by which images are scaled; 0 or 1: images keep their size */
     bool needs_views;   /* true: it is an error if the data set cannot be opened */
@@ -37,10 +36,11 @@ struct spin_clip {
     /* [n_frames] row of the data set that is paired with each frame; -1: no row */
     int *dataset_frame;
     bool has_views;
-    /* true: `views` are the cameras that the bundle keeps of a data set that is not open: one view
-     * each, without images, all of row 0, with which every frame is paired */
+    /* True: the data set is not open, and `views` are the cameras that the bundle keeps of it: one
+     * view per camera, without an image. All views are in row 0, and every frame is paired with row
+     * 0. */
     bool has_kept;
-    int n_trained_test_cameras; /* number of test_cameras that the training of this bundle used */
+    int n_trained_test_cameras; /* number of test_cameras that this bundle was trained on */
     struct spin_views views;
     char *data_path;     /* absolute path of the data set; NULL: no data set */
     char data_from[128]; /* importer that has read the data set, with its options */

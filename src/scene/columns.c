@@ -46,9 +46,9 @@ float **spin_column_of(struct spin_splats *s, unsigned column)
     return of[place_of(column)];
 }
 
-/* Enlarges a column to n rows, and loses its contents: the old memory is freed before the new
- * memory is allocated, since both together might exceed the available memory. *held is the capacity
- * of the column in bytes. */
+/* Enlarges a column to n rows. The contents are lost: the old memory is freed before the new memory
+ * is allocated, since both together might exceed the available memory. *held is the capacity of the
+ * column in bytes. */
 static spin_status column_reserve(float **column, size_t *held, size_t n, size_t row_bytes)
 {
     size_t bytes;
@@ -61,7 +61,8 @@ static spin_status column_reserve(float **column, size_t *held, size_t n, size_t
     free(*column);
     *column = NULL;
     *held = 0;
-    /* The column must not be NULL even if the frame has no splats. */
+    /* Even if the frame has no splats, the column must not be NULL, which means a missing
+     * column. */
     SPIN_TRY(spin_alloc(bytes ? bytes : row_bytes, 1, (void **)column));
     *held = bytes ? bytes : row_bytes;
     return SPIN_OK;

@@ -30,8 +30,8 @@ static spin_status resolve_path(const char *folder, const char *path, char **out
     return *path ? spin_path_join(from, path, out) : spin_strdup(*from ? from : "/", out);
 }
 
-/* Returns whether a path is a data set. If a bundle was moved without its data set, the recorded
- * relative path, which is often just "..", may lead to any other folder. */
+/* Returns whether a path is a data set. The relative path that the bundle records is often just
+ * "..", which leads to an unrelated folder if the bundle was moved without its data set. */
 static bool is_data_set(const char *path) { return spin_importer_guess(path, true) != NULL; }
 
 spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out)

@@ -104,7 +104,7 @@ static spin_status parse_spec(const char *from, struct spec *spec)
     return SPIN_OK;
 }
 
-/* Fails if the importer does not know one of the options. */
+/* Fails if the importer lacks one of the options. */
 static spin_status check_spec(const struct spin_importer *importer, const struct spec *spec)
 {
     for (int i = 0; spec->pairs[i]; i += 2) {
@@ -479,16 +479,17 @@ double spin_views_extent(const struct spin_views *views)
 enum {
     NEAR_VIEWS = 64,    /* maximum number of views that are sampled, evenly spaced */
     NEAR_POINTS = 4096, /* maximum number of points that are sampled, evenly spaced */
-    /* The nearest 1/20 of the points in an image are closer than the depth of the foreground. */
+    /* 1/NEAR_SHARE of the points in an image are nearer than the depth of the foreground. */
     NEAR_SHARE = 20,
-    /* A warning is printed if the near plane cuts off more than 1/100 of the points in an image. */
+    /* A warning is printed if the near plane cuts off over 1/CUT_SHARE of the points in an
+     * image. */
     CUT_SHARE = 100
 };
-/* Upper limit of the near plane, as a fraction of the foreground's depth. */
+/* Maximum distance of the near plane, as a fraction of the foreground's depth. */
 static const double before_foreground = 0.25;
 
 /* Samples the points, lists the depths of those inside a camera's image in ascending order, and
- * returns the number of these. */
+ * returns the number of listed depths. */
 static size_t list_depths(const struct spin_camera *camera, const float *points, size_t n,
                           float *depth)
 {

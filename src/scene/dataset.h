@@ -7,9 +7,8 @@
 
 /* Reads all views of the data set `path`. `from` is the name of the importer, followed by its
  * options, such as "dynerf:time=unit,test=-1"; if it is NULL or the name is empty, the importer is
- * detected. If
- * used_from is not NULL, used_from[n_used_from] receives the argument `from` that reads the same
- * views again. */
+ * detected. If used_from is not NULL, used_from[n_used_from] receives the argument `from` that
+ * reads the same views again. */
 spin_status spin_views_open(const char *path, const char *from, struct spin_views *out,
                             char *used_from, size_t n_used_from);
 

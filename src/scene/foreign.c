@@ -108,7 +108,7 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
         SPIN_FREED char *file = NULL;
         const struct kind *found;
 
-        /* written by spin-export */
+        /* sequence.json is written by spin-export */
         if (names[i][0] == '.' || strcmp(names[i], "sequence.json") == 0 ||
             spin_path_join(path, names[i], &file) != SPIN_OK)
             continue;

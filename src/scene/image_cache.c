@@ -159,9 +159,9 @@ void spin_image_cache_close(struct spin_image_cache *pixels)
 }
 
 /* Resizes a decoded image to the size of its camera. If the sizes differ, *rgb is freed and
- * replaced by the resized image. This is rounded to 8 bits even if it is not cached, since the
- * cache stores 8 bits and results must not depend on what it contains. On failure, *rgb is freed
- * and set to NULL. */
+ * replaced by the resized image. The resized image is rounded to 8 bits even if it is not cached:
+ * cached images have 8 bits, and results must not depend on whether an image is cached. On failure,
+ * *rgb is freed and set to NULL. */
 static spin_status resize_to_camera(const struct spin_view *view, int width, int height,
                                     uint8_t **rgb)
 {

@@ -9,7 +9,7 @@
 struct spin_image_cache {
     const struct spin_views *views;
     uint8_t **rgb;       /* [views->n], decoded image of each view; NULL: not cached */
-    size_t held, budget; /* used size and maximum size of the cache, bytes */
+    size_t held, budget; /* size of the cached images, and its maximum, in bytes */
     float background[3]; /* colour behind transparent pixels, 0..1 */
 };
 /* Opens a cache of at most `budget` bytes. A background of NULL means black. */

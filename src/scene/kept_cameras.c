@@ -4,7 +4,7 @@
 #include "io/file.h"
 
 #define MOST_CAMERAS 256
-/* Largest deviation of R R^T from the identity. */
+/* Rotations R are accepted if no element of R R^T deviates from the identity by more than this. */
 #define ROTATION_ERROR 1e-3
 
 static bool is_same_camera(const struct spin_camera *a, const struct spin_camera *b)
@@ -168,7 +168,7 @@ static bool read_run_entry(const spin_json *entry, struct spin_camera *c)
     return is_valid(c);
 }
 
-/* 4D methods list a camera once for each frame: each is added once. */
+/* Adds every distinct camera once, since 4D methods list each camera once per frame. */
 static spin_status read_run(const spin_json *list, struct spin_views *out)
 {
     for (size_t i = 0; i < spin_json_length(list) && out->n < MOST_CAMERAS; i++) {

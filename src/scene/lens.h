@@ -21,8 +21,8 @@ struct spin_lenses {
     double scale;
 };
 
-/* Lists the lenses of the views of n_pairs pairs, still without falloff. `scale` is the image scale
- * that was given to spin_views_scale(). */
+/* Lists the distinct lenses of the views in pairs[n_pairs], with a falloff of 0. `scale` is the
+ * image scale that was given to spin_views_scale(). */
 spin_status spin_lenses_list(const struct spin_views *views, const struct spin_pair *pairs,
                              size_t n_pairs, double scale, struct spin_lenses *out);
 /* Reads the value of "lenses" of a bundle's meta.json; if `json` is NULL, there are no lenses.

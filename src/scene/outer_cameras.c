@@ -3,8 +3,8 @@
 #include "base/base.h"
 #include "geometry/camera_rig.h"
 
-/* A camera is outside the cone if its direction from the apex is more than 3 degrees outside; this
- * is the sine of that angle. */
+/* Sine of 3 degrees: a camera counts as outside the cone only if its direction from the apex is
+ * more than 3 degrees outside. */
 static const double least_outside = 0.05;
 
 /* A training camera. */
@@ -22,7 +22,8 @@ static double dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Returns normal k, of unit length: points on a spiral that turns by the golden angle. */
+/* Sets `out` to unit normal k, 0 <= k < SPIN_CONE_PLANES. The normals are points on a spiral that
+ * turns by the golden angle, which spreads them evenly over the sphere. */
 static void set_normal(int k, double out[3])
 {
     double z = 1 - (2 * k + 1.0) / SPIN_CONE_PLANES, angle = k * M_PI * (3 - sqrt(5));
@@ -32,7 +33,7 @@ static void set_normal(int k, double out[3])
     out[2] = z;
 }
 
-/* Sets the direction of a camera from its centre. */
+/* Sets camera->direction to the unit vector from the apex to the camera's centre. */
 static void set_direction(const double apex[3], struct camera *camera)
 {
     double length = 0;
@@ -45,7 +46,7 @@ static void set_direction(const double apex[3], struct camera *camera)
         camera->direction[c] /= sqrt(length) + 1e-300;
 }
 
-/* Measures the cone of n cameras without camera `but`. */
+/* Measures the cone of all n cameras but camera `but`; if `but` is n, of all cameras. */
 static void measure_cone(struct spin_camera_cone *cone, const struct camera *camera, size_t n,
                          size_t but)
 {
@@ -138,8 +139,8 @@ static size_t list_cameras(const struct spin_views *views, const double apex[3],
     return n;
 }
 
-/* Returns the index of the camera that is farthest outside the cone of the others, or n if none is
- * outside. */
+/* Returns the index of the camera that is farthest outside the cone of the other cameras, or n if
+ * no camera is outside. */
 static size_t find_outermost(struct spin_camera_cone *cone, const struct camera *camera, size_t n)
 {
     size_t found = n;

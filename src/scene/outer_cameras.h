@@ -1,6 +1,7 @@
-/* Finds the cameras at the edge of a rig: those whose direction, as seen from the point that all
- * cameras look at, is outside the convex cone of the directions of the training cameras. Cameras on
- * a dome are all extreme points of their convex hull, but not of this cone. */
+/* Finds the cameras at the edge of a rig. The apex is the point that all cameras look at; a camera
+ * is at the edge if its direction from the apex is outside the convex cone of the directions of the
+ * training cameras. A convex hull of the positions would not help: on a dome, every camera is an
+ * extreme point of the hull. */
 #pragma once
 
 #include "spin.h"
@@ -9,8 +10,8 @@ enum { SPIN_CONE_PLANES = 4096 };
 
 struct spin_camera_cone {
     double apex[3]; /* the point that the cameras look at */
-    /* For planes through the apex, whose normals are spread evenly over the sphere: whether a
-     * training camera is in front of the plane. */
+    /* Whether a training camera is in front of plane k. The planes pass through the apex, and their
+     * normals are spread evenly over the sphere. */
     bool taken[SPIN_CONE_PLANES];
 };
 
@@ -23,6 +24,7 @@ bool spin_camera_cone_excludes(const struct spin_camera_cone *cone,
 
 /* Turns the views of the n outermost training cameras into test views: n times, the camera is held
  * out that is farthest outside the cone of the remaining training cameras. A moving camera counts
- * at its mean position. Fails with SPIN_E_USAGE if fewer than two cameras would remain or if no
- * camera is outside the cone of the others, and as spin_camera_cone_open() does. */
+ * at its mean position. Fails with SPIN_E_USAGE if fewer than two training cameras would remain or
+ * if no camera is outside the cone of the others, and with SPIN_E_UNSUPPORTED like
+ * spin_camera_cone_open(). */
 spin_status spin_outer_cameras_hold(struct spin_views *views, int n);

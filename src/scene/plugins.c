@@ -21,8 +21,8 @@ enum {
     MAX_NAME = 31
 };
 
-/* Plug-ins are not supported on Windows: a shared object can import functions from one named
- * executable only there, but spin4d has several commands. */
+/* Plug-ins are not supported on Windows, where a shared object can import functions only from one
+ * executable, which it names; spin4d has several commands. */
 #ifdef _WIN32
 enum { CAN_LOAD = false };
 #else
@@ -94,8 +94,8 @@ static const struct fault *find_fault(const char *name)
 
 /* ---- One importer, one exporter -------------------------------------------------------------- */
 
-/* Returns whether a name consists of lower case letters, digits, '-' and '_' only. Others are not
- * allowed, since names are typed, listed and stored in bundles. */
+/* Returns whether a name consists of lower case letters, digits, '-' and '_' only. Other characters
+ * are not allowed, since names are typed, listed and stored in bundles. */
 static bool is_name(const char *name)
 {
     size_t n = name ? strspn(name, "abcdefghijklmnopqrstuvwxyz0123456789-_") : 0;
@@ -291,7 +291,7 @@ static void load_all(void)
             load_object(piece);
     }
     free(path);
-    /* clears the last error, since a skipped plug-in is no failure of the user's call */
+    /* clear the last error, since a skipped plug-in is not an error of the caller */
     spin_fail(SPIN_OK, "%s", "");
 }
 

@@ -1,6 +1,6 @@
-/* Chooses an importer by its name, or detects it. To detect it, probe() of every importer returns a
- * score for the input. probe() gets only the first bytes of the input and the names of files
- * (struct spin_peek). */
+/* Chooses an importer by its name, or detects the importer of an input. For detection, probe() of
+ * every importer returns a score for the input, based only on the first bytes of the input and on
+ * file names (struct spin_peek). */
 #include "scene/probe.h"
 
 #include <strings.h>
@@ -64,11 +64,11 @@ static spin_status peek_members(const char *path, char **out)
     return status;
 }
 
-/* Reads part of a file in a folder if the file helps to distinguish related methods. The names of
- * the members of params.npz are read (Dynamic 3D Gaussians and its descendants). The first bytes
- * are read of only one other file, the first that exists of: cfg_args (descendants of 3DGS); a
- * checkpoint, which begins with the names of the optimiser's groups; deformation.pth, which begins
- * with the keys of the network; point_cloud.ply. */
+/* Reads part of the file `name` in a folder if the file helps to distinguish related methods. From
+ * params.npz (Dynamic 3D Gaussians and its descendants), the names of the members are read.
+ * Besides, the first bytes of one file are read, the first that exists of: cfg_args (descendants of
+ * 3DGS); a checkpoint, which begins with the names of the optimiser's groups; deformation.pth,
+ * which begins with the keys of the network; point_cloud.ply. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {
@@ -93,8 +93,9 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
     return status;
 }
 
-/* Reads the first bytes of the first checkpoint in the subfolder `ckpts`, or in the folder itself
- * if the name is that of such a file, since several methods name theirs alike. */
+/* Reads the first bytes of a checkpoint ckpt_*.pt: of the file `name` itself, or of the first one
+ * in `name` if that is the folder "ckpts". Several methods use these names, so the importers need
+ * the contents to distinguish them. */
 static void peek_ckpts(const char *folder, const char *name, struct spin_peek *out)
 {
     SPIN_FREED char *path = NULL;

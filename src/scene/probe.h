@@ -9,11 +9,11 @@ spin_status spin_peek_open(const char *path, struct spin_peek *out);
 void spin_peek_free(struct spin_peek *peek);
 
 /* Finds the importer called `from`; if `from` is NULL, the importer whose probe() returns the
- * highest score for `path`. Only importers of runs are considered, which have open(); or, if
- * want_views, importers of data sets, which have views(). Fails with SPIN_E_NOT_RECOGNISED in two
- * cases. If the two highest scores are about equal, the message names both importers. If no
- * importer recognises the input, the message names a subfolder that an importer recognises, if
- * there is one. */
+ * highest score for `path`. If want_views is true, only importers of data sets are considered,
+ * which have views(); otherwise only importers of runs, which have open(). Fails with
+ * SPIN_E_NOT_RECOGNISED if the two highest scores are about equal; the message then names both
+ * importers. It also fails so if no importer recognises the input; the message then names a
+ * subfolder that an importer recognises, if there is one. */
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out);
 /* Like spin_importer_find() for a run, but also searches the subfolders of `path`. If exactly one

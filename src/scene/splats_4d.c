@@ -9,10 +9,11 @@
 #include "scene/bundle_pack.h"
 #include "scene/columns.h"
 
-/* Limit of the absolute values in most arrays. It is far below FLT_MAX, since splats move away from
- * these values, and squares must not overflow. */
+/* Limit of the absolute values in most arrays. It is far below FLT_MAX, since splats move from
+ * these positions along their paths, and since squares must not overflow. */
 #define SANE 1e18
-/* The precision of a half float just below 1: steps per unit, and significant bits. */
+/* Precision of a half float just below 1: HALF_PER_UNIT values per unit, HALF_BITS significant
+ * bits. */
 #define HALF_PER_UNIT 0x1p11f
 #define HALF_BITS 11
 
@@ -151,7 +152,7 @@ static struct spin_window window_of(const struct spin_splats_4d *s, size_t i)
     return w;
 }
 
-/* Normalises the rotation of a row, and scales its spin by the same factor. Returns false where the
+/* Normalises the rotation of a row, and scales its spin by the same factor. Returns false if the
  * rotation is so short that the spin would overflow. */
 static bool normalise_rotation(float *quat, float *spin, double length)
 {

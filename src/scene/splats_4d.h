@@ -9,9 +9,9 @@ enum { SPIN_N_ARRAYS_4D = 13 };
 const char *spin_array_4d_name(int k);
 float **spin_array_4d_of(struct spin_splats_4d *s, int k);
 size_t spin_array_4d_width(const struct spin_splats_4d *s, int k);
-/* How rotations, log scales, opacities and colours are rounded: not at all, or to 11 significant
- * bits and also to multiples of 2^-11 (HALF) or of larger steps that are hardly visible (COMPACT).
- * See --precision of spin-retrain. */
+/* How rotations, log scales, opacities and colours are rounded: NOTHING does not round; HALF rounds
+ * to 11 significant bits and to multiples of 2^-11; COMPACT rounds to 11 significant bits and to
+ * multiples of larger steps, which are hardly visible. See --precision of spin-retrain. */
 enum spin_round_4d { SPIN_ROUND_NOTHING, SPIN_ROUND_HALF, SPIN_ROUND_COMPACT };
 /* Rounds all arrays in place. The caller must call spin_splats_4d_finish() afterwards. */
 void spin_splats_4d_round(struct spin_splats_4d *s, enum spin_round_4d round);
