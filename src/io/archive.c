@@ -5,8 +5,9 @@
 #include "io/zip.h"
 
 enum { MOST_MEMBERS = 65536, PIECE = 1 << 20, LONGEST_NAME = 1024 };
-/* Splats seldom compress to less than a tenth. An archive may unpack to this many times its size,
- * and SLACK bytes more. */
+/* The largest unpacked size in bytes is RATIO times the size of the archive, plus SLACK. Files of
+ * splats seldom compress to less than a tenth of their size, so only archives that are made to fill
+ * the disk exceed this limit. */
 #define RATIO 200
 #define SLACK ((uint64_t)64 << 20)
 
@@ -25,7 +26,8 @@ static const char *temporary_folder(void)
     return "/tmp";
 }
 
-/* Sets *name to the name of the archive without ".zip", ".tar.gz" and so on. */
+/* Sets *name to the file name of the archive without ".zip", ".tar.gz" and similar extensions. The
+ * caller frees it. */
 static spin_status strip_name(const char *path, char **name)
 {
     static const char *const endings[] = {".gz", ".tgz", ".tar", ".zip"};
@@ -40,15 +42,16 @@ static spin_status strip_name(const char *path, char **name)
     return SPIN_OK;
 }
 
-/* Makes the folder, which only this user can read. `root` is two folders deeper, so that a search
- * beside a run does not leave the temporary folder. */
+/* Makes the temporary folder, which only this user can read. out->root is two levels below it,
+ * because importers may also search the folder that contains their input, and must not search
+ * outside the temporary folder. */
 static spin_status make_folders(const char *path, struct spin_unpacked *out)
 {
     SPIN_FREED char *stem = NULL, *base = NULL, *run = NULL, *name = NULL;
     char suffix[SPIN_OUT_SUFFIX];
 
     SPIN_TRY(spin_path_join(temporary_folder(), "spin4d", &stem));
-    spin_out_sweep(stem); /* those of killed processes */
+    spin_out_sweep(stem); /* remove the folders of killed processes */
     spin_out_suffix(suffix);
     SPIN_TRY(spin_alloc(strlen(stem) + strlen(suffix) + 1, 1, (void **)&base));
     sprintf(base, "%s%s", stem, suffix);
@@ -81,8 +84,8 @@ void spin_unpacked_remove(struct spin_unpacked *u)
 
 struct job {
     const char *archive, *root;
-    uint64_t limit; /* bytes that may be written in all */
-    size_t n;       /* members so far */
+    uint64_t limit; /* largest total size of the unpacked files, in bytes */
+    size_t n;       /* members read so far */
 };
 
 /* Checks the name of a member and replaces '\\', which some programs write on Windows, by '/'. */
@@ -103,7 +106,7 @@ static spin_status check_name(const struct job *job, char *name)
     return SPIN_OK;
 }
 
-/* Whether a member is skipped: notes of macOS, or "./", the archive's own folder. */
+/* Whether to skip a member: a metadata file of macOS, or "./", the root folder of the archive. */
 static bool is_needless(const char *name)
 {
     const char *last = spin_path_name(name);
@@ -112,8 +115,8 @@ static bool is_needless(const char *name)
            strcmp(last, ".DS_Store") == 0 || strcmp(name, "./") == 0 || strcmp(name, ".") == 0;
 }
 
-/* Checks the name of a member, makes its folder, and sets *path to the file to write, or to NULL if
- * the member is not to be written. */
+/* Checks the name of a member, makes the folders in its path, and sets *path to the file to write;
+ * NULL if the member is a folder or is skipped. */
 static spin_status place_member(struct job *job, const char *member, bool is_folder, char **path)
 {
     SPIN_FREED char *name = NULL, *folder = NULL, *file = NULL;
@@ -167,7 +170,7 @@ static spin_status unpack_zip(struct job *job)
     return SPIN_OK;
 }
 
-/* Writes the current member of a tar or, if `tar` is NULL, the rest of the stream. */
+/* Copies the current member of `tar` to `out` or, if `tar` is NULL, the rest of the stream. */
 static spin_status copy_pieces(struct spin_stream *s, struct spin_tar *tar, struct spin_out *out)
 {
     SPIN_FREED unsigned char *piece = NULL;
@@ -201,7 +204,8 @@ static spin_status write_file(const char *path, struct spin_stream *s, struct sp
     return status;
 }
 
-/* Reads the rest of a stream, behind the end of an archive, so that its checksum is verified. */
+/* Reads the stream to its end, past the end of the tar archive, so that the checksum of a gzip file
+ * is verified. */
 static spin_status drain(struct spin_stream *s)
 {
     unsigned char piece[SPIN_TAR_BLOCK];
@@ -228,7 +232,7 @@ static spin_status unpack_tar(struct job *job, struct spin_stream *s)
     }
 }
 
-/* Reads whether the contents of a file, decompressed if it is a gzip file, are a tar archive. */
+/* Sets *out to whether a file is a tar archive, either plain or compressed with gzip. */
 static spin_status is_tar(const char *path, bool *out)
 {
     SPIN_LEAVES(spin_stream_close) struct spin_stream s = {0};
@@ -292,7 +296,8 @@ bool spin_archive_detect(const char *path)
     return read_kind(path, &zip) && !(zip && is_checkpoint(path));
 }
 
-/* Sets u->path to the innermost folder or file that has all contents. */
+/* Sets u->path to the contents of the archive: descends from u->root as long as a folder has a
+ * single entry. */
 static spin_status descend(struct spin_unpacked *u)
 {
     SPIN_TRY(spin_strdup(u->root, &u->path));

@@ -29,7 +29,8 @@ bool spin_array_is_contiguous(const struct spin_array *a)
 
 /* ---- One element ---------------------------------------------------------------------------- */
 
-/* Returns the bits of the element at p, as an unsigned number. */
+/* Returns the bits of the element at p as an unsigned number, whatever the byte order of the array.
+ */
 static uint64_t item_bits(const struct spin_array *a, const unsigned char *p)
 {
     uint64_t bits = 0;

@@ -15,29 +15,28 @@ struct spin_array {
     bool big_endian;
     int n_dims;
     uint64_t shape[SPIN_NPY_MAX_DIMS];
-    /* Distance between neighbours along each dimension, in elements. */
+    /* Distance between neighbouring elements along each dimension, in elements. */
     int64_t stride[SPIN_NPY_MAX_DIMS];
     uint64_t offset; /* index of the first element in the storage */
     uint64_t count;  /* number of elements, the product of `shape` */
     /* Start of the storage; NULL for a tensor that is not bound to its storage yet. */
     const unsigned char *data;
-    /* Size of the values in bytes; set only for arrays of .npy files. */
+    /* Size of all elements in bytes; set only for arrays of .npy files. */
     size_t n_bytes;
-    /* Key of the storage that contains the values of a tensor of torch; NULL if the values have no
-     * such key, as in .npy files. */
+    /* For tensors of PyTorch, the key of the storage that contains the values; otherwise NULL. */
     const char *storage;
-    uint64_t storage_count; /* for tensors of torch, the number of elements in the storage */
+    uint64_t storage_count; /* for tensors of PyTorch, the number of elements in the storage */
 };
 
-/* Set the strides for adjacent elements of the array's shape, in row-major order, or in
- * column-major order if `fortran` is set. */
+/* Set the strides for elements that are adjacent in row-major order or, if `fortran` is set, in
+ * column-major order. */
 void spin_array_set_strides(struct spin_array *a, bool fortran);
 /* Whether the elements are adjacent, in row-major order. */
 bool spin_array_is_contiguous(const struct spin_array *a);
 
-/* Copy `count` elements to `out` and convert them to its type, beginning with element `first` in
- * row-major order. The array may have any kind, byte order and layout. The conversion to integers
- * truncates fractions, clamps values out of range, and converts NaN to 0. */
+/* Convert `count` elements, from element `first` in row-major order, to the type of `out`. The
+ * array may have any kind, byte order and layout. The conversion to integers truncates fractions,
+ * clamps values out of range, and converts NaN to 0. */
 void spin_array_to_f32(const struct spin_array *a, uint64_t first, uint64_t count, float *out);
 void spin_array_to_f64(const struct spin_array *a, uint64_t first, uint64_t count, double *out);
 void spin_array_to_i64(const struct spin_array *a, uint64_t first, uint64_t count, int64_t *out);
@@ -50,5 +49,6 @@ const float *spin_array_f32(const struct spin_array *a);
 bool spin_array_set_type(struct spin_array *a, const char *code);
 /* Whether the array has this shape, where -1 matches any size. */
 bool spin_array_has_shape(const struct spin_array *a, int n_dims, const int64_t *shape);
-/* Format a shape as "[3, 500, 4]"; a size of -1, which stands for any size, is printed as "*". */
+/* Format a shape as "[3, 500, 4]". A size of UINT64_MAX, the -1 of spin_array_has_shape(), is
+ * printed as "*". */
 void spin_array_shape_text(int n_dims, const uint64_t *shape, char *text, size_t n_text);

@@ -21,7 +21,7 @@ enum { OUT_BUFFER = 1 << 20 };
 static const char *error_text(int error)
 {
     return error == ENOENT ? "no such file or folder"
-           : error == EFAULT /* a system call accessed truncated mapped bytes */
+           : error == EFAULT /* a system call read mapped bytes that were truncated */
                ? "an input file was cut short while it was in use"
                : strerror(error);
 }
@@ -38,7 +38,8 @@ static spin_status fail_errno(const char *verb, const char *path)
     return spin_fail(code, "cannot %s '%s': %s", verb, path, error_text(error));
 }
 
-/* Detect the placeholder that Git leaves for a large file that was not fetched. */
+/* Refuse a Git LFS pointer, the placeholder that Git leaves for a large file that was not fetched.
+ */
 static spin_status check_pointer(const struct spin_map *map, const char *path)
 {
     static const char begin[] = "version https://git-lfs.github.com/spec/";
@@ -119,8 +120,9 @@ void spin_map_close(struct spin_map *map)
     map->size = 0;
 }
 
-/* The first page is removed even if it also contains bytes before these, which are reloaded on
- * access. The last page is kept if it also contains bytes after these. */
+/* Both ends of the range are rounded down to whole pages: bytes of the first page before the range
+ * are reloaded on access, and bytes after the range, which sequential reads need next, stay mapped.
+ */
 void spin_map_release(const void *bytes, size_t n)
 {
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
@@ -572,7 +574,8 @@ static void forget_out(struct spin_out *out)
     memset(out, 0, sizeof *out);
 }
 
-/* Whether link() succeeded although it reported a failure, as can happen on NFS. */
+/* Whether link() succeeded although it reported a failure, as can happen on NFS: the file then has
+ * two names. */
 static bool is_linked(const char *path)
 {
     struct stat st;
@@ -580,8 +583,8 @@ static bool is_linked(const char *path)
     return lstat(path, &st) == 0 && st.st_nlink == 2;
 }
 
-/* Give the file its final name. Without force, link() fails if the name exists; on file systems
- * without hard links, check whether the name exists before renaming. */
+/* Rename the file to its final name. Without `force`, link() does this, since it fails if the final
+ * name exists. File systems without hard links need a separate check before rename(). */
 static spin_status give_final_name(const struct spin_out *out)
 {
     if (!out->force) {
@@ -595,7 +598,8 @@ static spin_status give_final_name(const struct spin_out *out)
     return rename(out->temporary, out->path) == 0 ? SPIN_OK : fail_errno("write", out->path);
 }
 
-/* Without out->sync, the data may not be on the disk yet when this returns. */
+/* Without out->sync, the data may still be in the system's cache, not on the disk, when this
+ * returns. */
 spin_status spin_out_commit(struct spin_out *out)
 {
     spin_status status = SPIN_OK;
@@ -636,7 +640,7 @@ spin_status spin_out_whole(const char *path, const void *data, size_t bytes, boo
 
 /* The suffix of a temporary name, split into its parts. */
 struct ending {
-    const char *at; /* start of the suffix; NULL: the name has none */
+    const char *at; /* start of the suffix; NULL: the name has no such suffix */
     long pid;
     uint32_t pid_scope;
     /* The suffix contains pid_scope; earlier versions wrote suffixes without it: ".tmp.4711". */

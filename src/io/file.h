@@ -1,6 +1,5 @@
-/* Files: mapping them, listing folders, parts of paths, and those output functions that plug-ins do
- * not use. The output functions for plug-ins (struct spin_out, spin_folder_make()) are in
- * spin.h. */
+/* Files: mapping, listing folders, parts of paths, and the output functions that plug-ins do not
+ * use. Those for plug-ins (struct spin_out, spin_folder_make()) are in spin.h. */
 #pragma once
 
 #include <sys/stat.h>
@@ -23,8 +22,7 @@ spin_status spin_map_check(const struct spin_map *map);
  * and are mapped again on access, so that large files can be read in little memory. Bytes outside
  * the map are ignored. */
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
-/* spin_map_forget() without the check that the bytes lie in a map: the caller must know that they
- * do. */
+/* The same without the check: the caller ensures that the bytes belong to a map. */
 void spin_map_release(const void *bytes, size_t n);
 /* Returns the CRC-32 of n bytes, as zip and gzip define it. crc: the CRC-32 of all bytes that
  * precede them, or 0 if there are none. */
@@ -38,7 +36,7 @@ struct spin_digest {
 struct spin_digest spin_map_digest(const struct spin_map *map);
 
 /* Read the first n bytes of a file, or the whole file if it is shorter; *n_out receives the number
- * of bytes read. The same files as in spin_map_open() are errors. */
+ * of bytes read. Fails for the same files as spin_map_open(). */
 spin_status spin_file_head(const char *path, void *out, size_t n, size_t *n_out);
 
 bool spin_path_exists(const char *path);
@@ -55,9 +53,9 @@ const char *spin_path_name(const char *path);
 /* *out receives the absolute path with links resolved, allocated. Fails if the path does not
  * exist. */
 spin_status spin_path_absolute(const char *path, char **out);
-/* *out receives the path of `to` as seen from the folder `from`, allocated. It is relative if `to`
- * and `from`, which must exist, have a common parent folder other than the root; otherwise it is
- * absolute. */
+/* *out receives the path that leads from the folder `from` to `to`, allocated. It is relative if
+ * `to` and `from`, which must exist, have a common parent folder other than the root; otherwise it
+ * is absolute. */
 spin_status spin_path_relative(const char *from, const char *to, char **out);
 /* Returns the number of bytes available on the file system of an existing path; UINT64_MAX if
  * unknown. */
@@ -82,8 +80,8 @@ uint64_t spin_out_remove(const char *path);
 void spin_out_sweep_folder(const char *folder, const char *ending);
 /* Write bytes at an offset of an output file (see spin.h), bypassing the buffer of
  * spin_out_write(), which must be empty. Thread-safe, so that threads can write parts in parallel.
- * Returns 0 or an error number (errno). A thread reports that error by passing the number to
- * spin_out_failed(). */
+ * Returns 0 or an error number (errno), which spin_out_failed() converts to an error of the calling
+ * thread. */
 int spin_out_put(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
@@ -92,9 +90,9 @@ spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
 /* Write these bytes as a whole file, replacing an existing one. sync: see struct spin_out. */
 spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync);
 
-/* Whether a file of this name may be written: SPIN_E_IO if the file exists and force is not set, if
- * it is not a regular file, or if it is an input of a running call (even with force). All code that
- * writes files calls this, mostly through spin_out_open(). */
+/* Check that a file of this name may be written: returns SPIN_E_IO if it exists and force is not
+ * set, if it is not a regular file, or if it is an input of a running call (even with force). All
+ * code that writes files calls this, mostly through spin_out_open(). */
 spin_status spin_out_check(const char *path, bool force);
 
 /* ---- inputs.c: the input files of running calls, which outputs must not replace ---- */
@@ -109,8 +107,8 @@ void spin_inputs_end(const int *begun);
  * a regular file is ignored. */
 spin_status spin_inputs_add(const struct stat *st);
 spin_status spin_inputs_add_path(const char *path);
-/* Record that the running call wrote this file: the call may then replace the file even if it has
- * read it since. */
+/* Record that the running call wrote this file. The call may then replace the file, even after
+ * reading it. */
 void spin_inputs_own(const char *path);
 bool spin_inputs_have(const struct stat *st);
 /* While paused, files that this thread opens are not recorded. Use this while searching for a file:
@@ -122,8 +120,8 @@ void spin_inputs_pause(bool pause);
 /* Start and stop watching a mapped file. Only spin_map_open() and spin_map_close() call these. */
 void spin_watch_map(const void *data, const char *path, const struct stat *st);
 void spin_unwatch_map(const void *data);
-/* Returns SPIN_E_IO if the size or modification time of a watched file has changed. If the path now
- * names another file or none, this is no error, since the mapped file still exists. */
+/* Returns SPIN_E_IO if the size or modification time of a watched file has changed. It is no error
+ * if the path was deleted or now names another file, since the mapped file still exists. */
 spin_status spin_watch_check(const void *data);
 
 /* Register a temporary file, or a new folder, so that it is removed if a truncated input file ends

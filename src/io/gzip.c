@@ -19,10 +19,10 @@ struct deflated {
     const struct spin_deflate *job;
     unsigned char *slots; /* [blocks][slot] memory for the compressed blocks */
     size_t slot;
-    size_t *n_packed; /* [blocks] sizes of the compressed blocks; 0: memory ran out */
+    size_t *n_packed; /* [blocks] sizes of the compressed blocks; 0: not enough memory */
 };
 
-/* Whether Huffman coding would save less than about 1 %, judged by the entropy of the bytes. */
+/* Whether Huffman coding would save less than about 1 %, judged by the entropy of single bytes. */
 static bool is_noise(const unsigned char *data, size_t n)
 {
     uint32_t seen[256] = {0};

@@ -39,10 +39,9 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
 spin_status spin_gzip_write(struct spin_pool *pool, int level, const void *data, size_t n,
                             unsigned char **out, size_t *n_room, size_t *n_out);
 
-/* Decompress the first n_out bytes of gzip data, or all of them if there are fewer; *n receives the
- * number of decompressed bytes. SPIN_E_MALFORMED if the part of the stream that was read is
- * damaged. The checksum and length at the end of the stream are verified only if the end is
- * reached. */
+/* Decompress gzip data until n_out bytes are written or the stream ends; *n receives the number of
+ * decompressed bytes. SPIN_E_MALFORMED if the part of the stream that was read is damaged. The
+ * checksum and length at the end of the stream are verified only if the end is reached. */
 spin_status spin_gzip_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);
 /* spin_gzip_read() for a zlib stream (RFC 1950). */
 spin_status spin_zlib_read(const void *data, size_t size, void *out, size_t n_out, size_t *n);

@@ -1,4 +1,5 @@
-/* Reads and writes images: chooses a shim, checks that files are complete, and reports failures.
+/* Reads and writes images: chooses a shim (a shared object that wraps an image library), checks
+ * that files are complete, and reports failures.
  *
  * The check for completeness is needed because the decoders are lenient: libjpeg fills missing
  * parts with grey and reports success, and libpng prints to the terminal. */
@@ -56,7 +57,8 @@ spin_status spin_image_start(void)
 
 static const unsigned char png_magic[8] = {0x89, 'P', 'N', 'G', '\r', '\n', 0x1a, '\n'};
 
-/* Detect the format from the first bytes, ignoring the file's name. */
+/* Detect the format from the first bytes, ignoring the file's name. Returns "" for formats other
+ * than PNG and JPEG. */
 static const char *format_of(const struct spin_map *map)
 {
     if (map->size >= 8 && memcmp(map->data, png_magic, 8) == 0)
@@ -84,8 +86,8 @@ static bool png_ends(const struct spin_map *map)
     return false;
 }
 
-/* Skip entropy-coded data at `at`: find the next marker that is neither a stuffed FF nor a restart
- * marker. */
+/* Return the offset of the next marker from `at` on, inside entropy-coded data, that is neither a
+ * stuffed FF nor a restart marker; the size of the file if there is none. */
 static size_t skip_scan(const struct spin_map *map, size_t at)
 {
     while (at + 1 < map->size) {
@@ -109,7 +111,7 @@ static bool jpeg_ends(const struct spin_map *map)
     while (at + 4 <= map->size || at + 2 == map->size) {
         const unsigned char *m = map->data + at;
 
-        /* Fill bytes and stray bytes, which decoders skip as well. */
+        /* Skip fill bytes and stray bytes, as decoders do. */
         if (m[0] != 0xff || m[1] == 0xff) {
             at++;
             continue;
@@ -335,8 +337,9 @@ spin_status spin_image_write(const char *path, int width, int height, const uint
 
 static float finite_or_0(float v) { return isfinite(v) ? v : 0; }
 
-/* Compute the colour of pixel i as stored in the file. If there is alpha, colours are not
- * multiplied by it in PNG (straight alpha), but multiplied by it in EXR (premultiplied). */
+/* Compute the colour of pixel i as stored in the file. The input is premultiplied by alpha, since
+ * it is composited over black. It is divided by alpha before the conversion to linear values; EXR
+ * stores the result premultiplied again, PNG stores it as it is (straight alpha). */
 static void colour_of(const struct spin_film *film, size_t i, float out[3])
 {
     size_t plane = (size_t)film->width * (size_t)film->height;
@@ -352,7 +355,8 @@ static void colour_of(const struct spin_film *film, size_t i, float out[3])
         out[3] = alpha;
 }
 
-/* Express frames per second as a fraction: N/1, N * 1000/1001 as in 29.97, or thousandths. */
+/* Express frames per second as a fraction: N / 1, N * 1000 / 1001 (29.97 and other NTSC rates), or
+ * with three decimals as N / 1000. */
 static void set_rate(double fps, int out[2])
 {
     double ntsc = fps * 1.001;
@@ -419,8 +423,8 @@ void spin_image_name(const struct spin_views *views, size_t view, int number, co
     char twin[16] = "";
     size_t first = view;
 
-    /* Count the views before this one with the same frame and camera number; views are sorted by
-     * frame, then camera. */
+    /* A frame may have several cameras with the same number: count those before this view. Views
+     * are sorted by frame, then by camera. */
     while (first > 0 && views->view[first - 1].dataset_frame == v->dataset_frame &&
            views->view[first - 1].camera_id == v->camera_id)
         first--;

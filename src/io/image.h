@@ -1,6 +1,6 @@
-/* Images, with a C interface: PNG and JPEG by libpng and libjpeg (spin-image-plain.so), other files
- * by OpenImageIO (spin-image.so). Each shared object is loaded on first use, since OpenImageIO
- * takes a fifth of a second to start. Thread-safe. */
+/* Images, with a C interface: PNG and JPEG by libpng and libjpeg (spin-image-plain.so), other
+ * formats by OpenImageIO (spin-image.so). Each shared object is loaded on first use, since loading
+ * OpenImageIO takes a fifth of a second. Thread-safe. */
 #pragma once
 
 #include "io/file.h"
@@ -17,7 +17,7 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
 /* Check, without decoding, that a file exists, that its header is readable, and that it is
  * complete: a JPEG must have all segments up to its end marker, a PNG all chunks up to IEND, and
  * any other file must not be empty. For a frame of a video, check that the video has this frame;
- * `digest` is then that of the whole video. */
+ * `digest` then identifies the whole video. */
 spin_status spin_image_check(const char *path, int *width, int *height, struct spin_digest *digest);
 
 /* Decode to interleaved 8-bit RGB [h][w][3], allocated with malloc. Grey is replicated, 16-bit
@@ -54,12 +54,12 @@ struct spin_film {
 spin_status spin_film_write(const char *path, const struct spin_film *film, bool sync);
 
 /* Format the file name of an image rendered from a view, such as "cam_07_frame_00012.png" for
- * camera 7 and frame number 12. All commands use these names. label: a text that is appended before
- * the extension, with an underscore; or NULL. If a frame has two cameras with number 7, the second
- * is called "cam_07_2". */
+ * camera 7 and frame number 12. All commands use these names. If a frame has two cameras with
+ * number 7, the second is called "cam_07_2". label: a text that is inserted before the extension,
+ * after an underscore; NULL: none. */
 enum { SPIN_IMAGE_NAME = 128 };
 void spin_image_name(const struct spin_views *views, size_t view, int number, const char *label,
                      char name[SPIN_IMAGE_NAME]);
-/* Format the file name of image `number` of those rendered along the camera path named `path`:
- * "orbit_frame_00012.png". */
+/* Format the file name of image `number` of a camera path, such as "orbit_frame_00012.png" for the
+ * path "orbit". */
 void spin_image_name_moving(const char *path, int number, char name[SPIN_IMAGE_NAME]);

@@ -1,7 +1,7 @@
 /* The implementation of image_shim.h with OpenImageIO.
  *
- * JPEG and PNG files are opened with the reader of their format: to detect a format, OpenImageIO
- * would initialise all of its readers. Every function of the table catches all exceptions. */
+ * JPEG and PNG files are opened with the reader of their format, since OpenImageIO initialises all
+ * of its readers to detect a format. Every function of the table catches all exceptions. */
 #include "io/image_shim.h"
 
 #include <algorithm>
@@ -33,7 +33,8 @@ void configure_library()
     static const bool done = [] {
         OIIO::attribute("threads", 1); /* one, since callers read several images in parallel */
         OIIO::attribute("exr_threads", 1);
-        OIIO::attribute("debug", 0); /* OpenImageIO would report the ignored DateTime on stderr */
+        OIIO::attribute(
+            "debug", 0); /* else OpenImageIO prints that it ignores DateTime, see describe_film() */
         OIIO::attribute("plugin_searchpath", std::string());
         return true;
     }();
@@ -65,8 +66,8 @@ template <typename Work> enum spin_image_result guarded(char *why, size_t n_why,
     return result;
 }
 
-/* OpenImageIO reports errors as texts of each format's library, without codes: detect a lack of
- * memory by the text. */
+/* OpenImageIO reports errors only as texts, which come from the library of each format. A lack of
+ * memory is therefore detected by the text. */
 [[noreturn]] void fail(const std::string &why)
 {
     if (why.find(" memory") != std::string::npos || why.find("bad_alloc") != std::string::npos)
@@ -78,7 +79,7 @@ std::unique_ptr<OIIO::ImageInput> open_input(const char *path, const std::string
 {
     OIIO::ImageSpec config, spec;
 
-    /* Alpha is composited in this file, on the stored values. */
+    /* Read alpha without premultiplication: this file composites it, on the stored values. */
     config.attribute("oiio:UnassociatedAlpha", 1);
     if (format.empty()) {
         auto guessed = OIIO::ImageInput::open(path, &config);
@@ -287,8 +288,8 @@ enum spin_image_result image_encode(const struct spin_image_out *image, unsigned
 
 /* OpenImageIO's error handler for libpng stores the message and returns. libpng then prints the
  * message to stderr, and only then calls longjmp. To prevent the printing, OpenImageIO binds to the
- * png_set_error_fn() below instead of libpng's; it installs a handler that calls longjmp as soon as
- * OpenImageIO's handler has returned. Handlers of other callers are unaffected. */
+ * png_set_error_fn() below instead of libpng's. That function installs a handler that calls
+ * OpenImageIO's handler and then longjmp. Handlers of other callers are unaffected. */
 namespace
 {
 

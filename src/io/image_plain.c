@@ -14,7 +14,7 @@
 
 #include "io/image_shim.h"
 
-/* The state of one read. If it fails, open_picture() frees rgb. */
+/* The state of one call. After a failed read, open_picture() frees rgb. */
 struct picture {
     const char *path;
     int64_t most; /* maximum number of pixels */
@@ -87,8 +87,7 @@ static void jpeg_warns(j_common_ptr info, int level)
 
 static void read_jpeg(struct picture *p)
 {
-    /* The struct is zeroed, since jpeg_create_decompress() may fail before it initialises the
-     * struct. */
+    /* Zeroed, since jpeg_create_decompress() may fail before it initialises the struct. */
     struct jpeg_decompress_struct jpeg = {0};
     struct jpeg_end end = {.picture = p};
 
@@ -313,7 +312,7 @@ static void quantise_row(const struct spin_image_out *image, int y, unsigned cha
     }
 }
 
-/* Encode a PNG file. rgb: 8-bit pixels to write; NULL: write the floats of the image. */
+/* Encode a PNG file of `rgb`, 8-bit pixels, or of image->pixels if `rgb` is NULL. */
 static void write_png(struct sink *sink, const struct spin_image_out *image, const uint8_t *rgb)
 {
     png_structp png = png_create_write_struct_2(PNG_LIBPNG_VER_STRING, &sink->base, png_fails,

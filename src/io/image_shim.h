@@ -20,8 +20,8 @@ enum spin_image_result {
     SPIN_IMAGE_NO_MEMORY
 };
 
-/* An image to write. Values must be 0..1 if the file stores integers; they may be any numbers if it
- * stores floats. */
+/* An image to write. Values must be 0..1 if the file stores integers; if it stores floats, any
+ * value is allowed. */
 struct spin_image_out {
     const char *format; /* "png" or "openexr" */
     int width, height, n_channels;

@@ -14,7 +14,7 @@ static struct {
     struct known {
         uint64_t device, inode;
         enum kind kind;
-        /* [capacity], a hash table, at most half full; the capacity is a power of 2. */
+        /* A hash table of `capacity` slots, a power of 2; at most half of them are used. */
     } * slot;
     size_t n, capacity;
 } all = {.lock = PTHREAD_MUTEX_INITIALIZER};

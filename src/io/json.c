@@ -1,5 +1,6 @@
-/* JSON, based on Jansson. The writer is replaced: Jansson prints 0.1 with seventeen digits, each
- * number of an array on its own line, and control characters that a terminal would interpret. */
+/* JSON, based on Jansson. Its writer is replaced, since it prints 0.1 with seventeen digits, puts
+ * each number of an array on its own line, and prints control characters that a terminal would
+ * interpret. */
 #include "io/json.h"
 
 #include <setjmp.h>
@@ -16,7 +17,7 @@
  * fail. */
 static json_malloc_t allocate;
 static _Thread_local jmp_buf *parser; /* not NULL while this thread parses a text */
-/* An allocation of this thread has failed since it last formatted a text. */
+/* An allocation of this thread has failed since the thread last formatted a text. */
 static _Thread_local bool ran_out;
 
 static void *allocate_or_record(size_t n)

@@ -1,6 +1,6 @@
 /* JSON by Jansson, which is strict and small, limits the nesting depth, and is packaged by every
- * Debian release. This header adds functions that Jansson lacks, and renames the others. Returned
- * values are borrowed from the document. */
+ * Debian release. This header adds functions that Jansson lacks, and renames the others. Values
+ * that are looked up are borrowed from the document. */
 #pragma once
 
 #include <jansson.h>
@@ -15,14 +15,15 @@ spin_status spin_json_load(const char *path, spin_json **out);
 spin_status spin_json_parse(const char *what, const char *text, size_t n, spin_json **out);
 
 /* Read a number, an integer or a bool. These functions return false if j is NULL or of another
- * type. 3.0 counts as an integer. */
+ * type. A number without a fraction, such as 3.0, counts as an integer. */
 bool spin_json_number(const spin_json *j, double *out);
 bool spin_json_integer(const spin_json *j, int64_t *out);
 bool spin_json_bool(const spin_json *j, bool *out);
 
-/* Make a JSON value of a text. NULL becomes null; bytes that are not valid UTF-8 become U+FFFD. */
+/* Make a JSON value from a text. NULL becomes null; bytes that are not valid UTF-8 become U+FFFD.
+ */
 spin_json *spin_json_text_value(const char *v);
-/* Make a JSON value of a number, or an array of n numbers. NaN and infinities become null. */
+/* Make a JSON value from a number, or an array from n numbers. NaN and infinities become null. */
 spin_json *spin_json_number_value(double v);
 spin_json *spin_json_numbers(const double *v, size_t n);
 

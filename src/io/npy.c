@@ -1,14 +1,15 @@
 /* .npy arrays (format versions 1 to 3) and .npz archives of them.
  *
- * The header of an .npy is the text of a Python dictionary with exactly three keys. The parser
- * accepts nothing else. It refuses unknown dtypes by name, so that the pickle in an object array is
- * never read. */
+ * The header of an .npy file is the text of a Python dictionary with exactly three keys. The parser
+ * accepts nothing else. It refuses all dtypes except plain numbers, so that the pickle in an object
+ * array is never read. */
 #include "io/npy.h"
 
 #include "base/base.h"
 #include "io/zip_format.h"
 
-/* Bytes before the data: the magic and a header, which numpy also limits to 10000 bytes. */
+/* The most bytes before the data: magic, version and length (12 bytes) and the dictionary, which
+ * numpy also limits to 10000 bytes. */
 #define MAX_HEAD (12 + 10000)
 
 /* ---- The header's dictionary --------------------------------------------------------------- */
@@ -377,7 +378,7 @@ spin_status spin_npz_take(const struct spin_npz *npz, const char *key, bool chec
     return spin_npy_parse(key, bytes, (size_t)member->size, out);
 }
 
-/* spin_npz_take() that keeps the decompressed block until spin_npz_close(). */
+/* spin_npz_take(), but the archive keeps the decompressed block until spin_npz_close(). */
 static spin_status read_data(struct spin_npz *npz, const char *key, bool check_crc,
                              struct spin_array *out)
 {

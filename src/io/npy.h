@@ -14,8 +14,8 @@ struct spin_npz {
     struct spin_zip zip;
     void **owned; /* [n_owned] decompressed members, freed by spin_npz_close() */
     size_t n_owned;
-    /* If `prefix` is not NULL, then a key that begins with `prefix` is looked up with prefix_there
-     * in its place. */
+    /* If `prefix` is not NULL, keys that begin with `prefix` are looked up with this prefix
+     * replaced by prefix_there. */
     const char *prefix, *prefix_there;
 };
 spin_status spin_npz_open(const char *path, struct spin_npz *out);
@@ -44,8 +44,8 @@ spin_status spin_npz_array_of(struct spin_npz *npz, const char *key, bool check_
                               const int64_t *shape, struct spin_array *out);
 
 /* Remove the pages of `count` values, from value `first` on, from the process's memory (see
- * spin_map_forget()), for arrays that are read frame by frame. This has an effect only for
- * contiguous arrays that are used in place. */
+ * spin_map_forget()). Arrays that are read frame by frame then need little memory. This has an
+ * effect only for contiguous arrays that are used in place. */
 void spin_npz_forget(const struct spin_npz *npz, const struct spin_array *a, uint64_t first,
                      uint64_t count);
 

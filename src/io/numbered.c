@@ -1,4 +1,4 @@
-/* Compares the names of a sequence, and chooses the number in them that is the frame number. */
+/* Finds the frame number in the names of a sequence, by comparing all names. */
 #include "io/numbered.h"
 
 #include <ctype.h>
@@ -9,30 +9,32 @@
 #include "io/numbered_fields.h"
 #include "io/pattern.h"
 
-/* How well the distinct values of a number look like counted frames. */
+/* How regularly the distinct values of a number are spaced. The more regular, the more likely they
+ * are frame numbers. */
 enum tier {
-    SCATTERED,  /* no regular steps */
-    STEPS,      /* equal steps above 1, or steps of which less than half are missing */
-    CONSECUTIVE /* without gaps, in steps of 1 */
+    SCATTERED, /* irregular */
+    STEPS,     /* multiples of one step, at least half of them present; or evenly spaced decimals */
+    CONSECUTIVE /* integers without gaps */
 };
 
-/* A field: number `index` of each name, as a number that all names have. */
+/* Number `index` of every name. */
 struct field {
     size_t index;
-    bool varies, distinct; /* within the groups */
+    bool varies,
+        distinct; /* varies: two names of a group differ; distinct: all names of a group differ */
     bool decimal;
-    bool even; /* steps of nearly the same size, such as times that were rounded */
+    bool even; /* nearly evenly spaced, as rounded times are */
     enum tier tier;
     enum spin_name_rank rank;
-    size_t *order; /* [n] the names, by group and value */
+    size_t *order; /* [n] indices of the names, sorted by group and value */
 };
 
 struct reader {
     const struct spin_numbering *names;
     struct spin_name_parts *parts; /* [n] */
-    struct field *field;           /* numbers that are not parts of hashes */
+    struct field *field;           /* [n_fields] without the numbers in hashes */
     size_t n_fields;
-    bool hashes; /* a word of the names is a hash */
+    bool hashes; /* some word of the names is a hash */
     struct spin_numbers *out;
 };
 
@@ -107,8 +109,8 @@ static void sort_order(const struct reader *r, size_t index, size_t *order, size
 
 /* ---- Words that are hashes ------------------------------------------------------------------- */
 
-/* The word j of a name without digits, in lower case: "frame#". Returns whether it is hexadecimal.
- */
+/* Set `shape` to word j of a name in lower case, with each run of digits replaced by '#', such as
+ * "frame#". Returns whether the word consists of at least 4 hexadecimal digits. */
 static bool word_shape(const struct spin_name_parts *parts, size_t j, char shape[64])
 {
     const char *at = parts->name + parts->word[j].at, *end = at + parts->word[j].n;
@@ -126,8 +128,8 @@ static bool word_shape(const struct spin_name_parts *parts, size_t j, char shape
     return hex;
 }
 
-/* Whether word j is a hash: in all names hexadecimal, and letters and digits alternate differently
- * from name to name. */
+/* Whether word j is a hash: in all names it is hexadecimal, and its shape differs between names. A
+ * single name has a hash if its shape alternates several times. */
 static bool is_hash_word(const struct reader *r, size_t j)
 {
     char first[64], shape[64];
@@ -201,9 +203,9 @@ static uint64_t decimals_value(const struct spin_name_parts *parts, size_t index
     return strtoull(parts->name + x->at + x->n - count_decimals(parts, index), NULL, 10);
 }
 
-/* Whether the digits behind the dot are a number of their own, as in "shot1.9" and "shot1.10": the
- * digits before the dot are equal in all names, and those behind it count or, with a different
- * number of digits, end with 0. */
+/* Whether the digits after the dot are a number of their own, as in "shot1.9" and "shot1.10", and
+ * not decimals: the digits before the dot are equal in all names, and those after it are
+ * consecutive, or differ in length and sometimes end with 0, which decimals seldom do. */
 static bool is_dotted(const struct reader *r, size_t index)
 {
     size_t n = r->names->n, digits = count_decimals(&r->parts[0], index);
@@ -226,7 +228,7 @@ static bool is_dotted(const struct reader *r, size_t index)
     return n == 1 ? digits >= 3 : widths && zero;
 }
 
-/* Makes the digits behind the dot the value of a number. */
+/* Replaces number `index` of all names by the digits after its dot. */
 static void use_decimals(struct reader *r, size_t index)
 {
     for (size_t i = 0; i < r->names->n; i++) {
@@ -243,7 +245,8 @@ static void use_decimals(struct reader *r, size_t index)
 
 static uint64_t gcd(uint64_t a, uint64_t b) { return b ? gcd(b, a % b) : a; }
 
-/* Returns a number as a multiple of 1e-6 or, if all are whole, of 1; 2^62 stands for 0. */
+/* Returns a number in units of 1e-6 if the field is decimal, and of 1 if not. 2^62 is added, so
+ * that negative numbers stay in order. */
 static uint64_t ticks_of(const struct spin_name_value *v, bool decimal)
 {
     uint64_t size = v->part[1] % UINT64_C(1000000000000);
@@ -335,7 +338,7 @@ static spin_status fail_mixed(const struct reader *r, size_t a, size_t b)
                           fewer->name, more->name);
 }
 
-/* Fails unless all names have the same number of numbers. */
+/* Fails unless all names contain equally many numbers. */
 static spin_status check_counts(const struct reader *r)
 {
     size_t fewest = 0, most = 0;
@@ -366,8 +369,8 @@ static spin_status find_fields(struct reader *r)
 
 /* ---- Choosing -------------------------------------------------------------------------------- */
 
-/* Writes the pattern that chooses a field: the first name, in which this number is a field and
- * others that vary are '*'. */
+/* Formats the argument of --pattern that selects a field: the first name, with %d or %0Nd in place
+ * of this number, and '*' in place of the other numbers that vary. */
 static void write_pattern(const struct reader *r, const struct field *chosen, char *out, size_t n)
 {
     const struct spin_name_parts *parts = &r->parts[0];
@@ -443,9 +446,10 @@ static bool same_values(const struct reader *r, const struct field *a, const str
     return true;
 }
 
-/* Whether a number without regular steps may be the frame number of a sequence with gaps, beside
- * number b that has regular steps: "a1_b1, a2_b2, a3_b9". Counts of splats, rounded times and
- * numbers in a different order are none. */
+/* Whether number a, which is irregular, may still be the frame number although number b is regular:
+ * in "x1_y1, x2_y2, x3_y9", the second number may count the frames of a sequence with gaps. This
+ * excludes counts of splats, which begin at 1000 or above, rounded times, and numbers that order
+ * the names differently than b. */
 static bool may_count(const struct reader *r, const struct field *a, const struct field *b)
 {
     const struct spin_name_value *first = value_of(r, a->order[0], a->index);
@@ -455,7 +459,7 @@ static bool may_count(const struct reader *r, const struct field *a, const struc
            (r->names->n == 2 || same_order(r, a, b));
 }
 
-/* Whether field a, which varies, is certainly not the frame number, given field b. */
+/* Whether field a, which varies, cannot be the frame number if field b is a candidate. */
 static bool yields(const struct reader *r, const struct field *a, const struct field *b)
 {
     if (a->rank < SPIN_RANK_PLAIN && b->rank >= SPIN_RANK_PLAIN)
@@ -504,8 +508,8 @@ static spin_status choose_field(const struct reader *r, const struct field **out
     return best && best->rank == SPIN_RANK_NEVER ? fail_never(r, best) : SPIN_OK;
 }
 
-/* For groups with a single name each, in which no number varies: returns the last number that may
- * be a frame number, or NULL. */
+/* For groups of one name each, in which no number varies: returns the last number that may be a
+ * frame number, or NULL. */
 static const struct field *last_field(const struct reader *r)
 {
     const struct field *best = NULL;
@@ -519,8 +523,8 @@ static const struct field *last_field(const struct reader *r)
 
 /* ---- The result ------------------------------------------------------------------------------ */
 
-/* Sets the numbers of all frames, or leaves them at -1 if one of them is no number from 0 on that
- * fits into an int. */
+/* Sets the frame numbers. If any value is not an integer from 0 to INT_MAX, all stay -1, and the
+ * values only define the order. */
 static void set_numbers(const struct reader *r, size_t index)
 {
     for (size_t i = 0; i < r->out->n_frames; i++) {
@@ -569,7 +573,7 @@ static spin_status read_names(struct reader *r)
     return chosen ? use_field(r, chosen) : use_names(r);
 }
 
-/* Reduces a name to a single number, the one at `at`. */
+/* Reduces a name to a single number: the one at `at`, where the name matches the pattern. */
 static spin_status take_number(const char *name, const char *at, struct spin_name_parts *out)
 {
     size_t first = 0;
@@ -635,7 +639,7 @@ static spin_status read_matches(struct reader *r, const struct matches *m)
     return use_field(r, &r->field[0]);
 }
 
-/* Changes the result for the matching names into one for all names. */
+/* Converts the result from indices of matching names to indices of all names. */
 static spin_status spread_matches(const struct spin_numbering *names, const struct matches *m,
                                   struct spin_numbers *out)
 {

@@ -30,8 +30,9 @@ static size_t count_digits(const char *at, const char *end)
     return n;
 }
 
-/* Returns the length of the name without its extension: a last dot and up to eight letters and
- * digits, at least one of them a letter that is not a unit of time ("0.25s"). */
+/* Returns the length of the name without its extension, which is the last dot and up to 8
+ * characters. Digits after the dot, with or without the unit "s" ("0.25s"), are decimals instead.
+ */
 static size_t stem_length(const char *name, bool folder)
 {
     const char *dot = strrchr(name, '.');
@@ -63,8 +64,8 @@ static void set_fraction(struct spin_name_value *v, const char *digits, size_t n
         v->part[2] = v->part[2] * 10 + (i < n ? (uint64_t)(digits[i] - '0') : 0);
 }
 
-/* Returns the length of a number's decimals with their dot: 0 if there are none, or if more dots
- * and digits follow or precede, as in "1.2.3". */
+/* Returns the length of the dot and decimals of a number; 0 if there are none, or if the number is
+ * part of a list such as "1.2.3". */
 static size_t decimals_length(const char *name, const char *at, const char *dot, const char *end)
 {
     size_t n = dot < end && *dot == '.' ? count_digits(dot + 1, end) : 0;
@@ -75,7 +76,8 @@ static size_t decimals_length(const char *name, const char *at, const char *dot,
     return after + 1 < end && *after == '.' && is_digit(after[1]) ? 0 : n + 1;
 }
 
-/* Reads the number whose digits begin at `at`. A minus sign counts unless it joins two words. */
+/* Reads the number whose digits begin at `at`. A '-' before it is a minus sign unless a letter or
+ * digit precedes the '-'. Returns the length from `at` on. */
 static size_t read_number(const char *name, const char *at, const char *end,
                           struct spin_name_number *out)
 {
@@ -173,7 +175,8 @@ static enum spin_name_rank rank_of_word(const char *text, size_t n)
                                              : SPIN_RANK_PLAIN;
 }
 
-/* Returns the rank by the letters between the number and the end of its word, such as "fps". */
+/* Returns the rank according to the letters between the number and the end of its word, such as
+ * "fps". */
 static enum spin_name_rank rank_by_unit(const struct spin_name_parts *parts,
                                         const struct spin_name_number *of)
 {
@@ -186,8 +189,9 @@ static enum spin_name_rank rank_by_unit(const struct spin_name_parts *parts,
                                              : SPIN_RANK_PLAIN;
 }
 
-/* Letters directly before or after a number decide; if a number begins a word, letters at the end
- * of the word before it do, unless they are the unit of another number. */
+/* The letters directly after the number determine its rank, or else the letters directly before it.
+ * If the number begins a word, these are the letters at the end of the previous word, unless they
+ * follow another number, whose unit they are. */
 enum spin_name_rank spin_name_rank(const struct spin_name_parts *parts, size_t number)
 {
     const struct spin_name_number *of = &parts->number[number];
@@ -210,7 +214,7 @@ enum spin_name_rank spin_name_rank(const struct spin_name_parts *parts, size_t n
 
 /* ---- Time stamps ----------------------------------------------------------------------------- */
 
-/* The numbers of a time stamp: number of digits, smallest and largest value. */
+/* One number of a time stamp: its number of digits, smallest and largest value. */
 struct unit {
     size_t digits;
     uint64_t least, most;
@@ -236,7 +240,7 @@ static bool is_unit(const struct spin_name_parts *parts, size_t i, const struct 
             (x->value.part[1] / 100 % 100 < 60 && x->value.part[1] % 100 < 61));
 }
 
-/* Whether, in all names, the numbers from number i on are these units. */
+/* Whether, in all names, the numbers from number i on match these units, one number per unit. */
 static bool are_units(const struct spin_name_parts *parts, size_t n, size_t i,
                       const struct unit *unit, size_t n_units)
 {
@@ -258,7 +262,7 @@ static bool are_fractions(const struct spin_name_parts *parts, size_t n, size_t 
     return true;
 }
 
-/* Appends number i + 1 to number i of a name. */
+/* Appends the digits of number i + 1 to number i of a name, as decimals if `fraction` is set. */
 static void append_number(struct spin_name_parts *parts, size_t i, bool fraction)
 {
     struct spin_name_number *to = &parts->number[i], *from = &parts->number[i + 1];
@@ -291,7 +295,8 @@ static bool all_equal(const struct spin_name_parts *parts, size_t n, size_t i)
     return true;
 }
 
-/* Whether only '-', ':', '.' or the letters h, m and s separate the numbers of a time. */
+/* Whether the three numbers of a time are followed by '-', ':', '.', 'h' or 'm', or end the name.
+ */
 static bool is_clock(const struct spin_name_parts *parts, size_t i)
 {
     for (size_t u = 0; u < 2; u++) {
@@ -325,8 +330,8 @@ size_t spin_name_merge_stamp(struct spin_name_parts *parts, size_t n, size_t i)
 
     while (first_varying < n_stamp && all_equal(parts, n, i + first_varying))
         first_varying++;
-    /* If only the last number varies, it has the order of the whole time stamp; it may be a frame
-     * number of six digits after a date. */
+    /* If only the last number varies, leave it separate: it orders the names as the whole time
+     * stamp would and, after a date, may be a frame number of six digits. */
     if (n_stamp < 2 || (first_varying + 1 >= n_stamp && !fraction && (n_stamp - date) != 3))
         return 1;
     if (date == 0 && first_varying + 1 >= n_stamp && !fraction)

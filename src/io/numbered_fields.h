@@ -45,6 +45,6 @@ enum spin_name_rank {
 };
 enum spin_name_rank spin_name_rank(const struct spin_name_parts *parts, size_t number);
 
-/* Merges the numbers of a date, of a time or of both, beginning at number i of all n names, into
- * that number. Returns how many numbers were merged: 1 if there is no time stamp. */
+/* Merges the numbers of a date, of a time or of both, which begin at number i in all n names, into
+ * number i. Returns how many numbers were merged: 1 if there is no time stamp. */
 size_t spin_name_merge_stamp(struct spin_name_parts *parts, size_t n, size_t i);

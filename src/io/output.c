@@ -114,7 +114,7 @@ bool spin_reserve_set(struct spin_reserve *r, const char *path, uint64_t bytes)
     SPIN_FREED char *folder = NULL;
     enum space got;
 
-    /* If less is requested, keep the larger reservation: it will be freed as a whole. */
+    /* A smaller reservation is not worth a change: the space is freed as a whole. */
     if (bytes <= r->bytes && bytes > 0)
         return true;
     if (bytes == 0) {
@@ -226,7 +226,8 @@ static bool is_regular(const char *path)
     return lstat(path, &st) == 0 && S_ISREG(st.st_mode);
 }
 
-/* Files of exports that are not files of one frame, and that sequence.json therefore omits. */
+/* Files of an export that belong to no single frame and are therefore not listed in sequence.json.
+ */
 static const struct {
     const char *format, *name;
 } unnumbered[] = {{"usd", "clip.usda"},
@@ -260,7 +261,7 @@ static const char *former_name(const spin_json *entry)
     return strstr(name, digits) ? name : NULL;
 }
 
-/* Adds the files that an export of this format writes beside its frames. */
+/* Adds the files in `unnumbered` that an export of this format writes. */
 static spin_status add_unnumbered_former(struct spin_output_folder *x, const char *format)
 {
     for (size_t i = 0; i < N_UNNUMBERED; i++)
@@ -391,7 +392,7 @@ spin_status spin_output_folder_begin(const char *path, bool force, const char *e
         spin_watch_out(out->path);
     if (out->n_before > 0)
         SPIN_TRY(read_former(out));
-    /* If there are files of a former export, the entry sequence.json is expected as well. */
+    /* The former export also wrote sequence.json, which x->former does not contain. */
     if (out->n_before > (out->n_former ? out->n_former + 1 : 0))
         spin_warn("folder '%s' was not empty: files that are not overwritten stay in it", path);
     return SPIN_OK;

@@ -1,5 +1,5 @@
-/* Checks and locks of outputs, for use before a long computation so that errors appear early; the
- * folders that exports fill; the names of numbered files. */
+/* Checks and locks of outputs, for use before a long computation so that errors appear early; and
+ * the folders that exports fill. */
 #pragma once
 
 #include "io/file.h"
@@ -10,7 +10,7 @@
 spin_status spin_output_check_file(const char *path, bool force);
 /* Check that a folder is writable; create it if it does not exist. */
 spin_status spin_output_check_folder(const char *path);
-/* spin_output_check_folder() that, unless force is set, also checks that the folder is empty. */
+/* The same, but unless force is set, also check that the folder is empty. */
 spin_status spin_output_check_empty_folder(const char *path, bool force);
 /* Check that n paths of outputs all differ; entries that are NULL are skipped. If two paths name
  * the same file, returns SPIN_E_USAGE, with a message that contains the path. */
@@ -50,8 +50,8 @@ struct spin_output_former {
 
 /* A folder that an export fills: call spin_output_folder_begin(), write the files, then call
  * spin_output_folder_end() or spin_output_folder_abandon(). The file sequence.json in the folder
- * lists the files written, so that the next export to this folder, with force, can remove those of
- * them that it does not overwrite. */
+ * lists the files written, so that the next export to this folder, with force, can remove the
+ * listed files that it does not overwrite. */
 struct spin_output_folder {
     char *path;
     bool created;                      /* the folder did not exist before */
@@ -61,21 +61,20 @@ struct spin_output_folder {
     spin_json *list; /* the files passed to spin_output_folder_add(); NULL if there are none */
 };
 /* Create the folder, or use an existing one, which must be empty unless force is set. Removes
- * unfinished files with this extension whose writers were killed. Warns if the folder contains
- * files that the former export did not write, since these stay in it. */
+ * unfinished files with the extension `ending` whose writers were killed. Warns if the folder
+ * contains files that the former export did not write, since they stay in the folder. */
 spin_status spin_output_folder_begin(const char *path, bool force, const char *ending,
                                      struct spin_output_folder *out);
-/* Record that this export writes a file of this name, so that spin_output_folder_remove_former()
+/* Record that this export writes the file at `path`, so that spin_output_folder_remove_former()
  * keeps it. */
 void spin_output_folder_mark(struct spin_output_folder *folder, const char *path);
-/* spin_output_folder_mark() that also adds the file to the list that spin_output_folder_list()
- * writes. number: the number in the file's name. */
+/* Do the same as spin_output_folder_mark(), and add the file to the list for sequence.json. number:
+ * the frame number in the file's name. */
 void spin_output_folder_add(struct spin_output_folder *folder, const char *name, int number);
 /* Write sequence.json, which lists all files that were passed to spin_output_folder_add(). */
 spin_status spin_output_folder_list(struct spin_output_folder *folder, const char *format,
                                     bool sync);
-/* Remove the files of the former export that this export did not mark, and log how many they
- * were. */
+/* Remove the files of the former export that this export did not mark, and log their number. */
 void spin_output_folder_remove_former(struct spin_output_folder *folder);
 void spin_output_folder_end(struct spin_output_folder *folder);
 /* spin_output_folder_end() that also removes the folder if spin_output_folder_begin() created it

@@ -1,4 +1,4 @@
-/* File names with a number in them. */
+/* File names with a frame number. */
 #include "io/pattern.h"
 
 #include <ctype.h>
@@ -13,8 +13,8 @@ static spin_status fail_pattern(const char *text)
                        text);
 }
 
-/* Parses the field for the number at `at`. Returns the text after the field, or NULL if there is no
- * field. */
+/* Parses the field %d, %0Nd or #### at `at`. Returns the text after the field, or NULL if there is
+ * no valid field. */
 static const char *parse_field(const char *at, struct spin_pattern *out)
 {
     size_t n = strspn(at, "#");
@@ -75,7 +75,7 @@ bool spin_pattern_match(const struct spin_pattern *p, const char *name, const ch
         const char *first = at + (*at == '-');
         size_t n = strspn(first, "0123456789"), n_before = (size_t)(at - name);
 
-        /* The number must begin here; otherwise the digits before would belong to it as well. */
+        /* Match only whole numbers, from their first digit on. */
         if (n == 0 || (at > name && isdigit((unsigned char)at[-1])))
             continue;
         if (p->zeros && (n < (size_t)p->width || (n > (size_t)p->width && *first == '0')))

@@ -22,7 +22,7 @@ spin_status spin_pattern_path(const struct spin_pattern *pattern, const char *fo
 /* Whether a name matches the pattern. The number may be negative; '*' in the other parts matches
  * any characters. *digits receives the position of the number in the name. */
 bool spin_pattern_match(const struct spin_pattern *pattern, const char *name, const char **digits);
-/* Split a path whose last components contain a pattern, such as "run/frame_%d/a.ply", into the
- * folder before the first component that does ("run", or "."), allocated, and the rest, which
- * points into `path`. Without a pattern, or if a file of this name exists, *rest is NULL. */
+/* Split a path such as "run/frame_%d/a.ply" before the first component with a number field: *folder
+ * receives the part before it ("run", or "."), allocated, and *rest the remainder, which points
+ * into `path`. If no component has a field, or if a file of this name exists, *rest is NULL. */
 spin_status spin_pattern_split(const char *path, char **folder, const char **rest);

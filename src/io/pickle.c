@@ -10,7 +10,7 @@
 
 #include "base/base.h"
 
-/* Limit of the memory for values, in bytes; for a pickle that is not in a legacy stream, the size
+/* Limit of the memory for values, in bytes. For a pickle that is not in a legacy stream, the size
  * of the input is added. Real checkpoints need kilobytes. */
 #define BUDGET ((size_t)32 << 20)
 #define SLAB ((size_t)16 << 10) /* small values are allocated in blocks of this size */
@@ -48,7 +48,7 @@ struct machine {
     size_t n_storages, storage_capacity;
     size_t n_ops;
     int level;     /* 1 within a legacy stream inside a pickle, else 0 */
-    bool in_model; /* the class of a model that is read as an object has occurred */
+    bool in_model; /* a class with G_MODEL has occurred; see enum global */
     struct spin_value *none, *yes, *no, *empty_tuple, *small[256];
 };
 
@@ -244,7 +244,7 @@ static spin_status push_float(struct machine *m, double value)
     return push_value(m, &node->v);
 }
 
-/* Push None, True or False; all references share one value. */
+/* Push None, True or False. The value is created once and then kept in *kept. */
 static spin_status push_constant(struct machine *m, struct spin_value **kept,
                                  enum spin_value_kind kind, int value)
 {
@@ -470,8 +470,9 @@ enum global {
     G_ENCODE,
     G_LOAD_FROM_BYTES,
     G_OBJECT,
-    /* The next three occur only in a model that was saved as an object: the class of the model;
-     * classes of its parts, whose states are read as data; and constants. */
+    /* The following are accepted only in a model that was saved as an object, from the class of the
+       model on: this class; the classes of its parts, whose states are read as data; constants; and
+       set(). */
     G_MODEL,
     G_PART,
     G_CONSTANT,
@@ -592,7 +593,7 @@ static spin_status push_global(struct machine *m, const char *module, const char
     return refuse_global(m, module, name);
 }
 
-/* Read a line, without its end, into `out`. */
+/* Read a line into `out`, without its newline. */
 static spin_status read_line(struct machine *m, char out[128])
 {
     const unsigned char *end = memchr(m->p, '\n', (size_t)(m->end - m->p));
@@ -805,7 +806,7 @@ static spin_status build_dtype(struct machine *m, struct spin_value *dtype,
     return SPIN_OK;
 }
 
-/* Use the bytes `raw` as the elements of an array; their number must match the shape. */
+/* Use the bytes `raw` as the elements of an array; the shape must match their number. */
 static spin_status fill_array(struct machine *m, struct spin_array *t, struct spin_value *dtype,
                               const struct spin_value *shape, bool fortran,
                               const struct spin_value *raw)
@@ -838,7 +839,7 @@ static spin_status fill_array(struct machine *m, struct spin_array *t, struct sp
     return SPIN_OK;
 }
 
-/* Execute the BUILD of an array: set its elements from the state (version, shape, dtype,
+/* Execute BUILD for a numpy array: set its elements from the state (version, shape, dtype,
  * is_fortran, bytes). */
 static spin_status build_array(struct machine *m, struct spin_value *array,
                                const struct spin_value *state)
@@ -897,15 +898,15 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
         return push_int(m, integer);
     if (t.kind == 'b')
         return push_constant(m, integer ? &m->yes : &m->no, SPIN_VALUE_BOOL, integer != 0);
-    /* Read the number through a temporary tensor of one element. */
+    /* spin_value_number() reads a tensor of one element, of any float type. */
     SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     node->v.tensor = t;
     spin_value_number(&node->v, &number);
     return push_float(m, number);
 }
 
-/* Execute _codecs.encode(text, 'latin1'): push a bytes object in which the code point n of the text
- * becomes byte n. Protocol 2 stores bytes in this way. */
+/* Execute _codecs.encode(text, 'latin1'): push a bytes object in which each character of the text
+ * is the byte of the same code point. Protocol 2 stores bytes in this way. */
 static spin_status make_encoded(struct machine *m, const struct spin_value *args)
 {
     const char *to = args->n == 2 ? spin_value_text(args->item[1]) : NULL;
@@ -1141,7 +1142,7 @@ static spin_status read_uint(struct machine *m, int n, uint64_t *out)
     return SPIN_OK;
 }
 
-/* Read a length, stored in n_length bytes, and locate as many bytes behind it. */
+/* Read a length, stored in n_length bytes, and locate the data of this length after it. */
 static spin_status read_bytes(struct machine *m, int n_length, const unsigned char **p, size_t *n)
 {
     uint64_t length;
@@ -1382,7 +1383,7 @@ bool spin_pickle_is_legacy(const unsigned char *bytes, size_t n)
     return n >= sizeof legacy_magic && memcmp(bytes, legacy_magic, sizeof legacy_magic) == 0;
 }
 
-/* Read the number of elements of one storage, and locate the elements, which follow it. */
+/* Read the number of elements of one storage, and locate the elements, which follow this number. */
 static spin_status bind_storage(struct machine *m, const struct spin_pickle *pickle,
                                 const struct spin_value *key)
 {
@@ -1415,8 +1416,8 @@ static spin_status bind_storage(struct machine *m, const struct spin_pickle *pic
     return SPIN_OK;
 }
 
-/* The five pickles are the magic number, the version, the byte order, the object, and the list of
- * storage keys. The storages follow in the order of that list. */
+/* Read a legacy stream. Its five pickles are the magic number, the version, the byte order, the
+ * object, and the list of storage keys. The storages follow in the order of that list. */
 static spin_status run_legacy(struct machine *m, struct spin_pickle *out)
 {
     const struct spin_value *version, *system, *keys, *little;

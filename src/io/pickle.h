@@ -1,12 +1,12 @@
 /* A pickle reader that builds data and never runs code.
  *
- * Protocols 2 to 5. Globals are looked up by name in a list of those that represent plain data
- * (OrderedDict, torch's tensor rebuilders, numpy's array rebuilders, argparse.Namespace, ...). Any
- * other global is an error, even if it is never called. Limits on depth, memo, lengths and the
- * total size of the values bound the cost of reading a file.
+ * It supports the protocols 2 to 5. Globals are looked up by name in a list of those that represent
+ * plain data (OrderedDict, torch's tensor rebuilders, numpy's array rebuilders, argparse.Namespace,
+ * ...). Any other global is an error, even if it is never called. Limits on depth, memo, lengths
+ * and the total size of the values bound the cost of reading a file.
  *
  * The result is a graph: a list may contain itself, and sixty nested pairs can form a tree of 2^60
- * nodes. Look up values; never traverse all of them. */
+ * nodes. Look up single values; never traverse the whole graph. */
 #pragma once
 
 #include "base/mem.h"
@@ -34,7 +34,8 @@ struct spin_value {
     int64_t integer;  /* set for BOOL and INT */
     double number;    /* set for FLOAT, BOOL and INT */
     const char *text; /* set for TEXT, BYTES and OBJECT; NUL-terminated */
-    /* Number of bytes of TEXT and BYTES, of pairs of DICT, of items of other kinds. */
+    /* For TEXT and BYTES, the number of bytes; for DICT, the number of pairs; for other kinds, the
+     * number of items. */
     size_t n;
     /* The items of LIST, TUPLE and OBJECT, n pointers; the keys and values of DICT, 2 n
      * pointers. */
@@ -75,7 +76,7 @@ void spin_pickle_free(struct spin_pickle *pickle);
 const struct spin_storage *spin_pickle_storage(const struct spin_pickle *pickle, const char *key);
 
 /* Look up an item by key or by index. These functions return NULL if the first argument is NULL, is
- * of another kind than its name says, or has no such item. */
+ * not a dict (spin_value_get()) or a list or tuple (spin_value_at()), or has no such item. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key);
 const struct spin_value *spin_value_at(const struct spin_value *list_or_tuple, size_t index);
 /* Read a number from a value of kind BOOL, INT or FLOAT, or from a tensor of one element; returns

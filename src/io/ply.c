@@ -54,7 +54,7 @@ static struct word next_word(const char **at, const char *end)
     return w;
 }
 
-/* Prepare a word for messages: cut it off after 36 characters, and replace characters that are not
+/* Copy a word for a message: cut it off after 36 characters, and replace characters that are not
  * printable ASCII by '?'. */
 static const char *word_text(struct word w, char text[40])
 {
@@ -321,7 +321,7 @@ static bool property_bytes(const struct spin_ply *ply, const struct spin_ply_pro
     return size <= left;
 }
 
-/* Find the end of the records of an element with lists, by walking through them. */
+/* Advance *at past the records of an element with lists, which differ in size. */
 static spin_status walk_lists(const struct spin_ply *ply, const struct spin_ply_element *e,
                               uint64_t *at)
 {
@@ -557,7 +557,7 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name)
     return -1;
 }
 
-/* Returns the shift of a property: that of x, y or z, or 0. */
+/* Returns the element of ply->shift for the properties x, y and z, and 0 for others. */
 static double shift_of(const struct spin_ply *ply, const struct spin_ply_property *p)
 {
     return p->name[0] >= 'x' && p->name[0] <= 'z' && !p->name[1] ? ply->shift[p->name[0] - 'x'] : 0;

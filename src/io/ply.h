@@ -45,15 +45,15 @@ struct spin_ply {
     uint64_t extra_bytes; /* number of bytes after the last record */
     double *ascii_values; /* private: [records of all elements][properties] */
     bool borrowed;        /* private: the caller owns `map` */
-    /* Subtracted, before values are rounded to floats, from the properties x, y and z. 0 when the
-     * file is opened; set it to read positions far from 0 accurately. */
+    /* An offset for positions far from 0, such as geographic ones: it is subtracted from the
+     * properties x, y and z before they are rounded to floats. Opening a file sets it to 0. */
     double shift[3];
 };
 
-/* Read the header, and check that the body has the length that the header requires. */
+/* Read the header, and check that the file is as long as the header requires. */
 spin_status spin_ply_open(const char *path, struct spin_ply *out);
-/* spin_ply_open() for bytes in memory, which are borrowed until close; `what` names them in
- * messages. */
+/* Do the same for bytes in memory, which must stay valid until spin_ply_close(). Messages call them
+ * `what`. */
 spin_status spin_ply_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
                            struct spin_ply *out);
 void spin_ply_close(struct spin_ply *ply);
@@ -73,10 +73,9 @@ int spin_ply_find(const struct spin_ply_element *e, const char *name);
 void spin_ply_column(const struct spin_ply *ply, const struct spin_ply_element *e, int property,
                      float *out, size_t step);
 
-/* Read several columns in one pass over the records. The values of each target's property are
- * written to out[0], out[step], ... of this target, as by spin_ply_column(). If most properties are
- * needed, this is faster than one spin_ply_column() per property, each of which traverses the whole
- * file. */
+/* Read several columns in one pass over the records, each as spin_ply_column() does. This is faster
+ * than one spin_ply_column() per property if most properties are needed, since each of those calls
+ * traverses the whole file. */
 struct spin_ply_target {
     int property;
     float *out;

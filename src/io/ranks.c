@@ -13,7 +13,7 @@ enum { TEXT = 1000 };
 static const double patience_s = 5;
 
 struct notice {
-    int status, heard; /* heard: the rank failed only because of another's notice */
+    int status, heard; /* heard: the sender itself failed only because of a notice */
     char text[TEXT];
 };
 
@@ -41,9 +41,9 @@ void spin_ranks_spent(uint64_t *bytes, double *seconds)
 
 /* ---- Warnings ------------------------------------------------------------------------------- */
 
-/* Warnings of this rank, as consecutive NUL-terminated texts without duplicates. Rank 0 prints its
- * own warnings immediately; at the end it prints those warnings of other ranks that it did not give
- * itself. */
+/* The warnings of this rank, as consecutive NUL-terminated texts without duplicates. Rank 0 prints
+ * its own warnings immediately; at the end, it prints the warnings of other ranks that it has not
+ * printed yet. */
 static char *lines;
 static size_t n_lines_bytes;
 
@@ -140,7 +140,7 @@ spin_status spin_ranks_begin(void)
     SPIN_TRY(spin_shim_load(&where, (const void **)&shim));
     if (!shim->start(&own_rank, &n_ranks, why, sizeof why))
         return spin_unsupported("cannot join the other processes: %s", why);
-    /* If processes that should cooperate went on as single ones, each would do all the work and
+    /* Processes that are to cooperate must not continue separately: each would do all the work and
      * overwrite the files of the others. */
     if (n_ranks == 1)
         return spin_unsupported("cannot join the other processes: MPI reports only one, so "
@@ -270,7 +270,7 @@ spin_status spin_ranks_agree(spin_status status)
 /* ---- Ending after success or failure -------------------------------------------------------- */
 
 /* Notify all other ranks of a failure, and wait up to patience_s seconds until each of them has
- * sent a notice too. The lowest rank that did not fail because of another's notice becomes the
+ * sent a notice too. The lowest rank that failed by itself, not because of a notice, becomes the
  * speaker. */
 static void notify_failure(spin_status status)
 {

@@ -14,7 +14,7 @@ int spin_rank(void);
 int spin_n_ranks(void);
 
 /* Send and receive all listed messages concurrently. If several messages go from one rank to
- * another, they must be in the same order in the lists of both ranks. */
+ * another, the lists of both ranks must contain them in the same order. */
 spin_status spin_ranks_exchange(const struct spin_message *message, size_t n);
 /* All-reduce: replace each of the n numbers by the sum of the ranks' numbers, which is
  * bit-identical on all ranks. kind: type of the numbers, one of SPIN_SUM_... */
@@ -31,10 +31,10 @@ spin_status spin_ranks_broadcast(void *at, size_t bytes, int from);
  * return the error and message of the lowest rank that failed. */
 spin_status spin_ranks_agree(spin_status status);
 
-/* Whether all ranks know of a failure because spin_ranks_agree() reported it to all of them; they
- * can then still communicate. Always true for a single rank. */
+/* Whether all ranks can still communicate after a failure, because spin_ranks_agree() reported the
+ * failure to all of them. Always true for a single rank. */
 bool spin_ranks_agreed(void);
 
-/* Returns how many bytes this rank has sent, and how many seconds it spent in the functions above.
- */
+/* *bytes receives how many bytes this rank has sent, and *seconds how long it spent in the
+ * functions above. */
 void spin_ranks_spent(uint64_t *bytes, double *seconds);

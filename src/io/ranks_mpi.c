@@ -79,7 +79,8 @@ static int has_notice(void)
 }
 
 /* Wait between two polls. turn: number of polls so far. After EAGER / 10 polls, yield the
- * processor, since ranks may share one; after EAGER polls, sleep for 0.05 ms, growing to 1 ms. */
+ * processor, since several ranks may share it; after EAGER polls, sleep for 0.05 ms, growing to 1
+ * ms. */
 static void wait_between_polls(int turn)
 {
     int late = turn - EAGER;

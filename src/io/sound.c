@@ -29,9 +29,10 @@ static bool has_at(const unsigned char *data, size_t size, size_t at, const char
 
 /* The chunks of a WAV file that locate its samples. */
 struct wav {
-    size_t data, n_data;         /* offset and size of the samples */
-    uint32_t block, rate, depth; /* bytes of a sample of all channels; samples per second; bits */
-    uint32_t coding;             /* 1: integers, 3: floats, 0xfffe: in a longer header */
+    size_t data, n_data; /* offset and size of the samples */
+    /* bytes per sample of all channels; samples per second; bits per sample */
+    uint32_t block, rate, depth;
+    uint32_t coding; /* 1: integers, 3: floats, 0xfffe: given in a longer header */
 };
 
 static bool find_samples(const unsigned char *data, size_t size, struct wav *out)
@@ -106,7 +107,7 @@ static bool is_m4a(const unsigned char *data, size_t size)
            !has_track(data, size, "vide");
 }
 
-/* Returns the length of the ADTS frame of AAC at this place; 0 if there is none. */
+/* Returns the length in bytes of the ADTS frame of AAC at `d`; 0 if there is none. */
 static size_t aac_frame(const unsigned char *d, size_t size)
 {
     return size >= 7 && d[0] == 0xff && (d[1] & 0xf6) == 0xf0
@@ -114,7 +115,7 @@ static size_t aac_frame(const unsigned char *d, size_t size)
                : 0;
 }
 
-/* Returns the length of the frame of MPEG audio, layer 3, at this place; 0 if there is none. */
+/* Returns the length in bytes of the MP3 frame (MPEG audio, layer 3) at `d`; 0 if there is none. */
 static size_t mp3_frame(const unsigned char *d, size_t size)
 {
     static const int kbits[2][15] = {
@@ -125,7 +126,7 @@ static size_t mp3_frame(const unsigned char *d, size_t size)
 
     if (size < 4 || d[0] != 0xff || (d[1] & 0xe6) != 0xe2)
         return 0;
-    version = d[1] >> 3 & 3; /* 0: 2.5, 1: reserved, 2: 2, 3: 1 */
+    version = d[1] >> 3 & 3; /* 0: MPEG 2.5, 1: reserved, 2: MPEG 2, 3: MPEG 1 */
     rate = d[2] >> 2 & 3;
     if (version == 1 || rate == 3 || d[2] >> 4 == 15 || d[2] >> 4 == 0)
         return 0;
@@ -136,8 +137,8 @@ static size_t mp3_frame(const unsigned char *d, size_t size)
                     (d[2] >> 1 & 1));
 }
 
-/* Returns whether a frame is followed by another one, or by the end of the file. The sync words
- * alone are too short to identify a format. */
+/* Returns whether the file begins, after an ID3 tag, with a frame that is followed by another one
+ * or by the end of the file. The sync word of a single frame is too short to identify a format. */
 static bool has_frames(const unsigned char *data, size_t size,
                        size_t (*frame)(const unsigned char *d, size_t size))
 {
@@ -215,8 +216,8 @@ const char *spin_sound_ending(const struct spin_sound *s) { return formats[forma
 
 /* ---- Durations ------------------------------------------------------------------------------- */
 
-/* Returns the duration of an Opus file: the position of its last page, minus the samples to skip at
- * the beginning. Both count 1/48000 s. */
+/* Returns the duration of an Opus file in seconds: the position of its last page minus the samples
+ * to skip at the beginning, both in units of 1/48000 s. */
 static double opus_seconds(const struct spin_sound *s)
 {
     size_t head = 27 + (size_t)s->data[26];
@@ -244,8 +245,8 @@ double spin_sound_seconds(const struct spin_sound *s)
 
 /* ---- Aligning -------------------------------------------------------------------------------- */
 
-/* Returns the number of bytes to drop from the beginning of the samples, or minus the number of
- * bytes of silence to put there. */
+/* Returns the number of bytes to drop from the beginning of the samples, or the negative number of
+ * bytes of silence to insert there. */
 static int64_t bytes_before(const struct spin_sound *s, const struct wav *wav)
 {
     double samples = rint(-s->start * wav->rate), most = (double)SPIN_SOUND_LIMIT / wav->block;
@@ -265,7 +266,7 @@ spin_status spin_sound_align(const struct spin_sound *s, struct spin_sound *out,
     *owned = NULL;
     if (s->start == 0 || strcmp(s->type, "wav") != 0 || !find_samples(s->data, s->size, &wav))
         return SPIN_OK;
-    /* Other codings have no frames of one sample. */
+    /* Compressed codings pack several samples into a block, and cannot be cut between samples. */
     if (wav.coding != 1 && wav.coding != 3 && wav.coding != 0xfffe)
         return SPIN_OK;
     before = bytes_before(s, &wav);
@@ -275,7 +276,7 @@ spin_status spin_sound_align(const struct spin_sound *s, struct spin_sound *out,
         return SPIN_OK;
     SPIN_TRY(spin_alloc(wav.data + n, 1, (void **)owned));
     memcpy(*owned, s->data, wav.data);
-    memset(*owned + wav.data, wav.depth == 8 ? 128 : 0, silent); /* 8 bits are unsigned */
+    memset(*owned + wav.data, wav.depth == 8 ? 128 : 0, silent); /* 8-bit samples are unsigned */
     memcpy(*owned + wav.data + silent, s->data + wav.data + (before > 0 ? before : 0), n - silent);
     put_little(*owned + 4, (uint32_t)(wav.data + n - 8));
     put_little(*owned + wav.data - 4, (uint32_t)n);

@@ -4,7 +4,7 @@
 
 #include "base/base.h"
 
-/* Prepares the inflater for a gzip member, of which a file may have several in sequence. */
+/* Prepares the inflater for the next gzip member; a file may consist of several members. */
 static spin_status begin_member(struct spin_stream *s)
 {
     z_stream *z;

@@ -5,17 +5,18 @@
 
 struct spin_stream {
     struct spin_map map;
-    const char *path; /* of the file, for messages; the caller owns it */
-    size_t at;        /* bytes of the file that were read */
-    uint64_t n_out;   /* bytes that spin_stream_read() returned */
-    uint64_t limit;   /* an error if more bytes would be returned */
-    void *inflater;   /* NULL: the file is not compressed, or its end was reached */
+    const char *path; /* name of the file in messages; owned by the caller */
+    size_t at;        /* position in the file: number of bytes read so far */
+    uint64_t n_out;   /* number of bytes that spin_stream_read() has returned */
+    uint64_t limit;   /* reading more than this many bytes is an error */
+    void *inflater;   /* state of zlib; NULL outside a gzip member */
     bool is_gzip;
 };
 
-/* Opens a file. At most `limit` bytes are decompressed, so that a bomb fails early. */
+/* Opens a file. Reading fails once more than `limit` bytes were decompressed, which stops
+ * decompression bombs. `path` must stay valid until spin_stream_close(). */
 spin_status spin_stream_open(const char *path, uint64_t limit, struct spin_stream *out);
 void spin_stream_close(struct spin_stream *s);
-/* Reads n bytes, or fewer at the end of the stream; *got receives their number. The checksums of
- * gzip are verified. */
+/* Reads n bytes, or fewer at the end of the stream; *got receives their number. The checksums of a
+ * gzip file are verified. */
 spin_status spin_stream_read(struct spin_stream *s, void *out, size_t n, size_t *got);

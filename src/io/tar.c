@@ -18,7 +18,7 @@ enum {
     N_PREFIX = 155
 };
 
-/* What pax and GNU headers state about the member that follows them. */
+/* The name and size that extension headers of pax and GNU give for the next member. */
 struct extra {
     char *name;
     bool has_size;
@@ -91,7 +91,7 @@ static spin_status read_header(struct spin_tar *tar, unsigned char *block, bool 
     return SPIN_OK;
 }
 
-/* Reads the contents of a header that extends the next one, and a zero byte behind them. */
+/* Reads the contents of an extension header, and terminates them with a zero byte. */
 static spin_status read_contents(struct spin_tar *tar, uint64_t size, char **out)
 {
     size_t padded = ((size_t)size + SPIN_TAR_BLOCK - 1) / SPIN_TAR_BLOCK * SPIN_TAR_BLOCK;
@@ -108,7 +108,8 @@ static spin_status read_contents(struct spin_tar *tar, uint64_t size, char **out
 
 /* ---- Extensions ------------------------------------------------------------------------------ */
 
-/* Parses a record "LENGTH KEY=VALUE\n" of n bytes without its LENGTH and its line feed. */
+/* Parses the pax record "LENGTH KEY=VALUE\n". `record` has n bytes, without LENGTH and the line
+ * feed. */
 static spin_status parse_record(const struct spin_tar *tar, char *record, size_t n,
                                 struct extra *out)
 {
@@ -154,8 +155,8 @@ static spin_status parse_pax(const struct spin_tar *tar, char *text, size_t n, s
     return SPIN_OK;
 }
 
-/* Reads a header of type x (pax), g (pax, for all members), L (GNU's long name) or K (GNU's long
- * target of a link). */
+/* Reads an extension header: type x is pax, L is GNU's long name. The types g (pax, for all
+ * members) and K (GNU's long target of a link) are skipped. */
 static spin_status read_extra(struct spin_tar *tar, char type, uint64_t size, struct extra *out)
 {
     SPIN_FREED char *text = NULL;
@@ -187,7 +188,7 @@ static spin_status skip_member(struct spin_tar *tar)
     return SPIN_OK;
 }
 
-/* Sets tar->name to the name in the extension or, without it, in the header. */
+/* Sets tar->name to the name in the extension header or, if that has none, in the header. */
 static spin_status set_name(struct spin_tar *tar, const unsigned char *block, struct extra *extra)
 {
     const char *prefix = (const char *)block + PREFIX, *name = (const char *)block + NAME;

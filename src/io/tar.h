@@ -12,12 +12,12 @@ struct spin_tar {
     char *name; /* name of the current member; owned by this struct */
     bool is_folder;
     uint64_t size;   /* bytes of the current member */
-    uint64_t unread; /* bytes of it that were not read yet */
+    uint64_t unread; /* bytes of the current member that were not read yet */
 };
 
 /* Whether these bytes are the first of a tar archive. */
 bool spin_tar_looks_like(const unsigned char *head, size_t n);
-/* Proceeds to the next member, a file or a folder, and skips what was not read of the current one.
+/* Proceeds to the next member, a file or a folder, and skips the unread bytes of the current one.
  * Sets tar->name to NULL at the end of the archive. The caller sets tar->stream before the first
  * call, and calls spin_tar_close() at the end. */
 spin_status spin_tar_next(struct spin_tar *tar);

@@ -11,7 +11,8 @@ struct scope {
     const struct scope *up;
 };
 
-/* Columns, not counting the indentation and the last word of a line. */
+/* Number of columns after which write_settings() starts a new line, not counting the indentation
+ * and the last word of a line. */
 enum { SETTINGS_WIDTH = 80 };
 
 struct writer {
@@ -76,8 +77,8 @@ static void write_duration(FILE *to, double seconds)
         fprintf(to, "%.1f days", fmin(seconds / 86400, 1e9));
 }
 
-/* Print a number. format: a format of template.h, whose first word ends with the letter of the
- * conversion. */
+/* Print a number. format: a format of template.h, whose first word ends with the conversion letter,
+ * such as "%.1p". */
 static void write_number(FILE *to, const char *format, double v)
 {
     char plain[16], bytes[32], *kind;
@@ -181,7 +182,7 @@ static bool is_same(const json_t *j, const char *word, const struct scope *scope
     return !strcmp(text, *word == '@' ? other : word);
 }
 
-/* Expand a section, which begins at `at`, after its opening tag; returns the position after its
+/* Expand a section. `at` is the position after its opening tag; returns the position after its
  * closing tag. */
 static const char *write_section(const struct writer *w, const char *at, const struct scope *scope,
                                  const char *tag, bool shown)

@@ -15,7 +15,8 @@
  *                                       element, whose members hide names from outside
  *     {{*ranges}}...{{/}}               a section, repeated for each member of an object
  *     {{#kind=ends}} {{#least=@most}}   a section; omitted unless the value equals this text or
- *                                       number, or the value of another name; absent equals ""
+ *                                       number, or the value of another name; an absent value
+ *                                       counts as ""
  *     {{^data}}...{{/}} {{^kind=ends}}  a section; omitted if {{# }} would show it
  *     {{.}} {{@}}                       the current element; its key, or its number from 1
  */

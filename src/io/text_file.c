@@ -1,4 +1,3 @@
-/* Text files. */
 #include "io/text_file.h"
 
 #include "base/base.h"
@@ -20,8 +19,8 @@ spin_status spin_text_skip_mark(const char *what, const char **text, size_t *n)
     return SPIN_OK;
 }
 
-/* Copies a text without carriage returns at the end of lines and blanks before them; returns the
- * length of the copy. A carriage return alone ends a line, too. */
+/* Copies a text, and removes carriage returns before line feeds and blanks at the end of lines;
+ * returns the length of the copy. A single carriage return becomes a line feed. */
 static size_t copy_lines(const char *from, size_t n, char *to)
 {
     size_t used = 0;

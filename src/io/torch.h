@@ -21,8 +21,7 @@ void spin_torch_close(struct spin_torch *torch);
  * until the checkpoint is closed. */
 spin_status spin_torch_tensor(struct spin_torch *torch, const struct spin_value *v,
                               const char *what, struct spin_array *out);
-/* spin_torch_tensor() that also checks that the tensor has this shape, where -1 matches any
- * size. */
+/* Do the same, and check that the tensor has this shape, where -1 matches any size. */
 spin_status spin_torch_tensor_of(struct spin_torch *torch, const struct spin_value *v,
                                  const char *what, int n_dims, const int64_t *shape,
                                  struct spin_array *out);

@@ -11,10 +11,10 @@
 #include "io/video_shim.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
-/* A decoder keeps about six frames of 1.5 bytes per pixel: 50 MB for a video of the data set Neural
- * 3D Video. Videos are often read alternately, so OPEN_BYTES lets all 21 videos of that data set
- * stay open. */
-#define DECODER_BYTES 9 /* bytes of memory per pixel of a frame */
+/* The decoders of several videos stay open up to OPEN_BYTES of memory, since videos are often read
+ * alternately. A decoder keeps about six frames of 1.5 bytes per pixel, which are 50 MB for a video
+ * of the data set Neural 3D Video; all 21 videos of that data set can stay open. */
+#define DECODER_BYTES 9 /* memory of a decoder, per pixel of a frame */
 #define OPEN_BYTES ((size_t)1200 << 20)
 
 struct video {
@@ -29,8 +29,8 @@ struct video {
 
 static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects all variables below */
 static const struct spin_video_shim *shim;
-/* [n_videos]; each struct is allocated separately, since the stream of a video points to the index
- * of the video. */
+/* [n_videos] Each struct is allocated separately, since the stream of a video points to its index.
+ */
 static struct video **video;
 static size_t n_videos;
 static unsigned long clock_now;
@@ -313,7 +313,8 @@ static spin_status decode_up_to(struct video *v, int64_t frame,
         result = shim->next(v->stream, &now);
         if (result != SPIN_VIDEO_OK)
             break;
-        /* A frame displayed before the key frame but coded after it may lack its references. */
+        /* Skip a frame that is displayed before the key frame but coded after it: the frames to
+         * which it refers may not have been decoded. */
         if (now < key)
             continue;
         v->at = now;

@@ -15,15 +15,15 @@
 #include "io/file.h"
 
 /* Parse "cam00.mp4#12" to the length of the file name and the index. Accepts .mp4, .mov, .m4v, .mkv
- * and .webm; also .avi, so that reading it can fail with a message: its frames have no
- * timestamps. */
+ * and .webm. Also accepts .avi, whose frames have no timestamps, so that reading such a frame fails
+ * with this reason. */
 bool spin_video_path(const char *path, size_t *n_file, int64_t *frame);
 /* Whether the name has the extension of a video. */
 bool spin_video_is_name(const char *name);
 
 /* Load the shim now. Errors state what to install. */
 spin_status spin_video_start(void);
-/* Load the shim like spin_video_start(), and store a pointer to its table of functions in *shim. */
+/* Load the shim like spin_video_start(), and set *shim to its table of functions. */
 struct spin_video_shim;
 spin_status spin_video_shim(const struct spin_video_shim **shim);
 
@@ -37,7 +37,7 @@ spin_status spin_video_info(const char *file, int *width, int *height, int64_t *
  * frees *times. */
 spin_status spin_video_times(const char *file, double **times, int64_t *n);
 
-/* Functions that receive the frames decoded on the way to the requested frame. */
+/* Functions that receive the frames that are decoded before the requested frame. */
 struct spin_video_passer {
     void *context;
     /* Whether to convert this frame and pass it to receive_frame(). */

@@ -128,7 +128,7 @@ static int open_frame(struct spin_video_writer *w)
     }
     w->scale = sws_getContext(c->width, c->height, AV_PIX_FMT_RGB24, c->width, c->height,
                               c->pix_fmt, SWS_BICUBIC | SWS_ACCURATE_RND, NULL, NULL, NULL);
-    if (!w->scale) /* memory ran out, since both pixel formats are supported */
+    if (!w->scale) /* both pixel formats are supported, so this is a lack of memory */
         return AVERROR(ENOMEM);
     sws_setColorspaceDetails(w->scale, sws_getCoefficients(SWS_CS_ITU709), 1,
                              sws_getCoefficients(SWS_CS_ITU709), 0, 0, 1 << 16, 1 << 16);
@@ -197,8 +197,8 @@ static int write_packets(struct spin_video_writer *w)
     }
 }
 
-/* Returns the image with even width and height: if the width is odd, the last column is repeated;
- * if the height is odd, the last row. */
+/* Returns the image with even width and height. If the width is odd, the last column is repeated;
+ * if the height is odd, the last row is repeated. */
 static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rgb)
 {
     size_t to = 3 * (size_t)w->codec->width, from = 3 * (size_t)w->width;
@@ -216,7 +216,7 @@ static const uint8_t *pad_to_even(struct spin_video_writer *w, const uint8_t *rg
     return w->even;
 }
 
-/* Returns the duration of the frames so far. */
+/* Returns the duration in seconds of the frames so far. */
 static double seconds_of(const struct spin_video_writer *w)
 {
     return (double)w->next * av_q2d(w->codec->time_base);

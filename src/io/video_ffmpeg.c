@@ -161,8 +161,9 @@ static int sign_of(int32_t value, double largest)
     return fabs((double)value) < 0.01 * largest ? 0 : value < 0 ? -1 : 1;
 }
 
-/* Sets the rotation and the size of the frames as players show them. x' = a x + c y and y' = b x +
- * d y, where the matrix is a b u, c d v, x y w. */
+/* Sets the size of the frames as players show them, and how to turn stored frames for it. The rows
+ * of the display matrix are (a, b, u), (c, d, v) and (tx, ty, w); it maps a stored position (x, y)
+ * to (a x + c y, b x + d y), plus a translation that is ignored. */
 static enum spin_video_result read_rotation(const AVStream *stream, struct spin_video_index *out)
 {
     static const int32_t none[9] = {1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30};
@@ -389,7 +390,7 @@ static int colour_matrix(const AVFrame *frame)
     }
 }
 
-/* Converts the decoded frame as it is stored. */
+/* Converts the decoded frame to RGB, as it is stored. */
 static enum spin_video_result stored_rgb(struct spin_video_stream *s, uint8_t *out)
 {
     const AVFrame *frame = s->frame;
@@ -413,7 +414,7 @@ static enum spin_video_result stored_rgb(struct spin_video_stream *s, uint8_t *o
     return SPIN_VIDEO_OK;
 }
 
-/* Copies a frame to its orientation on the screen. */
+/* Copies a stored frame, turned and mirrored as players show it. */
 static void turn_frame(const struct spin_video_index *index, const uint8_t *from, uint8_t *out)
 {
     int width = stored_width(index), height = stored_height(index);

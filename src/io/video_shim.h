@@ -25,10 +25,9 @@ struct spin_video_entry {
 };
 
 struct spin_video_index {
-    int width, height; /* of the frames as players show them */
-    /* Rotation of the file's display matrix: a frame is stored with y and x exchanged if `swaps`,
-     * from right to left if `mirrors_x`, and from the bottom to the top if `mirrors_y`; the last
-     * two refer to the frame as shown. */
+    int width, height; /* size of the frames as players show them */
+    /* How a stored pixel (x, y) is mapped to the frame as players show it: x and y are exchanged if
+     * `swaps`; then x is mirrored if mirrors_x, and y if mirrors_y. */
     int swaps, mirrors_x, mirrors_y;
     double unit; /* seconds per unit of pts */
     int64_t n;
@@ -37,12 +36,13 @@ struct spin_video_index {
 
 struct spin_video_writer;
 
-/* The file of a sound track, in memory, which must stay valid until the writer is closed. */
+/* A sound file in memory, which must stay valid until the writer is closed. */
 struct spin_video_sound {
     const uint8_t *data;
     size_t size;
-    double start; /* seconds of the video at which it begins; below 0: its beginning is cut off */
-    double gain;  /* factor of the amplitude */
+    /* time of the video in seconds at which the sound starts; if negative, that much is cut off */
+    double start;
+    double gain; /* factor of the amplitude */
 };
 
 /* The functions that write a video. format: "mp4" or "webm". quality: 0 (best) to 51 (worst), on
@@ -65,7 +65,7 @@ struct spin_video_stream;
 struct spin_video_shim {
     int abi;
     const char *version; /* name and version of libavcodec */
-    /* Returns a text that says why this thread's last call failed. */
+    /* Returns the reason why this thread's last call failed. */
     const char *(*why)(void);
     /* List the frames by reading the packets, without decoding them. Refuses videos with more than
      * max_pixels pixels per frame. */
@@ -73,8 +73,8 @@ struct spin_video_shim {
                                     struct spin_video_index *out);
     enum spin_video_result (*open)(const char *path, const struct spin_video_index *index,
                                    struct spin_video_stream **out);
-    /* Seek to the key frame with index `key`. The next calls of next() return this frame, possibly
-     * after some frames that are displayed before it; those may be damaged. */
+    /* Seek to the key frame with index `key`. The following calls of next() return this frame,
+     * possibly after frames that are displayed before it, which may be damaged. */
     enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key);
     /* Decode one more frame; *frame receives its index. */
     enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame);
@@ -86,7 +86,7 @@ struct spin_video_shim {
 
 extern const struct spin_video_shim spin_video_shim_table;
 extern const struct spin_video_encoder spin_video_encoder_table;
-/* Set this thread's why() to `what`, followed by FFmpeg's text for `error` unless that is 0.
+/* Make why() return `what` on this thread, followed by FFmpeg's text for `error` unless that is 0.
  * Returns `result`, or SPIN_VIDEO_NO_MEMORY if the error is a lack of memory. */
 enum spin_video_result spin_video_fail(enum spin_video_result result, int error, const char *what);
 
@@ -95,12 +95,12 @@ enum spin_video_result spin_video_fail(enum spin_video_result result, int error,
 struct AVFormatContext;
 struct spin_video_track;
 
-/* Decode the sound and prepare to encode it as a second stream of `file`, of the kind that the
- * format needs. Call this before the header of the file is written. Returns an error of FFmpeg, or
- * 0. */
+/* Prepare to decode the sound and to encode it as a second stream of `file`, as AAC or Opus
+ * according to the format. Call this before the header of the file is written. Returns 0 or an
+ * error of FFmpeg, as the next two functions do. */
 int spin_video_track_open(struct AVFormatContext *file, const char *format,
                           const struct spin_video_sound *sound, struct spin_video_track **out);
-/* Write the samples up to this time of the video, silence where the sound has none. */
+/* Write the samples up to this time of the video, with silence where there is no sound. */
 int spin_video_track_write(struct spin_video_track *track, double seconds);
 /* Write the last samples of a video of this duration. */
 int spin_video_track_end(struct spin_video_track *track, double seconds);

@@ -1,6 +1,6 @@
 /* The sound track of a video: decoded from a file in memory, resampled, and encoded as AAC for MP4
- * or as Opus for WebM. The track begins with the video: samples before it are dropped, and silence
- * fills the time before a later sound and after its end. */
+ * or as Opus for WebM. The track is as long as the video: samples before the first frame are
+ * dropped, and silence is added before a sound that starts later, and after its end. */
 #include "io/video_shim.h"
 
 #include <libavcodec/avcodec.h>
@@ -29,14 +29,15 @@ struct spin_video_track {
     AVCodecContext *decoder, *encoder;
     AVStream *from, *to;
     SwrContext *resample;
-    AVAudioFifo *samples; /* resampled, not yet encoded; begins at sample `next` of the video */
+    AVAudioFifo *samples; /* resampled samples that are not encoded yet */
     AVFrame *frame, *coded;
     AVPacket *packet;
-    int64_t skip, silence; /* samples to drop, and silence to insert, before the first one */
-    int64_t next;          /* samples encoded so far */
+    /* number of samples to drop, and of silent samples to insert, at the beginning */
+    int64_t skip, silence;
+    int64_t next; /* samples encoded so far */
     float gain;
     bool ended;     /* the file has no more samples */
-    bool finishing; /* the last frame, which may be short, may be encoded */
+    bool finishing; /* the video has ended, so that the last, shorter frame is encoded, too */
 };
 
 static int read_memory(void *opaque, uint8_t *to, int n)
@@ -132,7 +133,7 @@ static const AVCodec *choose_encoder(const char *format)
     return codec ? codec : avcodec_find_encoder(AV_CODEC_ID_OPUS);
 }
 
-/* Returns the format of samples to encode: floats, if possible. */
+/* Returns a sample format of the encoder: floats, if possible. */
 static enum AVSampleFormat choose_samples(const AVCodec *codec)
 {
     const enum AVSampleFormat *format = codec->sample_fmts;
@@ -144,7 +145,7 @@ static enum AVSampleFormat choose_samples(const AVCodec *codec)
                                    : AV_SAMPLE_FMT_FLTP;
 }
 
-/* Open the encoder, of one channel if the sound has one, else of two. */
+/* Open the encoder, with one channel if the sound is mono, else with two. */
 static int open_encoder(struct spin_video_track *t, const char *format)
 {
     const AVCodec *codec = choose_encoder(format);
@@ -158,7 +159,8 @@ static int open_encoder(struct spin_video_track *t, const char *format)
     c->sample_fmt = choose_samples(codec);
     c->bit_rate = BIT_RATE / 2 * c->ch_layout.nb_channels;
     c->time_base = (AVRational){1, RATE};
-    c->strict_std_compliance = FF_COMPLIANCE_EXPERIMENTAL; /* for the own encoder of Opus */
+    /* FFmpeg's own encoder of Opus is marked experimental */
+    c->strict_std_compliance = FF_COMPLIANCE_EXPERIMENTAL;
     if (t->out->oformat->flags & AVFMT_GLOBALHEADER)
         c->flags |= AV_CODEC_FLAG_GLOBAL_HEADER;
     error = avcodec_open2(c, codec, NULL);
@@ -171,7 +173,8 @@ static int open_encoder(struct spin_video_track *t, const char *format)
     return avcodec_parameters_from_context(t->to->codecpar, c);
 }
 
-/* The gain is applied to the samples in the FIFO, which are planar floats. */
+/* Open the resampler and the FIFO. Samples in the FIFO are planar floats, since the gain is applied
+ * to them. */
 static int open_buffers(struct spin_video_track *t)
 {
     AVCodecContext *c = t->encoder;
@@ -213,7 +216,8 @@ int spin_video_track_open(struct AVFormatContext *file, const char *format,
 
 /* ---- Decoding -------------------------------------------------------------------------------- */
 
-/* Appends n samples of each channel to the FIFO, after dropping those before the video. */
+/* Applies the gain to n samples of each channel, and appends them to the FIFO, except those before
+ * the first video frame. */
 static int keep_samples(struct spin_video_track *t, uint8_t **plane, int n)
 {
     int drop = t->skip < n ? (int)t->skip : n, error = 0;
@@ -232,7 +236,7 @@ static int keep_samples(struct spin_video_track *t, uint8_t **plane, int n)
     return error < 0 ? error : 0;
 }
 
-/* Resamples a decoded frame; NULL: what the resampler still has. */
+/* Resamples a decoded frame or, if `frame` is NULL, the samples that the resampler has buffered. */
 static int resample_frame(struct spin_video_track *t, const AVFrame *frame)
 {
     int n = swr_get_out_samples(t->resample, frame ? frame->nb_samples : 0), error;
@@ -251,7 +255,7 @@ static int resample_frame(struct spin_video_track *t, const AVFrame *frame)
     return error;
 }
 
-/* Sends the next packet of the sound to the decoder; the end of the file, at its end. */
+/* Sends the next packet of the sound to the decoder, or signals the end of the file. */
 static int send_packet(struct spin_video_track *t)
 {
     int error = av_read_frame(t->in, t->packet);
@@ -261,7 +265,7 @@ static int send_packet(struct spin_video_track *t)
     if (t->packet->stream_index == t->from->index)
         error = avcodec_send_packet(t->decoder, t->packet);
     av_packet_unref(t->packet);
-    return error == AVERROR_INVALIDDATA ? 0 : error; /* skip what is damaged */
+    return error == AVERROR_INVALIDDATA ? 0 : error; /* skip damaged packets */
 }
 
 static int decode_more(struct spin_video_track *t)
@@ -300,7 +304,8 @@ static int write_packets(struct spin_video_track *t)
     }
 }
 
-/* Fills n samples of t->coded, planar floats, from the FIFO and with silence. */
+/* Fills a frame of n samples, planar floats: first the silence to insert at the beginning, then
+ * samples of the FIFO, then silence. */
 static int fill_frame(struct spin_video_track *t, AVFrame *frame, int n)
 {
     int channels = t->encoder->ch_layout.nb_channels;
@@ -315,8 +320,8 @@ static int fill_frame(struct spin_video_track *t, AVFrame *frame, int n)
     return had < 0 ? had : 0;
 }
 
-/* Converts the frame to the sample format of the encoder, which differs for libopus: interleaved
- * floats. */
+/* Copies the frame, converted to the sample format of the encoder: interleaved floats for libopus.
+ */
 static int convert_frame(const AVFrame *from, AVFrame *to)
 {
     int channels = from->ch_layout.nb_channels, bytes = av_get_bytes_per_sample(to->format);
@@ -377,7 +382,7 @@ int spin_video_track_write(struct spin_video_track *t, double seconds)
     while (t->next < end && error >= 0) {
         int n = end - t->next < most ? (int)(end - t->next) : most;
 
-        /* Frames before the last one must be full, so wait for the rest. */
+        /* Only the last frame may be shorter: leave these samples to the next call. */
         if (n < most && !t->finishing)
             return 0;
         while (!t->ended && av_audio_fifo_size(t->samples) + t->silence < n && error >= 0)

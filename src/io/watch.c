@@ -154,7 +154,7 @@ static void report_cut_file(const char *path)
 
 static void remove_outs(void)
 {
-    /* First the files, then the folders that have become empty. */
+    /* The folders are empty only after their files are removed. */
     for (int pass = 0; pass < 2; pass++) {
         for (int i = 0; i < OUTS; i++) {
             if (atomic_load(&outs[i].given))
@@ -184,8 +184,8 @@ static void on_bus(int number, siginfo_t *info, void *context)
         remove_outs();
         _exit(1);
     }
-    /* The address lies in none of the watched maps: with the default action, the access is repeated
-     * after the return, and then the signal ends the process. */
+    /* The address is in no watched map. After the return, the access is repeated, and the default
+     * action ends the process. */
     signal(number, SIG_DFL);
 }
 

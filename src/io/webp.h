@@ -1,7 +1,7 @@
-/* Lossless WebP images in memory, by the system's libwebp, a dependency of OpenImageIO. It is
- * loaded when first needed, so that only SOG files depend on it. The environment variable SPIN_WEBP
- * can replace the path libwebp.so.7. OpenImageIO itself cannot be used: it changes the colours of
- * transparent pixels, in which SOG stores data. */
+/* Lossless WebP images in memory, by the system's libwebp, a dependency of OpenImageIO. The library
+ * is loaded when first needed, so that only reading and writing SOG files requires it. The
+ * environment variable SPIN_WEBP can replace the path libwebp.so.7. OpenImageIO itself cannot be
+ * used: it changes the colours of transparent pixels, in which SOG stores data. */
 #pragma once
 
 #include "spin.h"
@@ -10,9 +10,9 @@
 
 /* SPIN_E_UNSUPPORTED if the library is missing. */
 spin_status spin_webp_need(void);
-/* Encode an image [height][width][4] losslessly, including the colours of transparent pixels;
- * effort 0 (fast) to 9 (small). *out is allocated with malloc. The result is decoded for
- * verification: SPIN_E_IO if it differs. */
+/* Encode an image [height][width][4] losslessly, including the colours of transparent pixels.
+ * effort: 0 (fast) to 9 (small). *out is allocated with malloc. The result is decoded for
+ * verification; SPIN_E_IO if the pixels differ. */
 spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effort,
                             unsigned char **out, size_t *n_out);
 /* Read the size of an image; SPIN_E_MALFORMED if the data are not a WebP image. */

@@ -7,8 +7,9 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* Networks, codebooks and indices compress to about half. A ratio above 32, beyond some megabytes,
- * indicates a decompression bomb: xz can reach a ratio of 7000. */
+/* The decompressed size may be RATIO times the size of the file, plus RATIO_SLACK bytes. Networks,
+ * codebooks and indices compress to about half; a larger file is probably a decompression bomb,
+ * since xz can reach a ratio of 7000. */
 #define RATIO 32
 #define RATIO_SLACK ((size_t)8 << 20)
 #define FIRST_PIECE ((size_t)1 << 20)
@@ -42,8 +43,8 @@ static spin_status fail_lzma(const char *path, lzma_ret code)
     }
 }
 
-/* Double the capacity of the block, to at most limit + 1 bytes. If the output fills the block even
- * then, it exceeds the limit. */
+/* Double the capacity of the block, to at most limit + 1 bytes. Output that fills even such a block
+ * exceeds the limit. */
 static spin_status more_room(lzma_stream *stream, size_t limit, unsigned char **block, size_t *size)
 {
     size_t used = *size - stream->avail_out, larger = *size ? 2 * *size : FIRST_PIECE;

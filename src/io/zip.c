@@ -114,8 +114,8 @@ static spin_status fail_member(spin_status code, const char *path, const char *n
     return spin_fail(code, "cannot read '%s': member '%s' %s", path, name, what);
 }
 
-/* Read from the zip64 record those values that do not fit in 32 bits. The record contains only
- * these, in the order of `field`. */
+/* Replace the values that do not fit in 32 bits by those of the zip64 record, which contains only
+ * such values, in the order of `field`. */
 static bool read_zip64_extra(const unsigned char *extra, size_t n, struct spin_zip_member *m)
 {
     uint64_t *field[3] = {&m->size, &m->packed_size, &m->header_offset};
@@ -184,7 +184,7 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
     if (m->method == METHOD_STORED && m->size != m->packed_size)
         return fail_member(SPIN_E_MALFORMED, path, name, "is stored but has two different sizes");
 
-    /* Each member consists of header, name and data, and must lie before the directory. */
+    /* Header, name and data of each member must end before the directory. */
     if (m->header_offset > dir->offset || dir->offset - m->header_offset < LOCAL_BYTES + n_name)
         return fail_member(SPIN_E_MALFORMED, path, name, "lies outside the file");
     room = dir->offset - m->header_offset - LOCAL_BYTES - n_name;
@@ -375,7 +375,7 @@ static spin_status inflate_exactly(const struct spin_zip *zip, const struct spin
 {
     uint64_t n = m->packed_size, size = m->size;
     const uint64_t piece = 1u << 30;
-    unsigned char beyond; /* receives output beyond the stated size, which is an error */
+    unsigned char beyond; /* receives a byte beyond the stated size, which is an error */
     z_stream z = {0};
     int result = Z_OK;
 
@@ -424,7 +424,7 @@ static spin_status inflate_head(const struct spin_zip *zip, const struct spin_zi
     z.avail_in = (uInt)(n_packed < piece ? n_packed : piece);
     z.next_out = out;
     z.avail_out = (uInt)(n < piece ? n : piece);
-    /* Other errors are ignored here: they are reported when the whole member is read. */
+    /* Errors in the data are reported when the whole member is read. */
     result = inflate(&z, Z_SYNC_FLUSH);
     *n_out = (size_t)z.total_out;
     inflateEnd(&z);

@@ -37,8 +37,8 @@ void spin_zip_close(struct spin_zip *zip);
  * one, as Python does. */
 const struct spin_zip_member *spin_zip_find(const struct spin_zip *zip, const char *name);
 
-/* spin_zip_find() for a name that is the concatenation of several parts; `part` is a list of these
- * parts that ends with NULL. */
+/* Find a member by a name in several parts: the name is the concatenation of `part`, a list of
+ * strings that ends with NULL. */
 const struct spin_zip_member *spin_zip_find_parts(const struct spin_zip *zip,
                                                   const char *const *part);
 
@@ -57,7 +57,7 @@ spin_status spin_zip_head(const struct spin_zip *zip, const struct spin_zip_memb
 /* ---- Writing ---- */
 
 /* Members are stored, with their data aligned to 64 bytes, or deflated. Zip64 is used if needed.
- * Equal content gives equal bytes: the date is 1980-01-01, and the number of threads has no
+ * Equal contents give equal files: the date is always 1980-01-01, and the number of threads has no
  * effect. */
 
 struct spin_zip_writer {
@@ -80,11 +80,11 @@ struct spin_zip_writer {
 spin_status spin_zip_writer_open(const char *path, bool force, struct spin_zip_writer *w);
 /* Write a stored member: begin with its exact size, write it in parts, then end. */
 spin_status spin_zip_member_begin(struct spin_zip_writer *w, const char *name, uint64_t size);
-/* spin_zip_member_begin() for a member that is deflated as it is written. */
+/* The same for a member that is deflated while it is written. */
 spin_status spin_zip_member_begin_deflated(struct spin_zip_writer *w, const char *name,
                                            uint64_t size);
-/* Compress the member just begun quickly: search only for runs of one byte, and store data that
- * seem random. To be called before its first bytes. */
+/* Compress the current member quickly: search only for runs of one byte, and store data that seem
+ * random. Call this after spin_zip_member_begin_deflated(), before the first bytes are written. */
 void spin_zip_member_runs(struct spin_zip_writer *w);
 spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, size_t bytes);
 spin_status spin_zip_member_end(struct spin_zip_writer *w);

@@ -16,4 +16,4 @@ enum {
     METHOD_STORED = 0,
     METHOD_DEFLATE = 8
 };
-#define FULL32 0xffffffffu /* in place of a 32-bit value: the value is in the zip64 record */
+#define FULL32 0xffffffffu /* a 32-bit field with this value: the value is in the zip64 record */

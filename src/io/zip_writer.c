@@ -12,8 +12,7 @@ enum {
     DOS_DATE_1980 = 0x21,
     DEFLATE_LEVEL = 6,
     WINDOW = SPIN_DEFLATE_WINDOW,
-    /* Size in bytes of the parts of a member that are deflated at a time, each by several
-     * threads. */
+    /* Number of bytes of a member that several threads deflate at a time. */
     PART = 8 << 20
 };
 /* Deflated members of at least this size get 64-bit fields in their headers, since compression may
@@ -21,8 +20,9 @@ enum {
 static const uint64_t deflate_zip64 = 0xf0000000u;
 
 struct spin_zip_deflate {
-    bool runs;         /* the effect of spin_zip_member_runs() is in force */
-    unsigned char *in; /* [n_room]: n_before bytes already written, then n pending ones */
+    bool runs; /* spin_zip_member_runs() was called */
+    /* [n_room]: n_before bytes that were already compressed, then n that were not */
+    unsigned char *in;
     size_t n_room, n_before, n;
     uint64_t packed_size;
     struct spin_deflate_room out;
@@ -248,8 +248,8 @@ spin_status spin_zip_member_write(struct spin_zip_writer *w, const void *data, s
     return spin_out_write(&w->out, data, bytes);
 }
 
-/* Write values that became known later into a local header. pwrite() avoids a seek, after which
- * stdio would reload and rewrite its buffer. */
+/* Write values that became known later into a local header. pwrite() is used because stdio would
+ * reload and rewrite its buffer after a seek. */
 static spin_status patch_header(struct spin_zip_writer *w, const struct bytes *b, uint64_t at)
 {
     if (fflush(w->out.file) != 0)

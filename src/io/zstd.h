@@ -1,6 +1,6 @@
-/* Zstandard frames (RFC 8878) in memory, by the system's libzstd. It is loaded when first needed,
- * so that only files that use it depend on it; Debian and Ubuntu always have it, as dpkg depends on
- * it. The environment variable SPIN_ZSTD can replace the path libzstd.so.1. */
+/* Zstandard frames (RFC 8878) in memory, by the system's libzstd. The library is loaded when first
+ * needed, so that only files in this format require it; Debian and Ubuntu always have it, since
+ * dpkg requires it. The environment variable SPIN_ZSTD can replace the path libzstd.so.1. */
 #pragma once
 
 #include "spin.h"
