@@ -2,7 +2,7 @@
  *
  * Hash tables of hundreds of MiB are read at random; with 4 KiB pages, address translation costs
  * more than the accesses. Large blocks are therefore aligned to 2 MiB and request huge pages; if
- * the system has none, they silently consist of ordinary pages. */
+ * the system provides none, the blocks consist of ordinary pages. */
 #include "base/mem.h"
 
 #include <stdlib.h>
@@ -91,8 +91,8 @@ spin_status spin_strdup(const char *text, char **out)
 }
 
 /* The 64-byte header before each block contains the size of the block if it was mapped, and 0 if it
- * comes from aligned_alloc(). Since mapped blocks begin at the start of a huge page, their headers
- * occupy an extra page of 4 KiB before it. */
+ * comes from aligned_alloc(). A mapped block begins at the start of a huge page; its header
+ * occupies an extra page of 4 KiB before this huge page. */
 enum { HEAD_PAGE = 4096 };
 
 static size_t *head_of(void *block) { return (size_t *)(void *)((char *)block - LINE); }
@@ -236,8 +236,8 @@ void spin_scratch_free(struct spin_scratch *scratch)
 }
 
 /* Read the number after `key` in a small system file, and multiply it by `unit`. Returns false if
- * there is no such number. If `key` is "", the file consists of one number, or of the word "max",
- * in which case this returns false. */
+ * there is no such number. With the key "", the file must consist of a single number; the word
+ * "max", for no limit, counts as no number. */
 static bool system_number(const char *path, const char *key, uint64_t unit, uint64_t *out)
 {
     char line[256];
@@ -263,9 +263,9 @@ enum { GROUP_PATH = 4096 };
 
 /* Returns how many bytes the process may still allocate according to its control groups: the one in
  * `folder` and its parents. Each group allows its limit minus its usage, where inactive page cache
- * counts as free; the lowest of these numbers is returned, or UINT64_MAX if there is none. The
- * search ends at the mount point, whose path is the first n_top bytes of `folder`. Groups whose
- * files cannot be read, as in a container, are skipped. */
+ * counts as free. Returns the least of these numbers; UINT64_MAX if there is no limit. The search
+ * ends at the mount point, whose path is the first n_top bytes of `folder`. Groups whose files
+ * cannot be read, as in a container, are skipped. */
 static uint64_t groups_available(char *folder, size_t n_top, const char *const names[4])
 {
     uint64_t least = UINT64_MAX;

@@ -10,8 +10,8 @@ bool spin_mul_size(size_t a, size_t b, size_t *out);
  * overflow. On failure, spin_alloc() sets *out to NULL, and spin_grow() leaves *inout unchanged. */
 spin_status spin_alloc(size_t count, size_t size, void **out);  /* the memory is zeroed */
 spin_status spin_grow(size_t count, size_t size, void **inout); /* added memory is not zeroed */
-/* Ensure that an array of n items has capacity for one more; if it has not, *capacity is doubled.
- * size: size of an item in bytes. */
+/* Ensure that an array of n items has capacity for one more: double *capacity if necessary. size:
+ * size of an item in bytes. */
 spin_status spin_array_grow(size_t n, size_t *capacity, size_t size, void **inout);
 spin_status spin_strdup(const char *text, char **out);
 
@@ -54,7 +54,7 @@ spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes);
 void spin_scratch_free(struct spin_scratch *scratch);
 
 /* Returns how many bytes this process can still allocate: the minimum of the machine's available
- * memory and of what the process's control groups and `ulimit -v` still allow. */
+ * memory and of the rest that the process's control groups and `ulimit -v` allow. */
 size_t spin_memory_available(void);
 /* Returns how many more bytes the control groups (versions 1 and 2) of this process allow: the
  * minimum for its own group and all ancestors of that group; UINT64_MAX if there is no limit. root:

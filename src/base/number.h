@@ -8,7 +8,7 @@ int spin_by_float(const void *a, const void *b);
 int spin_by_double(const void *a, const void *b);
 int spin_by_int(const void *a, const void *b);
 
-/* Returns how many values are NaN or infinite. This runs at the speed of memory, since it is called
+/* Returns how many values are NaN or infinite. Limited only by memory bandwidth, since it is called
  * for every value of every frame. */
 size_t spin_finite_missing(const float *values, size_t n);
 
@@ -23,7 +23,7 @@ float spin_light_of(float v);
 /* Project a point; out[] receives x and y in pixels, then the depth. Returns false if the point is
  * behind the camera. */
 bool spin_camera_project(const struct spin_camera *camera, const float point[3], double out[3]);
-/* spin_camera_project() that also returns false if the point is outside the image. */
+/* The same, but also returns false if the point is outside the image. */
 bool spin_camera_project_visible(const struct spin_camera *camera, const float point[3],
                                  double out[3]);
 /* Returns the depth of the camera's near plane, in world units. */

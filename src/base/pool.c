@@ -2,11 +2,11 @@
  *
  * A job is one call of spin_pool_run(). One 64-bit word contains the number of the job (high half)
  * and the number of its tasks that no thread has taken yet (low half). A thread takes a task by
- * decrementing the word with compare-and-swap. Since a job does not end before all tasks taken are
- * finished, a thread that has taken a task can read the job's fields without synchronisation. Since
- * the word includes the job's number, a thread that was delayed before its compare-and-swap cannot
- * take a task of a later job by mistake. A job ends when `pending`, the number of unfinished tasks,
- * is zero: sleeping threads do not delay its end.
+ * decrementing the word with compare-and-swap. Since a job does not end before all tasks that were
+ * taken are finished, a thread that has taken a task can read the job's fields without
+ * synchronisation. Since the word includes the job's number, a thread that was delayed before its
+ * compare-and-swap cannot take a task of a later job by mistake. A job ends when `pending`, the
+ * number of unfinished tasks, is zero: sleeping threads do not delay its end.
  *
  * Between jobs, workers poll the word for some microseconds before they sleep, because the
  * operations of a training iteration follow each other closely. If there are more threads than
@@ -71,8 +71,8 @@ static _Thread_local int worker_number; /* the result of spin_pool_worker() in t
 
 int spin_pool_worker(void) { return worker_number; }
 
-/* Take and run tasks until none is left. worker_number is restored afterwards, since a task of
- * another pool may call this. */
+/* Take and run tasks until none is left. worker_number is restored afterwards, since the caller may
+ * itself run as a task of another pool. */
 static void run_tasks(struct spin_pool *pool, int number)
 {
     int before = worker_number;
@@ -251,7 +251,7 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
 {
     uint64_t job;
     int before = worker_number;
-    /* True if a task of this pool calls this function. */
+    /* True if a task of this pool called this function; the nested job then runs on this thread. */
     bool busy = pool && atomic_load(&pool->pending) > 0;
 
     if (!pool || pool->n_threads == 1 || n_tasks <= 1 || busy) {

@@ -21,10 +21,9 @@ int spin_pool_n_threads(const struct spin_pool *pool);
  * must not use a pool at the same time. */
 typedef void (*spin_task_fn)(void *context, int task);
 void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context);
-/* spin_pool_run() for rows 0..n-1, in tasks of `piece` rows (fewer in the last): fn(context, first,
- * end) processes rows first..end-1. */
+/* Do the same for rows 0..n-1, in tasks of `piece` rows (the last may have fewer): fn(context,
+ * first, end) processes rows first..end-1. */
 typedef void (*spin_rows_fn)(void *context, size_t first, size_t end);
 void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context);
-/* Returns the index of the calling thread in the pool, 0..n_threads-1; only to be called within
- * fn. */
+/* Returns the index of the calling thread in the pool, 0..n_threads-1. Call this only within fn. */
 int spin_pool_worker(void);

@@ -1,4 +1,4 @@
-/* The file of this program. */
+/* The executable file of this program. */
 #pragma once
 
 #include <stdbool.h>
@@ -7,7 +7,7 @@
  * /proc on Linux. */
 bool spin_program_path(char path[4096]);
 
-/* Where /proc is not mounted, restart the program with LD_ORIGIN_PATH set to its folder: the loader
- * cannot find the libraries of a relocatable installation otherwise. Returns if there is no need,
- * or if the program cannot be restarted. */
+/* If /proc is not mounted, restart the program with LD_ORIGIN_PATH set to its folder: otherwise,
+ * the loader cannot find the libraries of a relocatable installation. Returns if no restart is
+ * needed, or if it fails. */
 void spin_program_restart(char **argv);

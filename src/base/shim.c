@@ -42,9 +42,9 @@ static bool has_space_limit(void)
     return getrlimit(RLIMIT_AS, &limit) == 0 && limit.rlim_cur != RLIM_INFINITY;
 }
 
-/* Whether loading the library would end the process. With a limit of the address space (`ulimit
- * -v`), this can happen, for instance if the library starts threads. The function tries it in a
- * child process; without such a limit it returns false. */
+/* Whether loading the library would end the process. This can happen if the address space is
+ * limited (`ulimit -v`), for instance if the library starts threads. Loads the library in a child
+ * process to find out; without a limit, returns false. */
 static bool ends_process(const char *path)
 {
     int how = 0;
@@ -66,9 +66,9 @@ static bool ends_process(const char *path)
     return WIFSIGNALED(how);
 }
 
-/* Whether this error of the loader means that memory ran out. Its text does not always mention
- * memory: malloc() then sets errno, but a segment that cannot be mapped leaves errno alone, and
- * means a lack of memory only if the address space is limited. */
+/* Whether an error of the loader means that memory ran out, even if the text does not say so. A
+ * failed malloc() sets errno. A segment that cannot be mapped does not; it means a lack of memory
+ * only if the address space is limited. */
 static bool is_lack_of_memory(int error, const char *text)
 {
     return error == ENOMEM || (has_space_limit() && strstr(text, "failed to map segment"));
@@ -119,8 +119,8 @@ static bool load_object(struct search *s, const char *path)
     return true;
 }
 
-/* Whether other users can write to path: users other than root, the current user and the owner of
- * the program's file. */
+/* Whether users other than root, the current user and the owner of the program's file can write to
+ * path. */
 static bool is_writable_by_others(struct search *s, const char *path)
 {
     struct stat st;

@@ -131,8 +131,8 @@ static int read_utf8(const char *text, uint32_t *code)
     return *code >= least[n] && *code < 0x110000 && *code >> 11 != 0xd800 >> 11 ? n : 0;
 }
 
-/* Whether the character controls a terminal (C0, DEL, C1), or can make a text look different from
- * what its bytes say (bidirectional controls, zero-width characters and tags). */
+/* Whether the character controls a terminal (C0, DEL, C1), or can disguise a text (bidirectional
+ * controls, zero-width characters and tags). */
 static bool is_control(uint32_t code)
 {
     static const struct {
@@ -288,7 +288,7 @@ void spin_text_unalias(const char *path)
     pthread_mutex_unlock(&alias_mutex);
 }
 
-/* Replaces n bytes at `at` by a word. */
+/* Replaces n bytes at `at` by a word. A text that would exceed `size` bytes is cut off. */
 static void replace_at(char *text, size_t size, char *at, size_t n, const char *word)
 {
     size_t before = (size_t)(at - text), n_word = strlen(word), rest = strlen(at + n);

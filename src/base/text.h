@@ -21,13 +21,13 @@ void spin_text_json(FILE *to, const char *text);
  * UTF-8 becomes '?'. lines: do not change line feeds. */
 void spin_text_tidy(char *text, bool lines);
 
-/* Make messages, warnings and notes show the path `shown` in place of `path`, until
- * spin_text_unalias(path). For temporary folders: the user knows the archive, not the folder. Both
- * are thread-safe. */
+/* Make messages, warnings and notes show the path `shown` instead of `path`, until
+ * spin_text_unalias(path). This is for temporary folders: the user knows the archive, not the
+ * folder. Both functions are thread-safe. */
 void spin_text_alias(const char *path, const char *shown);
 void spin_text_unalias(const char *path);
-/* Replace paths in a text by those to show; `size` is the capacity of the text. A text that would
- * become too long is cut off. */
+/* Replace the paths in a text that have an alias by the alias; `size` is the capacity of the text.
+ * A text that would become too long is cut off. */
 void spin_text_show_paths(char *text, size_t size);
 
 bool spin_text_ends(const char *text, const char *with);
@@ -53,6 +53,6 @@ const char *spin_text_share(size_t n, size_t of, const char *noun, const char *v
                             const char *verb, char text[96]);
 
 /* Append a line, formatted as by printf without a newline, to the notes of an importer or a data
- * set. A line that the notes already contain, or for which they have no space, is dropped. */
+ * set. The line is dropped if the notes already contain it, or have no space for it. */
 #define spin_note(of, ...) spin_text_note((of)->notes, sizeof(of)->notes, __VA_ARGS__)
 void spin_text_note(char *notes, size_t size, const char *fmt, ...) SPIN_PRINTF(3, 4);

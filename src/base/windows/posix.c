@@ -238,7 +238,7 @@ FILE *posix_fopen(const char *path, const char *mode)
 }
 
 /* Write at an offset. This uses a second handle, since Windows would change the file position of
- * the first. */
+ * the given one. */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
 {
     OVERLAPPED place = {.Offset = (DWORD)at, .OffsetHigh = (DWORD)(at >> 32)};
@@ -403,10 +403,10 @@ static void remove_old_files(void)
         (void)DeleteFileW(old_files->path.text);
 }
 
-/* Windows cannot replace a mapped file, but can rename it. Therefore rename the old file, then give
- * its name to the new one. The new name of the old file is that of a temporary file of process
- * getpid() + 1, which does not exist: if the old file cannot be removed at exit, spin_out_sweep()
- * removes it later. */
+/* Windows cannot replace a mapped file, but can rename it. Therefore rename the old file, and give
+ * its former name to the new file. The old file is named like a temporary file of process getpid()
+ * + 1, which does not exist: if the old file cannot be removed at exit, spin_out_sweep() removes it
+ * later. */
 static bool replace_mapped(const wchar_t *from, const wchar_t *to)
 {
     static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
@@ -451,7 +451,7 @@ int posix_link(const char *from, const char *to)
 struct posix_dir {
     HANDLE find;
     WIN32_FIND_DATAW next;
-    bool ends; /* there is no further entry */
+    bool ends; /* no entry follows `next` */
     struct dirent entry;
 };
 

@@ -148,7 +148,7 @@ int posix_kill(pid_t pid, int zero);
 intptr_t posix_execv(const char *path, char *const *argv);
 #define kill posix_kill
 #define execv posix_execv
-#define execvp posix_execv /* without a search: all callers pass an existing path */
+#define execvp posix_execv /* does not search PATH: all callers pass an existing path */
 
 /* SIGINT is raised by Ctrl-C, SIGTERM by Ctrl-Break, and SIGBUS by an in-page error of a mapped
  * file. */
