@@ -40,7 +40,7 @@ void spin_antialias_bake_close(struct spin_antialias_bake *b)
     spin_splats_free(&b->splats);
 }
 
-/* Returns the camera of a view, for images of the size to bake for. */
+/* Returns the camera of a view, scaled to the image size that opacities are baked for. */
 static struct spin_camera camera_of(const struct spin_antialias_bake *b, const struct spin_view *v)
 {
     struct spin_camera c = v->camera;
@@ -56,9 +56,10 @@ static struct spin_camera camera_of(const struct spin_antialias_bake *b, const s
     return c;
 }
 
-/* Computes the factor on the opacity of row i in one view. Returns whether the view shows the
- * centre of the splat; otherwise *factor is that of the splat in the middle of the image, at the
- * same distance, and *distance is set. */
+/* Sets *factor to the factor by which antialiasing lowers the opacity of row i in one view, and
+ * *distance to the distance of the splat from the camera. Returns whether the view shows the centre
+ * of the splat. If not, *factor is that of the same splat at the same distance, but in the middle
+ * of the image. */
 static bool view_factor(const struct spin_camera *camera, const struct spin_splats *s, size_t i,
                         float *factor, double *distance)
 {
@@ -85,8 +86,8 @@ static bool view_factor(const struct spin_camera *camera, const struct spin_spla
     return shows;
 }
 
-/* Returns the mean factor of row i over the views that show it or, if none does, that of the
- * nearest view. */
+/* Returns the mean factor of row i over the training views that show the splat; if no view shows
+ * it, the factor of the nearest view. */
 static double row_factor(const struct spin_antialias_bake *b, const struct spin_splats *s, size_t i,
                          const struct spin_view *view, size_t n_views)
 {
@@ -111,8 +112,8 @@ static double row_factor(const struct spin_antialias_bake *b, const struct spin_
     return n > 0 ? sum / n : nearest;
 }
 
-/* Sets *view to the views of frame f of the clip and returns their number. A frame without a row in
- * the data set has those of the first row. */
+/* Sets *view to the views of frame f of the clip and returns their number. A frame that is not
+ * paired with a row of the data set gets the views of row 0. */
 static size_t views_of(const struct spin_antialias_bake *b, int f, const struct spin_view **view)
 {
     const struct spin_views *views = &b->clip->views;
@@ -149,8 +150,9 @@ static double squared_distance(const float *a, const float *b, size_t n)
     return sum;
 }
 
-/* Compares the original splats and the baked ones, both drawn without antialiasing, with the
- * original drawn with it, in one view. */
+/* Measures in one view what baking gains. The reference image shows the original splats with
+ * antialiasing. Adds the squared differences between this image and two others, which are drawn
+ * without antialiasing, to b->after (baked splats) and b->before (original splats). */
 static spin_status measure(struct spin_antialias_bake *b, const struct spin_splats *original,
                            const struct spin_view *view)
 {

@@ -12,14 +12,15 @@
 struct spin_antialias_bake {
     bool bakes;        /* --bake-antialias is given */
     bool measures;     /* frames are measured, see spin_antialias_bake_log() */
-    int width, height; /* size of the images; 0: that of each view, times `scale` */
+    int width, height; /* size of the images; 0: the size of each view, times `scale` */
     double scale;      /* image scale of the training */
     const struct spin_clip *clip;
     const float *background; /* [3] */
     struct spin_player drawing;
     struct spin_splats splats; /* copy of the frame that was baked last */
     double sum_factors, n_splats;
-    /* squared differences to the antialiased images, after and without baking */
+    /* sums of squared differences from antialiased images, with (after) and without (before)
+     * baking, and the number of differences */
     double after, before, n_values;
     int n_images;
 };
@@ -31,10 +32,10 @@ spin_status spin_antialias_bake_open(struct spin_antialias_bake *b,
                                      const struct spin_clip *clip, enum spin_splat_source from,
                                      bool antialias, struct spin_device *device);
 void spin_antialias_bake_close(struct spin_antialias_bake *b);
-/* Replaces the pointer by one to a baked copy of frame f of the clip, which is valid until the next
- * call. Without the option the pointer stays unchanged. */
+/* Replaces *splats by a pointer to a baked copy of frame f of the clip, which is valid until the
+ * next call. Without --bake-antialias, *splats stays unchanged. */
 spin_status spin_antialias_bake_frame(struct spin_antialias_bake *b, int f,
                                       const struct spin_splats **splats);
-/* Logs how much opacities were lowered, and the PSNR of frames without antialiasing against
- * antialiased ones, before and after. */
+/* Logs how much opacities were lowered, and the PSNR of images without antialiasing, compared with
+ * antialiased images, with and without baking. */
 void spin_antialias_bake_log(const struct spin_antialias_bake *b);

@@ -1,7 +1,7 @@
 /* Draws points over images and finds outlying cameras. Each point is drawn as a square of its own
  * colour, and near points cover far ones. The image behind the points is darkened, so that a
  * mismatch shows as a double image. Outliers are found by the median and the median absolute
- * deviation (MAD), which tolerate that up to half of the views are wrong. */
+ * deviation (MAD), which are reliable as long as fewer than half of the views are wrong. */
 #include "run/camera_check.h"
 
 #include <float.h>
@@ -129,11 +129,10 @@ size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_
 
 /* About this many points, evenly spaced in the list of points, are projected into each view. */
 #define POINTS 4096
-/* No view is called an outlier if there are fewer views than this: the median would prove little.
- */
+/* With fewer views than this, no view is called an outlier, since the median is then unreliable. */
 #define LEAST_VIEWS 4
 /* A view is an outlier if its share of the points is below the median of all views by more than
- * DEVIATIONS standard deviations, estimated from the MAD. It must also be below by more than
+ * DEVIATIONS standard deviations, estimated from the MAD. The difference must also exceed
  * LEAST_GAP, since the shares of correct cameras differ too. */
 #define DEVIATIONS 6
 #define LEAST_GAP 0.25
@@ -203,7 +202,7 @@ static size_t measure_views(const struct spin_views *views, const int *rows, int
     return n;
 }
 
-/* Whether a point is inside the image of at least one of the views. */
+/* Returns whether a point is inside the image of at least one of n views. */
 static bool is_seen(const struct spin_view *view, size_t n, const float *point)
 {
     for (size_t v = 0; v < n; v++) {
@@ -217,7 +216,8 @@ static bool is_seen(const struct spin_view *view, size_t n, const float *point)
     return false;
 }
 
-/* Returns the share of the points that a view of the data set frame `row` contains. */
+/* Returns the share of the points that are inside the image of at least one view of data-set frame
+ * `row`. */
 static double share_seen(const struct spin_views *views, int row, const struct spin_splats *s)
 {
     size_t first, n_views = find_views(views, row, &first), n = 0, n_seen = 0;

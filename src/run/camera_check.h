@@ -1,6 +1,6 @@
 /* Checks that cameras match the points of a clip. Points drawn over the images of the data set
- * reveal wrong axes or a wrong pairing. A camera whose images contain far fewer points than those
- * of the others probably has a wrong pose or image size. */
+ * reveal wrong axes or a wrong pairing. A camera whose images contain far fewer points than the
+ * images of other cameras probably has a wrong pose or image size. */
 #pragma once
 
 #include "scene/dataset.h"
@@ -20,13 +20,13 @@ spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct 
 size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
                                   size_t *index);
 
-/* One camera, with the shares of its worst view, which is the one with the fewest points inside its
- * image. */
+/* One camera, with the shares of its worst view. An outlier is worse than any other view;
+ * otherwise, the view with fewer points inside its image is worse. */
 struct spin_camera_share {
     size_t view;             /* index into views->view */
     double in_front, inside; /* see struct spin_camera_overlay_share */
-    /* True if this view is an outlier: it contains far fewer points than the views of all cameras
-     * do in the median. */
+    /* True if this view is an outlier: far fewer points are in front of the camera or inside its
+     * image than in the median over all views. */
     bool apart;
 };
 

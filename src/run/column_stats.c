@@ -9,10 +9,10 @@
 /* The median of a series is computed from a sample of at most this many of its values. */
 #define SAMPLE 65536
 
-/* The series: the sets of values that get a minimum, median and maximum each. Positions have one
- * series per axis, since a single axis may be wrong; SH has one for the view-independent part and
- * one for all other coefficients. Each splat contributes the values first to first + n - 1 of its
- * row in the column; if n is 0, all values from first on. */
+/* A series is a set of values of which minimum, median and maximum are reported. Positions have one
+ * series per axis, since a single axis may be wrong; SH has one series for the view-independent
+ * part and one for all other coefficients. Each splat contributes n values of its row in the
+ * column, from value `first` on; if n is 0, all values from there on. */
 static const struct {
     const char *name;
     unsigned column;

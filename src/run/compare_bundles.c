@@ -59,8 +59,9 @@ static spin_status measure_run(const struct spin_eval_options *all, const char *
     return check_views(spin_json_at(c->runs, 0), run);
 }
 
-/* Warns if the bundles were made for different data sets. This is no error, since these may be
- * copies of one data set. A bundle that cannot be opened is reported later, when it is measured. */
+/* Warns if the bundles were made for different data sets. This is not an error, since the data sets
+ * may be copies of each other. A bundle that cannot be opened is reported later, when it is
+ * measured. */
 static void warn_data(const char *const *input, int n)
 {
     SPIN_FREED char *first = NULL;

@@ -2,9 +2,9 @@
  * and spin_export() in turn.
  *
  * For the output clip.html, these files are written beside it:
- *
- *     clip.import.spin  the imported clip; after the export deleted, or renamed if not retrained;
- *                       also deleted if the call fails, except during the training
+ *     clip.import.spin  the imported clip; after the export, it is deleted or, if it was not
+ *                       retrained, renamed to clip.spin; after a failure, it is deleted unless the
+ *                       training was interrupted
  *     clip.spin.part    the checkpoint, while the training is unfinished
  *     clip.spin         the final clip, which is kept
  *
@@ -49,14 +49,15 @@ struct convert {
      * one. */
     char *beside;
     bool imports;
-    bool removes_import; /* if the call fails: `import` was written, and no training needs it */
+    /* true: if the call fails, `import` is deleted, since no training needs it */
+    bool removes_import;
     bool has_data; /* the user named a data set, or the one that the bundle `import` names exists */
     bool is_trained; /* `import` was already retrained, with any method */
     /* Whether `import` was trained with tracks, so that 4D splats can be made of its frames. */
     bool is_tracks;
     bool renders; /* the clip is retrained on renders of itself */
-    bool
-        settles; /* its static splats are stored once before that, since its frames share no rows */
+    /* before that, the static splats of the clip are stored once, since its frames share no rows */
+    bool settles;
     spin_json *report;
 };
 
@@ -71,7 +72,7 @@ static spin_status append_text(const char *text, size_t n, const char *ending, c
 }
 
 /* Returns the length of a path without trailing slashes and without the extension of its last
- * component, which may be two words, such as ".tar.gz". */
+ * component, which may have two parts, such as ".tar.gz". */
 static size_t stem_length(const char *path, bool has_ending)
 {
     size_t n = strlen(path), first;
@@ -87,8 +88,8 @@ static size_t stem_length(const char *path, bool has_ending)
     return n;
 }
 
-/* Completes the default name of an output for a program: a file with the extension of its format,
- * or a folder "NAME-PROGRAM/", since "NAME" may be the input. */
+/* Completes the default name of the output for the program of --for: a file with the extension of
+ * the program's format, or a folder "NAME-PROGRAM/" and not "NAME/", which may be the input. */
 static spin_status name_for_target(struct convert *c)
 {
     SPIN_FREED char *stem = c->output, *named = NULL;
@@ -124,7 +125,7 @@ static spin_status name_output(struct convert *c)
 }
 
 /* Returns whether an exporter is to get 4D splats: if it accepts nothing else, or if it is 'tsog'
- * or '4dgs', since files of these formats with frames instead are far larger. */
+ * or '4dgs', since files of these two formats are far larger if they store frames. */
 static bool stores_4d(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -188,7 +189,7 @@ static spin_status check_output(const struct convert *c)
     return SPIN_OK;
 }
 
-/* Checks before the training that the exporter has the options that it is to get. */
+/* Checks before the training that the exporter has the options that the user gave. */
 static spin_status check_exporter(const struct convert *c)
 {
     const struct spin_exporter *e = spin_exporter_named(c->to);
@@ -196,7 +197,8 @@ static spin_status check_exporter(const struct convert *c)
     return e ? spin_plugin_check(c->to, e->options, c->o->export_pairs) : SPIN_OK;
 }
 
-/* 4D splats can only be made of frames trained with tracks. */
+/* Fails if the format stores 4D splats but the preset does not train tracks, since 4D splats can
+ * only be made of frames trained with tracks. */
 static spin_status check_preset(const struct convert *c)
 {
     const char *preset = c->o->preset;
@@ -208,7 +210,7 @@ static spin_status check_preset(const struct convert *c)
         preset);
 }
 
-/* The retrained clip must not overwrite the bundle that it is made from. */
+/* Fails if the retrained clip would overwrite the bundle that it is made from. */
 static spin_status check_bundle(const struct convert *c)
 {
     const char *written[] = {c->bundle, c->tracks};
@@ -271,8 +273,8 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
-/* Imports the run without the data set that was found beside it, as that failed. Warns if the data
- * set was the reason; if the run itself cannot be read, its error is enough. */
+/* Called after the import with the data set found beside the run has failed: imports the run again
+ * without it. If this succeeds, the data set was the reason, and a warning is printed. */
 static spin_status import_without_data(struct convert *c)
 {
     SPIN_FREED char *error = NULL;
@@ -356,8 +358,9 @@ static spin_status inspect_bundle(struct convert *c)
     return SPIN_OK;
 }
 
-/* Renders need no exposures. Residual values of each frame would only learn the flicker of the
- * source. */
+/* Sets options for training on renders. Exposures are off, since all renders have the same one. The
+ * splats of dynamic and varying tracks learn no residual values per frame, which would only learn
+ * the flicker of the source. */
 static void set_recipe(struct spin_retrain_options *o)
 {
     if (o->method != SPIN_METHOD_4D) {
@@ -368,7 +371,8 @@ static void set_recipe(struct spin_retrain_options *o)
     o->antialias = false;
 }
 
-/* Returns the importer and its options for renders, see spin_clip_options; or NULL. */
+/* Returns the options of the data set "renders", as in data_from of struct spin_clip_options; NULL
+ * if the user gave none. */
 static const char *renders_from(const struct spin_convert_options *o)
 {
     return asks_renders(o) ? o->data_from : NULL;
@@ -386,8 +390,8 @@ static spin_status settle_clip(struct convert *c)
 }
 
 /* Retrains the bundle `input` and writes the result to `output`. Resumes an unfinished training of
- * this output; if that had other options, --force starts again from the beginning. If `rows` is
- * true, 4D splats are trained, otherwise frames. */
+ * this output. If that training had other options, --force starts again from the beginning, and
+ * without --force the call fails. If `rows` is true, 4D splats are trained, otherwise frames. */
 static spin_status retrain_as(struct convert *c, const char *input, const char *output, bool rows)
 {
     const struct spin_convert_options *o = c->o;
@@ -421,7 +425,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     status = spin_retrain(&retrain, &text);
     if (status == SPIN_E_USAGE && retrain.resume && o->force) {
         retrain.resume = false;
-        spin_inputs_own(part); /* the attempt to resume has read it */
+        spin_inputs_own(part); /* allow to overwrite it, although it was an input of the resume */
         status = spin_retrain(&retrain, &text);
     }
     return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
@@ -481,8 +485,8 @@ static spin_status measure_clip(struct convert *c)
     return add_report(c, "eval", text);
 }
 
-/* Renames the imported clip to the final bundle if it was not retrained; otherwise removes it,
- * since the retrained clip includes it. */
+/* Renames the imported clip to the final bundle if it was not retrained. Otherwise removes it,
+ * since the retrained clip includes it, unless renders are drawn from it. */
 static spin_status keep_or_remove_import(struct convert *c, bool retrained)
 {
     if (spin_rank() > 0)

@@ -14,7 +14,8 @@ struct found {
     int n;                                /* number of data sets */
 };
 
-/* Counts the data set at path, if it is one. Takes ownership of path. */
+/* If `path` is a data set, counts it, and keeps its path if it is the first one. Takes ownership of
+ * `path`. */
 static void count_data_set(struct found *found, char *path)
 {
     const struct spin_importer *importer =

@@ -3,10 +3,9 @@
 
 #include "spin.h"
 
-/* Writes one line, ending in "
-", about the data sets in the folder of the input, in its parent folder or beside it; writes "" if
-there are none. The line leaves open whether the run was trained on one of them, which is unknown.
-*/
+/* Writes one line about the data sets in the folder of the input, in its parent folder or beside
+ * it, with a newline at the end; writes "" if there are none. Whether the run was trained on one of
+ * these data sets is unknown, so the line only suggests using it. */
 void spin_data_hint(const char *input, char *text, size_t n_text);
 /* Returns the path of the data set, allocated, if spin_data_hint() would find exactly one;
  * otherwise NULL. */

@@ -5,13 +5,11 @@
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
-    VIEWS = 32,    /* number of views that determine weights in each frame, if frames do not share
-                      their rows */
-    LOOKS = 400,   /* number of such views in all frames together, approximately, if frames share
-                      their rows */
+    VIEWS = 32,    /* views per frame that determine weights if frames share no splats */
+    LOOKS = 400,   /* approximate number of views of all frames if frames share splats */
     PICTURES = 16, /* number of views in which the loss is measured */
     AROUND = 8,    /* number of views that are placed if the clip has no cameras */
-    SIDE = 400,    /* width and height of such a view, in pixels */
+    SIDE = 400,    /* width and height of a placed view, in pixels */
     TRIES = 9,     /* largest number of outputs that are written to reach a given size */
     HALVINGS = 8,  /* number of bisections to reach a given loss */
 };
@@ -110,8 +108,8 @@ out:
 
 /* ---- Weights --------------------------------------------------------------------------------- */
 
-/* Returns the opacity of a splat times the product of its two largest scales, which is proportional
- * to its area when seen from its largest side. */
+/* Returns the opacity of a splat times the product of its two largest scales. The product is
+ * proportional to the largest projected area of the splat. */
 static float size_of(const struct spin_splats *s, size_t i)
 {
     const float *scale = s->log_scales + 3 * i;
@@ -128,7 +126,7 @@ static int n_views(const struct spin_decimation *d)
     return d->sharing == NOTHING || n > VIEWS ? VIEWS : n > 1 ? n : 1;
 }
 
-/* Finds the views of frame f, d->pairs[*first] to d->pairs[*first + *n - 1]. */
+/* Finds the views of frame f, which are d->pairs[*first] to d->pairs[*first + *n - 1]. */
 static void find_views(const struct spin_decimation *d, int f, size_t *first, size_t *n)
 {
     *first = 0;
@@ -155,9 +153,9 @@ static float shown_by(const struct spin_camera *camera, const struct spin_splats
                        2 * M_PI * camera->fx * camera->fy / square * (double)size_of(s, i));
 }
 
-/* Returns the weight of a splat that is outside all of these views: the largest contribution that
- * it would have if one of their cameras were turned towards it. Returns 0 if at least one of the
- * views contains the splat. */
+/* Returns the weight of a splat that is outside all n views in `pair`: the largest contribution
+ * that it would have if one of the cameras were turned towards it. Returns 0 if the splat is inside
+ * at least one of the views, since other splats hide it there. */
 static float unseen_weight(const struct spin_decimation *d, const struct spin_pair *pair, size_t n,
                            size_t i)
 {
@@ -174,9 +172,9 @@ static float unseen_weight(const struct spin_decimation *d, const struct spin_pa
     return most;
 }
 
-/* Sets the weights of the splats in d->part: for each splat the maximum over the views. With the
- * mean over the views instead, the loss is 0.5 to 1.8 dB larger on the clip 'court' if half or 70 %
- * of the splats are kept (tests/bench/README.md). */
+/* Sets the weight of each splat in d->part to the maximum of its contributions over the views. The
+ * mean over the views costs 0.5 to 1.8 dB of PSNR on the clip 'court' if half or 70 % of the splats
+ * are kept (tests/bench/README.md). */
 static spin_status compute_weights(struct spin_decimation *d, int f, float *weight)
 {
     size_t first, n, wanted = (size_t)n_views(d);
@@ -364,8 +362,8 @@ static size_t most_of(const struct spin_decimate_set *set, enum spin_decimate_un
     return n < (double)set->n_counted ? (size_t)n : set->n_counted;
 }
 
-/* Visits the splats by descending weight, and keeps each splat whose frames all have capacity for
- * one more. The capacity of a frame follows from `unit` and `amount`. */
+/* Visits the splats by descending weight, and keeps a splat if no frame that contains it has
+ * reached its maximum number of splats, which follows from `unit` and `amount`. */
 static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t n,
                           enum spin_decimate_unit unit, double amount)
 {
@@ -565,8 +563,8 @@ size_t spin_decimation_count(const struct spin_decimation *d, int f)
 
 /* ---- The loss -------------------------------------------------------------------------------- */
 
-/* Reads the splats of frame f that are drawn into d->part: if `kept` is true only those that the
- * decimation keeps. */
+/* Reads the splats of frame f into d->part: all that the row filter keeps or, if `kept` is true,
+ * only those that the decimation keeps too. */
 static spin_status read_part(struct spin_decimation *d, int f, bool kept)
 {
     SPIN_FREED unsigned char *mark = NULL;
@@ -584,8 +582,8 @@ static spin_status read_all(void *context, int f, const struct spin_splats **out
     return read_part(d, f, false);
 }
 
-/* Places cameras around the subject if the clip has none. If no position has a free view, the loss
- * is not measured. */
+/* Places cameras around the subject if the clip has none. If no suitable position exists, no camera
+ * is placed, and the loss is not measured. */
 static spin_status place_cameras(struct spin_decimation *d)
 {
     const struct spin_viewpoints_options o = {
@@ -715,8 +713,8 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
                                          const char *output, spin_decimation_write_fn write,
                                          void *context, int *n_tries, uint64_t *reached)
 {
-    double low = 1e-12, high = 1, n_low,
-           n_high; /* `low` is so small that one splat per frame is kept */
+    /* `low` is so small that one splat per frame is kept */
+    double low = 1e-12, high = 1, n_low, n_high;
     uint64_t n;
 
     SPIN_TRY(try_share(d, high, output, write, context, reached));

@@ -3,12 +3,12 @@
  * The weight of a splat in one frame is its contribution to an image (the sum over pixels of alpha
  * times transmittance); of several training views of the frame, the one with the largest
  * contribution counts. Without cameras, the weight is opacity times size. Each frame keeps the N
- * splats of largest weight. Splats that several frames share (the same row of all frames, a track,
- * a 4D splat) are kept in all of them or dropped from all of them, by their mean weight over those
- * frames. If 4D splats are exported as such, the N rows with the largest sum of weights over all
- * frames are kept.
+ * splats of largest weight, where N follows from the goal. Splats that several frames share (the
+ * same row of all frames, a track, a 4D splat) are kept in all of them or dropped from all of them,
+ * by their mean weight over those frames. If 4D splats are exported as such, the N rows with the
+ * largest sum of weights over all frames are kept.
  *
- * Splats that the row filter drops for another reason are not counted among the N. */
+ * Splats that the row filter drops for other reasons are not among the N splats. */
 #pragma once
 
 #include "geometry/viewpoints.h"
@@ -53,9 +53,8 @@ struct spin_decimation {
     int sharing;
     struct spin_decimate_set *set; /* [n_sets] */
     int n_sets;
-    struct spin_pair
-        /* Training views, or all views if no view is for training; sorted by frame. */
-        *pairs;
+    /* [n_pairs] training views, or all views if there are no training views; sorted by frame */
+    struct spin_pair *pairs;
     size_t n_pairs;
     struct spin_viewpoints placed; /* cameras, if the clip has none and the loss is measured */
     struct spin_splats splats, part;
@@ -85,11 +84,12 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
 
 /* Makes d->filter drop the rows that are not kept, for the reason SPIN_ROW_DECIMATE.
  *
- * Of the imported splats of a retrained clip, the rows of the retrained frame are kept if the
- * training preserved the rows; otherwise the largest splats are kept, and as many of them as in the
- * retrained frame. A 4D splat that exists only before the first or after the last frame is dropped
- * for this reason in any case. */
+ * The filter also drops imported splats, which some exporters write beside the retrained ones. If
+ * the training preserved the rows, the same rows are kept in the imported and in the retrained
+ * frame. Otherwise the largest imported splats are kept, as many as in the retrained frame. 4D
+ * splats that exist only before the first or after the last frame are always dropped, also for the
+ * reason SPIN_ROW_DECIMATE. */
 void spin_decimation_attach(struct spin_decimation *d);
-/* Returns the number of kept splats of frame f. Valid only if no filter drops a row in some frames
- * only. */
+/* Returns the number of kept splats of frame f. If frames share their rows, the number is valid
+ * only if the row filter drops the same rows in every frame. */
 size_t spin_decimation_count(const struct spin_decimation *d, int f);

@@ -21,8 +21,8 @@ static spin_json *text_of(const spin_json *object, const char *key)
     return spin_json_text_value(text ? text : "");
 }
 
-/* Adds to the JSON object `to` the members that the report has alike for the source, the refinement
- * and the training. */
+/* Adds to the JSON object `to` the members that the source, the refinement and the training have in
+ * common in the report. */
 static void add_splats(spin_json *to, const struct spin_bundle *b, enum spin_splat_source from,
                        unsigned columns, int64_t sh_degree, bool antialias)
 {

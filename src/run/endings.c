@@ -1,5 +1,5 @@
-/* Maps the extension of an output to an exporter. If no exporter writes a given extension, an error
- * suggests one that is similar. */
+/* Maps the extension of an output to an exporter. If no exporter writes a given extension, the
+ * error message suggests a similar one. */
 #include <strings.h>
 
 #include "base/base.h"

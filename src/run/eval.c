@@ -23,7 +23,7 @@ struct eval {
     struct spin_device device;
     struct spin_player player, source;
     struct spin_lenses lenses; /* lenses that the training of the measured splats has learned */
-    /* whether `source` is open, which renders the imported splats for a comparison */
+    /* true: `source` is open, and renders the imported splats for a comparison */
     bool has_source;
     enum spin_splat_source from;
     struct spin_pair *pairs;
@@ -72,9 +72,9 @@ static spin_status open_clip(struct eval *e)
                                   &e->dynamic);
 }
 
-/* Warns if cameras with a learned exposure are measured. All views are rendered with the mean
- * exposure, since no exposure is learned for test cameras, so the scores of these cameras are too
- * low. */
+/* Warns if the measured views include training cameras whose exposure was learned. Their scores are
+ * too low, since all views are rendered with the mean exposure: test cameras have no learned
+ * exposure. */
 static void warn_exposures(const struct eval *e)
 {
     const spin_json *cameras = spin_json_get(spin_training_of(&e->clip.bundle, e->from), "cameras");
@@ -209,7 +209,7 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
 
 /* ---- Measuring ------------------------------------------------------------------------------- */
 
-/* Sums the number of splats that could not be drawn over all ranks. */
+/* Adds up the numbers of splats that the ranks could not draw. */
 static spin_status sum_left_out(struct eval *e)
 {
     SPIN_FREED uint64_t *n = NULL;
@@ -222,7 +222,7 @@ static spin_status sum_left_out(struct eval *e)
     return SPIN_OK;
 }
 
-/* Lists the images that all ranks wrote, and removes those of a former run. */
+/* Lists the images that all ranks wrote, and removes the images of an earlier run. */
 static spin_status list_images(struct eval *e)
 {
     char name[SPIN_IMAGE_NAME];
@@ -279,8 +279,8 @@ static spin_status run_eval(struct eval *e)
                                   &surroundings));
         m.mattes = e->mattes.views ? &e->mattes : NULL;
         /* Rendering over the opposite background too makes holes in the scene visible. If the
-         * images show a subject in front of a flat colour, that background would count as a hole,
-         * unless the alpha of the images is known. */
+         * images show a subject in front of a flat colour, the region around the subject would
+         * count as a hole, unless the alpha of the images is known. */
         m.opposite = surroundings == SPIN_SURROUNDED_BY_SCENE || m.mattes;
         report->alpha_known = m.mattes != NULL;
     }

@@ -137,10 +137,8 @@ static spin_status write_round(struct export *x, int first, int n)
         SPIN_TRY(spin_antialias_bake_frame(&x->bake, first + r, &splats));
         SPIN_TRY(spin_scene_move_frame(&x->move, &splats));
         x->n_written += (double)splats->n;
-        x->report->splats_mean =
-            x->n_written /
-            /* mean over the frames so far; an exporter that drops more splats replaces it */
-            (first + r + 1);
+        /* the mean over the frames so far; an exporter that drops more splats replaces it */
+        x->report->splats_mean = x->n_written / (first + r + 1);
         info.n = splats->n;
         SPIN_TRY(x->exporter->frame(x->self, first + r, &info, splats));
     }
@@ -197,8 +195,8 @@ static spin_status read_again(void *context, int frame, const struct spin_splats
     return spin_scene_move_frame(&x->move, out);
 }
 
-/* A .4dgs stores 4D splats only with Gaussian windows, but can also store frames. Other windows are
- * therefore written as frames. */
+/* Chooses frames instead of 4D splats if a .4dgs file cannot store the windows of the 4D splats.
+ * The format stores 4D splats with Gaussian windows only, but it can also store frames. */
 static void write_as_frames(struct export *x)
 {
     const struct spin_splats_4d *s = x->splats_4d;
@@ -235,8 +233,8 @@ static spin_status find_4d(struct export *x)
         x->o->to);
 }
 
-/* Applies the row filter to the 4D splats, scales and translates those that remain, and counts how
- * many of these each frame shows. */
+/* Applies the row filter to the 4D splats, scales and translates the 4D splats that remain, and
+ * counts how many of them each frame shows. */
 static spin_status make_final_4d(struct export *x)
 {
     x->final_4d = x->splats_4d;
@@ -418,7 +416,7 @@ static spin_status say_lens(const struct export *x)
     return SPIN_OK;
 }
 
-/* Whether the output shows the splats: as images, or in the player of a page. */
+/* Returns whether the output shows the splats: as images, or in the player of a web page. */
 static bool draws(const struct export *x)
 {
     return x->exporter->needs_renderer || strcmp(x->exporter->name, "html") == 0;
@@ -436,10 +434,10 @@ static void warn_of_background(const struct export *x)
         spin_warn("--background has no effect: this export renders no images");
 }
 
-/* Whether the output has the coordinates of the bundle, not those of the run. */
+/* Returns whether the output has the coordinates of the bundle, not those of the run. */
 static bool is_relative(const struct export *x) { return x->o->relative || draws(x); }
 
-/* Makes --crop relative to the shift of the bundle. */
+/* Converts --crop from the coordinates of the run to those of the bundle. */
 static void shift_crop(struct export *x)
 {
     const double *shift = x->clip.bundle.meta.shift;
@@ -455,8 +453,8 @@ static void shift_crop(struct export *x)
     x->o = &x->moved;
 }
 
-/* Warns if the frames do not have the same splats in the same order, which the program that the
- * output is for requires. */
+/* Warns if the program of --for requires the same splats in the same order in all frames, but the
+ * frames differ. */
 static void warn_of_rows(const struct export *x)
 {
     bool equal = !x->report->rows_differ;
@@ -533,10 +531,9 @@ static spin_status run_export(struct export *x)
         SPIN_TRY(decimate(x, &goal));
     SPIN_TRY(begin_export(x));
     warn_of_rows(x);
-    if (x->report->decimated.n_tries > 0 &&
-        /* size of the final output, which may differ from that of a trial if a file contains its
-           own path */
-        x->report->bytes > 0)
+    /* The final output may differ in size from the trial outputs if a file contains its own path.
+     */
+    if (x->report->decimated.n_tries > 0 && x->report->bytes > 0)
         x->report->decimated.reached = x->report->bytes;
     return SPIN_OK;
 }

@@ -16,9 +16,9 @@ static spin_status open_file(const char *path, struct spin_export_sound *out)
                              "--sound '%s'", path);
 }
 
-/* Returns the number of frames, at a difference of 1 of their numbers, from the beginning of the
- * sound's clip to the first exported frame. The file of --sound belongs to the bundle, and a sound
- * in the bundle to the whole source clip. */
+/* Returns the difference in frame number between the first exported frame and the frame that the
+ * sound is timed from: the first frame of the bundle for the file of --sound, and the first frame
+ * of the whole source clip for the sound of the bundle. */
 static double frames_before(const struct spin_export_options *o, const struct spin_clip *clip)
 {
     const struct spin_bundle_meta *meta = &clip->bundle.meta;
@@ -47,7 +47,7 @@ static bool is_in(const char *list, const char *word)
     return false;
 }
 
-/* Warns if the exporter cannot store the sound. */
+/* Returns whether the exporter can store the sound, and warns if it cannot. */
 static bool can_store(const struct spin_exporter *e, const struct spin_sound *s)
 {
     if (!e->sound)
@@ -63,7 +63,7 @@ static bool can_store(const struct spin_exporter *e, const struct spin_sound *s)
     return false;
 }
 
-/* Warns if the sound cannot be played in step with the exported frames. */
+/* Returns whether the sound can be played in sync with the exported frames, and warns if not. */
 static bool can_follow(const struct spin_export_options *o, const struct spin_export_sound *x,
                        double fps, int n_frames)
 {

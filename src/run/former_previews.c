@@ -5,7 +5,8 @@
 #include "base/base.h"
 #include "io/file.h"
 
-/* Whether the name is cam_CAMERA_frame_FRAME_iteration_ITERATION.png, see spin_image_name(). */
+/* Returns whether the name is cam_CAMERA_frame_FRAME_iteration_ITERATION.png, see
+ * spin_image_name(). */
 static bool is_preview(const char *name)
 {
     const char *frame = strstr(name, "_frame_"), *iteration = strstr(name, "_iteration_");

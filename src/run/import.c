@@ -28,8 +28,8 @@
 /* A description, which is an import without output, reads this many frames, evenly spaced, unless
  * the user requests all. */
 #define DESCRIBED_FRAMES 16
-/* If a file states its number of frames, at most this many are sampled by default: 36 minutes at 30
- * frames per second. The file may be wrong. */
+/* If a file states its number of frames, at most this many are sampled by default, 36 minutes at 30
+ * frames per second, since the number in the file may be wrong. */
 #define MOST_OWN 65536
 /* --check-cameras draws CHECKED_VIEWS views of each of CHECKED_FRAMES frames. */
 #define CHECKED_FRAMES 3
@@ -59,14 +59,14 @@ struct import {
     bool keeps_4d;                       /* true: the bundle stores four_d instead of frames */
     struct spin_views views;             /* views of the data set, if there is one */
     char *data;                          /* absolute path of the data set, or NULL */
-    /* If `is_placed`, all splats are moved by `placement`: from nerfstudio's world to that of the
-     * data set. `unplaced` is the frame before, `placed_4d` are the 4D splats after. */
+    /* If `is_placed` is true, `placement` moves all splats from nerfstudio's world to that of the
+     * data set. `unplaced` is a frame before this move, `placed_4d` are the 4D splats after it. */
     bool is_placed;
     struct spin_placement placement;
     struct spin_splats unplaced;
     struct spin_splats_4d placed_4d;
-    /* Number of frames that are sampled from a continuous run if the user names none; 0 if it is
-     * unknown or not needed. */
+    /* Number of frames that are sampled from a continuous run if the user does not choose them; 0
+     * if the number is unknown or not needed. */
     int n_own;
     int *rows;  /* [n_frames] index of the data set frame that belongs to each frame */
     int *index; /* [n_frames] index of each frame in the importer */
@@ -84,7 +84,7 @@ struct import {
     } done[2];          /* results of task 0, which reads, and of task 1, which writes */
 };
 
-/* Returns the path beside which data sets are searched for: the path that the user gave, also if
+/* Returns the path beside which data sets are searched for: the path that the user gave, even if
  * the input was unpacked to another folder. */
 static const char *own_place(const struct import *im)
 {
@@ -120,7 +120,8 @@ static void drop_data(struct import *im)
     im->meta.data_from[0] = '\0';
 }
 
-/* The placement applies to positions that include the shift. */
+/* Adds the shift of the sequence to the placement and clears it, since the placement applies to
+ * positions that include the shift. */
 static void place_shift(struct import *im)
 {
     struct spin_placement *p = &im->placement;
@@ -732,8 +733,8 @@ static spin_status store_frames(struct import *im, struct spin_progress *progres
     return status;
 }
 
-/* Stores the 4D splats rounded to --precision, and sets *s to the rounded copy, whose splats per
- * frame are counted. */
+/* Stores the 4D splats rounded to --precision, and sets *s to the rounded copy, from which the
+ * caller counts the splats per frame. */
 static spin_status store_rounded(struct import *im, struct spin_splats_4d *s)
 {
     enum spin_round_4d round = (enum spin_round_4d)im->o->precision;
@@ -773,8 +774,7 @@ static spin_status store_4d(struct import *im)
     SPIN_TRY(spin_splats_4d_counts(s, times, n, counts));
     for (size_t i = 0; i < n; i++)
         meta->frame[i].n = counts[i];
-    /* The bounding box is that of the centres, each taken at the time of the centre of its splat's
-     * Gaussian window. */
+    /* The bounding box contains the position of each splat at the centre of its Gaussian window. */
     for (size_t i = 0; i < s->n; i++)
         for (size_t c = 0; c < 3; c++) {
             im->low[c] = fminf(im->low[c], s->centres[3 * i + c]);
@@ -790,8 +790,8 @@ static void count_splats(struct import *im, const int *read, int n_read)
     const struct spin_sequence_info *t = &im->sequence;
     size_t least = SIZE_MAX, most = 0;
     double sum = 0;
-    /* The counts of the importer do not apply to a bundle: nonfinite values, or the rounding of
-     * 4D splats, may have dropped some. */
+    /* The counts of the importer do not apply to a bundle: splats with non-finite values were
+     * dropped, and the rounding of 4D splats may drop more. */
     bool known = t->counts && !im->stores && (!t->continuous || t->n_frames == 1);
     int n = known ? im->meta.n_frames : n_read;
 
@@ -960,7 +960,7 @@ static spin_status check_sequence(const struct import *im)
     return SPIN_OK;
 }
 
-/* Gets the 4D splats of the source, if any, and decides whether the bundle stores these: it does
+/* Gets the 4D splats of the source, if any, and decides whether the bundle stores them. It does so
  * unless the user requests positions only, or frames with --frames or --times. */
 static spin_status find_4d(struct import *im)
 {
@@ -1017,8 +1017,8 @@ static spin_status find_match(const char *folder, const char *rest, char **out)
 }
 
 /* Finds the importer of a run that is given as a pattern of paths, such as "run/frame_%d.ply": it
- * is the importer that accepts the first matching file. It gets the folder as its path, and the
- * rest of the pattern as an option. */
+ * is the importer that accepts the first matching file. The importer gets the folder as its path,
+ * and the rest of the pattern as an option. */
 static spin_status find_pattern_run(struct import *im, const char *pattern)
 {
     const struct spin_import_options *o = im->o;
@@ -1068,9 +1068,9 @@ static spin_status describe_views(const struct spin_views *views, char out[120])
     return SPIN_OK;
 }
 
-/* If the input, which no importer of runs recognises, is a data set, replaces the error by one that
- * says what it contains and what to do. If it surely is a data set that cannot be read, its own
- * error is the useful one. */
+/* Called if no importer of runs recognises the input. If the input is a data set, replaces the
+ * error by one that describes its contents and suggests what to do. If the input clearly is a data
+ * set but cannot be read, returns the error of reading it. */
 static spin_status explain_data_set(const struct import *im, spin_status status)
 {
     const char *path = im->o->input;
@@ -1095,8 +1095,9 @@ static spin_status explain_data_set(const struct import *im, spin_status status)
                      path, importer->name, content);
 }
 
-/* Whether the run is to be searched in the archive o->input: no importer recognises the archive or,
- * if the user named one, this one does not. Some formats are zip or gzip files themselves. */
+/* Returns whether o->input is an archive that may contain a run, and not a file of a format that is
+ * itself zip or gzip: no importer recognises the file or, if the user named an importer, that
+ * importer does not. */
 static bool is_packed(const struct import *im, spin_status found)
 {
     const struct spin_import_options *o = im->o;

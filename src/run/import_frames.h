@@ -20,6 +20,7 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
 spin_status spin_exported_frames(const char *input, struct spin_frame_info *frame, int n,
                                  int *place, struct spin_bundle_meta *meta);
 
-/* Returns path and format of the data set that sequence.json records beside exported frames, as
- * allocated strings. *data and *from are NULL if no data set is recorded or it no longer exists. */
+/* Sets *data and *from to the path and the importer of the data set that sequence.json records
+ * beside exported frames, as allocated strings. Both are NULL if no data set is recorded or it no
+ * longer exists. */
 spin_status spin_exported_data(const char *input, char **data, char **from);

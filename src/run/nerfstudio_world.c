@@ -1,7 +1,8 @@
-/* nerfstudio computes p' = scale (T p), where p are the coordinates to which neither
- * applied_transform A nor applied_scale a of transforms.json was applied; T contains A, and scale
- * contains a. Both were applied to the poses in transforms.json. For coordinates q of these poses,
- * p' = (scale / a) (T A^-1 q). */
+/* nerfstudio trains in coordinates p' = scale (T p), where p are the original coordinates of the
+ * scene, and T and scale are "transform" and "scale" of dataparser_transforms.json. The poses in
+ * transforms.json may be in other coordinates q, since "applied_transform" A and "applied_scale" a
+ * of this file were already applied to the poses. T includes A, and scale includes a. For these
+ * poses, therefore, p' = (scale / a) (T A^-1 q). */
 #include "run/nerfstudio_world.h"
 
 #include "base/base.h"
@@ -12,14 +13,14 @@
 #include "scene/splats_4d.h"
 
 #define SAME 1e-9       /* transforms that differ from the identity by less are ignored */
-#define ORTHOGONAL 1e-3 /* as far as the rows of a rotation may be from orthonormal */
+#define ORTHOGONAL 1e-3 /* tolerance of the dot products of the rows of a rotation */
 
-/* A rotation r and a shift: [3][4]. */
+/* A rotation and a shift, as a matrix [3][4]. */
 struct rigid {
     double m[12];
 };
 
-/* Reads three or four rows of four numbers. */
+/* Reads the first three rows of a matrix with rows of four numbers. */
 static spin_status read_rigid(const spin_json *rows, const char *key, struct rigid *out)
 {
     double dot, worst = 0, *m = out->m;
@@ -109,7 +110,7 @@ static bool is_identity(const struct rigid *t, double scale)
     return worst < SAME;
 }
 
-/* Sets *out to p = R^T (p' / scale) - R^T t. */
+/* Sets *out to the inverse of p' = scale (R p + t), which is p = R^T (p' / scale) - R^T t. */
 static void invert(const struct rigid *t, double scale, struct spin_placement *out)
 {
     double r[9];
@@ -122,8 +123,9 @@ static void invert(const struct rigid *t, double scale, struct spin_placement *o
         out->shift[i] = -(r[3 * i] * t->m[3] + r[3 * i + 1] * t->m[7] + r[3 * i + 2] * t->m[11]);
 }
 
-/* Sets *out to the path of the file in `folder`, or to NULL if there is none, or if spin-export
- * wrote the frames in this folder. Sets *ours in the latter case. */
+/* Sets *out to the path of dataparser_transforms.json in `folder`, if the file exists. Sets *ours
+ * if spin-export wrote the frames in this folder; the file is then ignored, here and in later
+ * calls. */
 static spin_status find_in_folder(const char *folder, char **out, bool *ours)
 {
     SPIN_FREED char *path = NULL, *sequence = NULL;
@@ -189,7 +191,7 @@ static void turn_rows(const struct spin_scene_rotation *turn, double scale, cons
     }
 }
 
-/* Rotations and their rates of change, which are quaternions too. */
+/* Turns rotations, or their rates of change, which are quaternions too. */
 static void turn_quats(const struct spin_scene_rotation *turn, float *quats, size_t n)
 {
     for (size_t i = 0; i < n; i++) {

@@ -35,9 +35,8 @@ struct run {
     struct spin_photos photos;
     struct spin_refinement refinement;
     struct spin_tracks tracks;
-    struct spin_frame_size
-        *sizes;               /* [frames] computed from the tracks; NULL until these are found */
-    struct spin_rows_4d rows; /* set with --method 4d only */
+    struct spin_frame_size *sizes; /* [frames] NULL until the tracks are found */
+    struct spin_rows_4d rows;      /* set with --method 4d only */
     struct spin_frames frames;
     struct spin_trainer trainer;
     char *fingerprint;
@@ -46,8 +45,8 @@ struct run {
     struct spin_step_log step_log;
     struct spin_output_lock lock; /* prevents a second training of the same output */
     struct spin_watch watch;
-    /* Differences in colour and brightness between the cameras; look.spread is NaN if they were not
-     * measured. */
+    /* Differences in colour and brightness between the cameras; photometric.spread is NaN if they
+     * were not measured. */
     struct spin_photometric_result photometric;
     bool resume; /* whether the training continues from a checkpoint */
 };
@@ -207,7 +206,7 @@ static spin_status check_outputs(struct run *r)
     SPIN_TRY(check_disk(r));
     if (o->watch) {
         SPIN_TRY(spin_output_check_empty_folder(o->watch, o->force || o->resume));
-        SPIN_TRY(spin_out_check(w->state, true)); /* the checkpoint must not be an input */
+        SPIN_TRY(spin_out_check(w->state, true)); /* state.spin must not be an input */
     }
     if (o->preview)
         SPIN_TRY(spin_output_check_empty_folder(o->preview, o->force || o->resume));
@@ -337,8 +336,8 @@ static bool has_falloff(const struct spin_lens *lens)
 }
 
 /* Resolves --learn-exposure auto to on or off. The falloff of the lenses is then learned only if a
- * falloff was measured, since a training would fit one to anything in the scene that resembles it.
- */
+ * falloff was measured, since the training would otherwise fit a falloff to anything in the scene
+ * that resembles one. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;
@@ -419,7 +418,7 @@ static void log_exposure(const struct run *r)
         spin_log(r->photometric.spread > least_spread ? 0 : 1, "%s: no exposure is learned", text);
 }
 
-/* Opens the images and computes what the training derives from these: exposures, the backdrop, the
+/* Opens the images, and computes what the training derives from them: exposures, the backdrop, the
  * cache key of each frame to refine, and the fingerprint of all inputs. */
 static spin_status open_inputs(struct run *r)
 {
@@ -520,7 +519,7 @@ static spin_status open_trainer(struct run *r, bool resume)
 }
 
 static const double table_range = 1e-4;     /* values of the hash table are in -1e-4 to 1e-4 */
-static const double initial_log_scale = -5; /* of splats, for scenes whose unit is a metre */
+static const double initial_log_scale = -5; /* of the splats, for scenes in metres */
 
 /* Initialises the hash table and the heads of the network. */
 static spin_status init_network(struct run *r)

@@ -270,7 +270,7 @@ static spin_status drop_floaters(struct spin_row_filter *f, const struct rows *r
     return SPIN_OK;
 }
 
-/* Initialises rows->reason, and applies the options that judge a row by its position. */
+/* Initialises rows->reason, and applies the options that test the position of a row. */
 static spin_status filter_places(struct spin_row_filter *f, int frame, const struct rows *rows)
 {
     for (size_t i = 0; i < rows->n; i++) {
@@ -449,8 +449,8 @@ spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
 
 /* ---- 4D splats ------------------------------------------------------------------------------- */
 
-/* Sets frame[i] to the frame in which 4D splat i is judged, which is the one nearest to its own
- * time among those that show it; or to -1 if no frame shows it. */
+/* Sets frame[i] to the frame in which the position of 4D splat i is tested: of the frames that show
+ * the splat, the one nearest to its own time. Sets frame[i] to -1 if no frame shows the splat. */
 static void find_frames(const struct spin_row_filter *filter, const struct spin_splats_4d *s,
                         int *frame)
 {
@@ -470,8 +470,8 @@ static void find_frames(const struct spin_row_filter *filter, const struct spin_
     }
 }
 
-/* Judges the positions of the 4D splats that are assigned to this frame. For --floaters, their
- * neighbours are searched among all 4D splats that the frame shows. */
+/* Tests the positions of the 4D splats that find_frames() assigned to this frame. For --floaters,
+ * the neighbours of a splat are searched among all 4D splats that the frame shows. */
 static spin_status filter_slice(struct spin_row_filter *f, const struct spin_splats_4d *s,
                                 int frame, const int *frame_of, struct spin_splats *slice)
 {

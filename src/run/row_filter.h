@@ -26,11 +26,12 @@ struct spin_row_filter {
     /* Statistics of the 4D splats, or of all frames that were counted since spin_row_filter_open()
      * or the last spin_row_filter_restart(). */
     uint64_t n_seen, n_by[SPIN_ROW_REASONS];
-    /* True if all counted frames have the same number of rows, and the same of these rows remain in
-     * each. */
+    /* True if all counted frames have the same number of rows, and the same rows remain in each of
+     * them. */
     bool same_rows;
-    /* `reason` has an enum spin_row_reason for each row of the frame that was judged last;
-     * `reason_4d` has one for each 4D splat. Each is NULL before the first judgement. */
+    /* `reason` contains an enum spin_row_reason for each row of the frame that was filtered last;
+     * `reason_4d` contains one for each 4D splat. Each array is NULL until rows, or 4D splats, are
+     * filtered for the first time. */
     unsigned char *reason, *reason_4d;
 
     /* Private. */
@@ -58,9 +59,9 @@ void spin_row_filter_restart(struct spin_row_filter *f);
 
 /* Set f->reason for the rows of frame `frame` of the clip (0..n_frames-1), whose splats must have
  * all attribute columns; or f->reason_4d for 4D splats, in the first call only. --decimate is not
- * applied. The position of a 4D splat is judged in one frame: the frame nearest to its own time
- * among those that show it. If no frame shows the splat, --crop judges its position at its own
- * time, and --min-views and --floaters do not apply. */
+ * applied. The position of a 4D splat is tested in one frame only: of the frames that show the
+ * splat, the one nearest to its own time. If no frame shows the splat, --crop tests its position at
+ * its own time, and --min-views and --floaters do not apply. */
 spin_status spin_row_filter_apply(struct spin_row_filter *f, int frame,
                                   const struct spin_splats *s);
 spin_status spin_row_filter_apply_4d(struct spin_row_filter *f, const struct spin_splats_4d *s);
@@ -74,7 +75,8 @@ spin_status spin_row_filter_frame(struct spin_row_filter *f, int frame,
 spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
                                    const struct spin_splats **splats);
 /* Copies to *out the rows that remain of `all`, which are the imported splats of a frame. The rows
- * of the retrained frame may differ from these. There are no counts and no warnings. */
+ * of the retrained frame may differ from the imported rows. Nothing is counted, and no warnings are
+ * printed. */
 spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
                                    const struct spin_splats *all, struct spin_splats *out);
 /* Replaces *splats_4d by the 4D splats that remain, like spin_row_filter_frame(), and counts the

@@ -29,7 +29,8 @@ static void move_places(const struct spin_scene_move *m, float *place, size_t n)
         place[i] = (float)(m->scale * (double)place[i] + m->translate[i % 3]);
 }
 
-/* Warns if floats cannot hold the translated positions to 1e-5 of the extent of the first frame. */
+/* Warns if the rounding of translated positions to floats exceeds 1e-5 of the first frame's
+ * extent. */
 static void warn_coarse(struct spin_scene_move *m, const float *place, size_t n)
 {
     double extent = 0, farthest = 0;
@@ -120,7 +121,8 @@ spin_status spin_scene_move_views(struct spin_scene_move *m, const struct spin_c
         struct spin_view view = from->view[v];
         double *w = view.camera.w2c;
 
-        /* solve R (s p + t) + w' = s (R p + w), for all points p, for w' */
+        /* With w2c = (R, w), scale s and translation t, the new w' must satisfy R (s p + t) + w' =
+         * s (R p + w) for all points p. */
         for (int r = 0; r < 3; r++)
             w[4 * r + 3] = m->scale * w[4 * r + 3] - w[4 * r] * m->translate[0] -
                            w[4 * r + 1] * m->translate[1] - w[4 * r + 2] * m->translate[2];

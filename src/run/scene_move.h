@@ -22,8 +22,8 @@ void spin_scene_move_close(struct spin_scene_move *m);
 
 /* Scales and translates these splats in place. */
 void spin_scene_move_rows(const struct spin_scene_move *m, struct spin_splats *splats);
-/* Replace the pointer by one to a scaled and translated copy, which is valid until the next call.
- * If the options leave the scene unchanged, the pointer stays unchanged too. */
+/* Replace the pointer by a pointer to a scaled and translated copy, which is valid until the next
+ * call. If the options leave the scene unchanged, the pointer stays unchanged too. */
 spin_status spin_scene_move_frame(struct spin_scene_move *m, const struct spin_splats **splats);
 spin_status spin_scene_move_4d(struct spin_scene_move *m, const struct spin_splats_4d **splats_4d);
 /* Sets *out to the views of the clip, with cameras that are transformed like the scene; or to NULL

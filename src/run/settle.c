@@ -6,10 +6,10 @@
 #include "scene/data_path.h"
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
-#define SHARE                                                                                      \
-    0.6 /* a splat is dynamic if this share of the cameras that see it has a changed pixel there   \
-         */
-#define FILL_OPACITY 0.1f /* rows of other frames fill a hole only above this opacity */
+/* A splat is dynamic if its pixel has changed, in one frame, in at least this share of the cameras
+ * that it is visible to. */
+#define SHARE 0.6
+#define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
 enum {
     LEAST_CHANGE =
         12, /* least difference from the median for a pixel to count as changed, in 255ths */
@@ -17,9 +17,8 @@ enum {
         3, /* the difference must also be this many times the median of all differences */
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
     FRAMES = 8,         /* frames that are examined for each splat, besides its own */
-    CELLS = 100, /* cells of the position and cell size of the grid in which holes are found along
-                    its longest side */
-    BLUR = 2,    /* radius of the box filter that is applied to renders */
+    CELLS = 100,        /* cells along the longest side of the grid in which holes are found */
+    BLUR = 2,           /* radius of the box filter that is applied to renders */
 };
 
 struct settling {
@@ -61,7 +60,8 @@ static spin_status list_views(struct settling *s)
     return spin_alloc((size_t)n * (size_t)s->n_frames, s->plane, (void **)&s->change);
 }
 
-/* Applies a box filter along one axis: n lines of `length` values, `step` bytes apart. */
+/* Applies a box filter to n lines of `length` values. The values of a line are `step` bytes apart,
+ * and the lines line_step bytes. */
 static void blur_lines(const uint8_t *from, int n, size_t line_step, int length, size_t step,
                        uint8_t *out)
 {
@@ -95,7 +95,7 @@ static spin_status read_blurred(struct settling *s, const struct spin_view *view
     return SPIN_OK;
 }
 
-/* Returns the median of one value over the frames, of at most MEDIAN_FRAMES of them. */
+/* Returns the median of one value over time, computed from at most MEDIAN_FRAMES frames. */
 static uint8_t median_over_time(const struct settling *s, const uint8_t *value)
 {
     int stride = (s->n_frames + MEDIAN_FRAMES - 1) / MEDIAN_FRAMES, n = 0;
@@ -234,7 +234,7 @@ static spin_status mark_rows(struct settling *s)
     return SPIN_OK;
 }
 
-/* ---- One copy of them ------------------------------------------------------------------------ */
+/* ---- Shared rows ----------------------------------------------------------------------------- */
 
 static size_t cell_of(const struct settling *s, const float at[3])
 {

@@ -5,19 +5,20 @@
 #include "scene/clip.h"
 
 struct spin_settled {
-    double n_static,
-        n_dynamic; /* number of rows that all frames share; mean number of other rows in a frame */
-    double n_before; /* mean number of rows in a frame of the source */
+    /* number of rows that all frames share; mean number of other rows per frame */
+    double n_static, n_dynamic;
+    double n_before; /* mean number of rows per frame of the source */
 };
 
 /* Writes the bundle `output`. Its frames begin with the static rows, which are bit-identical in all
  * frames, so that spin-retrain recognises them as static tracks; the dynamic rows of the frame
  * follow. The data set of the new bundle is "renders", drawn from `input`.
  *
- * A splat is dynamic if there is a frame in which most cameras that see it render another colour at
- * its position than in their median over time. The dynamic splats are thus inside the visual hull
- * of the motion. The test needs no matches between splats, and ignores flicker below a threshold.
- * The static rows are taken from the middle frame; rows of other frames fill its holes.
+ * A splat is dynamic if there is a frame in which, for most cameras that it is visible to, the
+ * colour of its pixel differs from the median of this pixel over time. The dynamic splats are thus
+ * inside the visual hull of the motion. The test needs no matches between splats, and ignores
+ * flicker below a threshold. The static rows are taken from the middle frame; rows of other frames
+ * fill its holes.
  *
  * keep: the shares of static and of dynamic rows to keep, chosen at random and enlarged to cover
  * the same area; NULL keeps all. */

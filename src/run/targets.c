@@ -1,5 +1,6 @@
-/* The programs of --for, and what is set for each of them. Sources: docs/viewers.md for programs
- * that the tests open, and the documents of the others (man/spin-export.1). */
+/* The programs of --for, and the options that are set for each of them. Sources: docs/viewers.md
+ * for the programs that the tests open; otherwise the documents of the program
+ * (man/spin-export.1). */
 #include "run/targets.h"
 
 #include <math.h>
@@ -109,8 +110,8 @@ static bool has_value(const char *const *pairs, const char *key)
     return false;
 }
 
-/* Appends the options of the target that were not given to the list of options, and prints them to
- * `said`. */
+/* Appends those options of the target that the user did not give to the list of options, and prints
+ * them to `said`. */
 static spin_status add_options(const struct spin_target *target, struct spin_export_options *o,
                                struct spin_targeted *out, FILE *said)
 {

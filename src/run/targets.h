@@ -17,7 +17,7 @@ struct spin_target {
     const char *tried;
 };
 
-/* Options after the settings of a target, and what they point to. */
+/* Memory that options point to after the settings of a target were applied to them. */
 struct spin_targeted {
     const struct spin_target *target;
     char *output;
@@ -30,7 +30,8 @@ spin_status spin_target_output(const char *name, const char *to, const char *out
 /* Sets *to to the exporter of a target. */
 spin_status spin_target_exporter(const char *name, const char **to);
 /* Completes the options for a target, without changing those that were given, and logs the
- * settings. Zero *out before, and free it even after a failure. */
+ * settings. The caller zeroes *out before the call, and frees it afterwards even if the call
+ * fails. */
 spin_status spin_target_apply(const char *name, struct spin_export_options *o,
                               struct spin_targeted *out);
 void spin_target_free(struct spin_targeted *t);

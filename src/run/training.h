@@ -4,8 +4,8 @@
 
 #include "scene/clip.h"
 
-/* Returns the record of the training that produced the splats `from`; NULL if these were imported.
- */
+/* Returns the record of the training that produced the splats `from`; NULL if the splats were
+ * imported. */
 const spin_json *spin_training_of(const struct spin_bundle *bundle, enum spin_splat_source from);
 /* Warns if the background differs from that of the training, since transparent regions then show
  * the wrong colour. `what` is the verb of the warning, such as "measures". */

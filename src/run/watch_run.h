@@ -11,7 +11,7 @@ struct spin_watch {
 
 spin_status spin_watch_open(struct spin_watch *w, const char *folder);
 void spin_watch_close(struct spin_watch *w);
-/* Writes the page, still without data. Called before the first iteration. */
+/* Writes the page, which has no data yet. Called before the first iteration. */
 spin_status spin_watch_begin(const struct spin_watch *w);
 /* Writes the current state of the clip to state.spin, a page that plays this clip to clip.html, and
  * the curves and the names of the newest previews to now.js. `log` is the path of the training log;

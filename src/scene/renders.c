@@ -5,9 +5,8 @@
 #include "io/drawn_image.h"
 #include "scene/bundle.h"
 
-enum {
-    NUMBERS = 14
-}; /* numbers of a camera in the path of an image: focal length, near plane, pose */
+/* numbers of a camera in the path of an image: focal length, near plane, pose */
+enum { NUMBERS = 14 };
 
 bool spin_renders_reads(const char *path, const char *from)
 {
