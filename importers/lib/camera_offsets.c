@@ -4,7 +4,7 @@
 #include "importers/lib/views_check.h"
 #include "io/text_file.h"
 
-/* Parses "5" or "0.2s". */
+/* Parses an offset in frames, such as "5", or in seconds, such as "0.2s". */
 static spin_status parse_offset(const char *camera, const char *text, struct spin_offset *out)
 {
     size_t n = strlen(text);
@@ -21,8 +21,8 @@ static spin_status parse_offset(const char *camera, const char *text, struct spi
     return SPIN_OK;
 }
 
-/* Splits `text`, which is a copy, into entries that end with one of `ends`. In an entry, one of
- * `between` separates the camera and its offset. */
+/* Splits `text` in place into entries that end with one of the characters `ends`. In each entry,
+ * one of the characters `between` separates the name of a camera from its offset. */
 static spin_status parse_list(struct spin_model *m, char *text, const char *ends,
                               const char *between, struct spin_offsets *out)
 {

@@ -5,7 +5,7 @@
 
 struct spin_offset {
     const char *camera;
-    double value;    /* how much later the camera starts */
+    double value;    /* delay between the start of the clip and that of the camera */
     bool in_seconds; /* `value` is in seconds; otherwise in frames */
     bool used;
 };
@@ -15,16 +15,18 @@ struct spin_offsets {
     size_t n;
 };
 
-/* Reads option `offsets`: a list such as "cam01=5;cam02=-0.2s", or the name of a file in the data
- * set, m->path. Without the option, reads offsets.txt if the data set contains it. Each line of a
- * file is a camera and its offset, such as "cam01 5". */
+/* Reads option `offsets`: a list such as "cam01=5;cam02=-0.2s", or the name of a file in the folder
+ * of the data set, m->path. Without the option, reads offsets.txt if the data set contains it. Each
+ * line of a file is a camera and its offset, such as "cam01 5". */
 spin_status spin_offsets_read(struct spin_model *m, struct spin_offsets *out);
 
-/* Returns the offset of a camera, or NULL if none is given. The camera is named by its folder or
- * file: the names must be equal without extension, or have the same number. */
+/* Returns the offset of a camera, or NULL if none is given. `camera` is the name of the camera's
+ * folder or file. It matches the name in the list if both are equal, ignoring the extension, or
+ * contain the same number. */
 const struct spin_offset *spin_offsets_of(struct spin_offsets *offsets, const char *camera);
 
-/* Fails if there is an offset of a camera that does not exist. */
+/* To be called after spin_offsets_of() for all cameras. Fails if an offset was not used, since the
+ * list then names a camera that does not exist. */
 spin_status spin_offsets_check(const struct spin_offsets *offsets);
 
 #define SPIN_OFFSETS_OPTION                                                                        \

@@ -5,7 +5,8 @@
 #include "importers/lib/run_config.h"
 #include "io/json.h"
 
-enum { MOST_DIFFERENT = 1024 }; /* distinct positions of cameras.json; further ones are ignored */
+/* Limit of distinct positions in cameras.json; further ones are ignored. */
+enum { MOST_DIFFERENT = 1024 };
 
 spin_status spin_camera_places_parse(const char *text, struct camera_places *out)
 {

@@ -15,7 +15,7 @@ struct camera_places {
 spin_status spin_camera_places_parse(const char *text, struct camera_places *out);
 
 /* Reads the file `path`, a list of cameras, and stores their positions without duplicates, in the
- * order of the list. If there are more than CAMERA_PLACES_MOST, keeps that many, at even distances
- * in the list. An empty list, or an entry without a position, is an error; the message names the
- * file and the entry. */
+ * order of the list. If there are more than CAMERA_PLACES_MOST, keeps CAMERA_PLACES_MOST of them,
+ * evenly spaced in the list. An empty list, or an entry without a position, is an error; the
+ * message names the file and the entry. */
 spin_status spin_camera_places_load(const char *path, struct camera_places *out);

@@ -1,4 +1,4 @@
-/* Reading of the files chkpnt<N>.pth, from which 3DGS and its descendants resume a training. Each
+/* Reads the files chkpnt<N>.pth, from which 3DGS and its descendants resume a training. Each
  * contains a tuple (model, iteration). The model is itself a tuple, of tensors, numbers and the
  * state of the optimiser; its length identifies the method. */
 #pragma once
@@ -10,8 +10,8 @@ long long spin_chkpnt_iteration(const char *name);
 
 /* Sets *out to the name of the checkpoint to read in a folder, or to NULL if there is none.
  * `wanted` is a number or "best"; NULL selects the largest number or, if no name has a number,
- * chkpnt_best.pth. Sets *best to true if another file was chosen although there is a
- * chkpnt_best.pth. */
+ * chkpnt_best.pth. Sets *best to whether the folder contains a chkpnt_best.pth that was not chosen.
+ */
 spin_status spin_chkpnt_choose(struct spin_model *m, const char *folder, const char *wanted,
                                const char **out, bool *best);
 /* Sets m->path to the checkpoint to read. If `path` is a file, this is `path`. If it is a folder,
@@ -28,8 +28,8 @@ const char *spin_chkpnt_kind(const struct spin_value *v);
 const char *spin_chkpnt_method(size_t n_items);
 
 /* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. For a
- * model of another length, returns SPIN_E_UNSUPPORTED, sets *model to NULL, and names in the
- * message `method`, which is the caller's method, and the method that saves such models. */
+ * model of another length, returns SPIN_E_UNSUPPORTED and sets *model to NULL; the message names
+ * the caller's method, `method`, and the method whose models have that length. */
 spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, const char *method,
                               const struct spin_value **model, double *iteration);
 

@@ -7,8 +7,9 @@
 
 enum { MAX_PARAMETERS = 16, MAX_NAME = 4096, MAX_POINTS = 1000 };
 
-/* Camera models: the number n of parameters and the indices of fx, fy, cx and cy. Parameters from
- * index `distortion` on must be 0; `distortion` is -1 for models that are never pinhole cameras. */
+/* Camera models, at the index that is their id in COLMAP: the number n of parameters and the
+ * indices of fx, fy, cx and cy. Parameters from index `distortion` on must be 0; `distortion` is -1
+ * for models that are never pinhole cameras. */
 static const struct {
     const char *name;
     int n, fx, fy, cx, cy, distortion;
@@ -58,8 +59,8 @@ static spin_status take_bits(struct source *s, size_t n, uint64_t *out)
     return SPIN_OK;
 }
 
-/* Reads a count of records and checks that the rest of the file can hold them, at `smallest` bytes
- * each. */
+/* Reads a count of records and checks that the rest of the file is large enough for them, at
+ * `smallest` bytes each. */
 static spin_status take_count(struct source *s, size_t smallest, const char *what, uint64_t *out)
 {
     SPIN_TRY(take_bits(s, 8, out));
@@ -227,7 +228,8 @@ static const struct spin_colmap_lens *find_lens(const struct spin_colmap *m, int
     return NULL;
 }
 
-/* Sets the pose from a translation and a quaternion w, x, y, z of any nonzero length. */
+/* Sets the pose m [3][4] from a translation t and a quaternion q, in the order w, x, y, z and of
+ * any nonzero length. */
 static spin_status fill_pose(const double q[4], const double t[3], double m[12])
 {
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
@@ -243,8 +245,8 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     return spin_views_check_pose(m, "the pose");
 }
 
-/* Reads the name of an image: the rest of the line or, in binary files, a text that ends with 0. In
- * binary files, also skips the points of the image, which follow. */
+/* Reads the name of an image: the rest of the line or, in binary files, a NUL-terminated string. In
+ * binary files, also skips the points of the image, which follow its name. */
 static spin_status take_name(struct source *s, const char **name)
 {
     const char *end;
@@ -357,15 +359,15 @@ static const struct kind {
     const char *name, *what, *many;
     size_t smallest; /* smallest size of a record in a binary file, in bytes */
     spin_status (*read)(struct spin_colmap *m, struct source *s, int *id);
-    /* In a text file, a second line with the points of the image follows. It may be empty, and some
-     * programs do not write it. */
+    /* True if, in a text file, each record is followed by a line with the points of the image. This
+     * line may be empty, and some programs do not write it. */
     bool has_points;
 } camera_file = {"cameras", "camera", "cameras", 24 + 3 * 8, read_lens, false},
   image_file = {"images", "image", "images", 4 + 7 * 8 + 4 + 1 + 8, read_image, true},
   point_file = {"points3D", "point", "points", 8 + 3 * 8 + 3 + 8 + 8, read_point, false};
 
-/* Skips the next line if it is empty or contains only numbers, in groups of three. The line of an
- * image ends with a name. */
+/* Skips the next line if it is empty or contains only numbers, in groups of three. It is then not
+ * the record of the next image, which would end with a name. */
 static void skip_points_line(struct source *s)
 {
     const char *at = s->at;
@@ -413,7 +415,7 @@ static spin_status read_path(struct spin_colmap *m, const struct kind *kind, con
 {
     struct source s = {.binary = m->binary};
     SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
-    SPIN_LEAVES(spin_text_file_close) struct spin_text_file file = {0}; /* it is split in place */
+    SPIN_LEAVES(spin_text_file_close) struct spin_text_file file = {0}; /* parsed in place */
 
     SPIN_TRY(m->binary ? spin_map_open(path, &map) : spin_text_file_open(path, &file));
     s.at = m->binary ? (char *)map.data : file.text;
@@ -447,8 +449,8 @@ spin_status spin_colmap_find(struct spin_colmap *m, const char *folder)
     return SPIN_OK;
 }
 
-/* Compares names without their extensions, since the methods choose held-out images in this order.
- */
+/* Compares names without their extensions, since training programs sort images in this way before
+ * they choose the held-out ones. */
 static int by_name(const void *a, const void *b)
 {
     const char *x = ((const struct spin_colmap_image *)a)->name,

@@ -1,8 +1,9 @@
 /* Reads sparse models of COLMAP, binary or text: cameras, images and points.
  *
- * Binary files are little-endian and packed; they are preferred to text files, as in the methods.
- * A pose is w2c in OpenCV's axes: R(q) p + t. Only pinhole cameras can be rendered: images of a
- * model with nonzero distortion must be undistorted first. */
+ * Binary files are little-endian and packed. If a model has both binary and text files, the binary
+ * files are read, as in 3DGS. A pose maps a point p of the world to R(q) p + t in OpenCV's camera
+ * axes, where q is the quaternion and t the translation of an image. Only pinhole cameras can be
+ * rendered: images of a model with nonzero distortion must be undistorted first. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -36,8 +37,9 @@ struct spin_colmap {
     uint64_t point_step, n_seen; /* n_seen: number of points read so far */
 };
 
-/* Sets m->sparse and m->binary to the model of a folder: in sparse/0, sparse or sparse_, in the
- * folder itself, or in colmap/sparse/0. m->sparse is NULL if there is none. */
+/* Searches a folder for a model: first its subfolders sparse/0, sparse and sparse_, then the folder
+ * itself, then colmap/sparse/0. Sets m->sparse to the folder of the model, or to NULL if there is
+ * none, and m->binary to whether the model's files are binary. */
 spin_status spin_colmap_find(struct spin_colmap *m, const char *folder);
 /* Reads the model in m->sparse. Warns if all points are behind a camera. */
 spin_status spin_colmap_read(struct spin_colmap *m);

@@ -67,8 +67,8 @@ static bool has_camera_word(const char *name)
 }
 
 /* Splits the name of an image into the name of its camera, the first *n_camera bytes of *camera,
- * and a frame number: cam00_0012.png, cam00/0012.png, 0012/cam00.png. Returns false if there is no
- * frame number. */
+ * and a frame number, as in cam00_0012.png, cam00/0012.png and 0012/cam00.png. Returns false if
+ * there is no frame number. */
 static bool split_name(const char *name, const char **camera, size_t *n_camera, int *frame)
 {
     size_t end = stem_length(name), base = (size_t)(spin_path_name(name) - name), from;
@@ -101,7 +101,8 @@ static bool split_name(const char *name, const char **camera, size_t *n_camera, 
 
 /* ---- All frames in the model, or in one folder ----------------------------------------------- */
 
-/* One image file: camera and frame number from its name, and the image of the model, or NULL. */
+/* An image file: the camera and the frame number in its name, and the image of the model, or NULL
+ * if the model does not contain it. */
 struct picture {
     const char *camera;
     size_t n_camera;
@@ -133,8 +134,9 @@ static int by_int_frame(const void *a, const void *b)
     return (x->frame > y->frame) - (x->frame < y->frame);
 }
 
-/* Returns whether the sorted images form a rig: at least two cameras and two frames, no image
- * twice, and at least half of the images that a complete rig would have. */
+/* Sets *out to whether the images p [n], sorted by camera and frame, form a rig: at least two
+ * cameras and two frames, no duplicates, and at least half of the images that a complete rig would
+ * have. Sets *n_cameras to the number of cameras. */
 static spin_status is_grid(struct spin_model *m, const struct picture *p, size_t n,
                            size_t *n_cameras, bool *out)
 {
@@ -315,8 +317,9 @@ static spin_status list_sources(struct spin_model *m, const char *parent, struct
     return SPIN_OK;
 }
 
-/* Assigns to each camera a folder or, if there is none, a video that `fits` accepts for it. Returns
- * whether every camera got one that no other camera got. */
+/* Assigns to each camera a folder or, if there is none, a video whose name `fits` accepts. No
+ * folder or video is assigned twice. Returns false if a camera gets none, or if some cameras get
+ * folders and others videos. */
 static bool assign(struct spin_rig_camera *c, size_t n, struct source *s, size_t n_sources,
                    bool (*fits)(const char *camera, const char *source), bool *film)
 {
@@ -342,7 +345,8 @@ static bool has_same_name(const char *camera, const char *source)
     return strcmp(camera, source) == 0 || strcmp(spin_path_name(camera), source) == 0;
 }
 
-/* MultipleView of 4DGaussians calls the images of the model image1.jpg and the folders cam01. */
+/* In the layout MultipleView of 4DGaussians, the model's image image1.jpg belongs to the folder
+ * cam01. */
 static bool has_same_number(const char *camera, const char *source)
 {
     return !spin_colmap_is_other(source) && spin_views_number(camera) >= 0 &&
@@ -373,7 +377,7 @@ static size_t count_folders(struct source *s, size_t n)
     return kept;
 }
 
-/* Sets c[i].where to the folder in `images` with the name of each camera, as in FreeTimeGS, and
+/* Sets c[i].where to the folder in `images` that has the name of camera i, as in FreeTimeGS, and
  * *found to whether all these folders contain frames. */
 static spin_status find_folders(const struct spin_colmap *m, const char *images,
                                 struct spin_rig_camera *c, bool *found)
@@ -386,8 +390,8 @@ static spin_status find_folders(const struct spin_colmap *m, const char *images,
     return SPIN_OK;
 }
 
-/* Finds the folder or the video of each camera: among those in `images` and in some usual folders.
- * Sets *found to whether there is one for every camera. */
+/* Finds the folder or the video of each camera in `images` or in one of some usual folders of the
+ * data set. Sets *found to whether every camera has one. */
 static spin_status find_sources(const struct spin_colmap *m, const char *path, const char *images,
                                 struct spin_rig_camera *c, bool *found, bool *film)
 {

@@ -9,15 +9,16 @@ struct spin_colmap_rig {
     size_t n; /* number of cameras; 0 if the images of the model do not form a rig */
 };
 
-/* Finds a rig in the data set `path`, whose images are in the folder `images`. Either the names of
- * the model's images consist of a camera and a frame number; or each image is a camera, whose
- * frames are in a folder or a video with the name or the number of the image, or in `images`
- * itself. */
+/* Finds a rig in the data set `path`, whose images are in the folder `images`. Either the name of
+ * each image of the model consists of a camera and a frame number. Or the model contains one image
+ * per camera; the frames of a camera are in a folder or a video with the name or the number of its
+ * image, or in `images` itself. */
 spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, const char *images,
                                  struct spin_colmap_rig *out);
 
-/* Sets *out to the path of the image `name` of the model: if there is no such file, the path of a
- * file with this name and another or an additional extension, or else the path as it stands. */
+/* Sets *out to the path of the model's image `name` in `folder`. If that file does not exist, a
+ * file with another or an additional extension is accepted. If there is no such file either, *out
+ * is the path folder/name. */
 spin_status spin_colmap_picture(struct spin_model *m, const char *folder, const char *name,
                                 const char **out);
 

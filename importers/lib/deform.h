@@ -23,9 +23,9 @@ spin_status spin_deform_frame(struct spin_model *m, double time, unsigned column
 
 /* Adds residuals to the shapes of the rows `first` to `first` + n - 1: d_scale [3][MLP_BLOCK] to
  * the activated scales, d_quat [4][MLP_BLOCK] to the unit quaternions. The rasteriser of these
- * methods does not normalise the sums of quaternions, so it draws other ellipsoids than for unit
- * quaternions. The scales and rotations of the ellipsoids that it draws are stored, or NaN if the
- * result is not an ellipsoid. */
+ * methods does not normalise the sums of quaternions, so their lengths change the shapes that it
+ * draws. This function stores the scales and rotations of the ellipsoids as they are drawn, or NaN
+ * if a drawn shape is not an ellipsoid. */
 void spin_deform_shape(const struct deform_job *job, size_t first, int n, const float *d_scale,
                        const float *d_quat);
 
@@ -40,7 +40,8 @@ struct deform_save {
 
 /* Finds the checkpoint to read. `path` is the file deform/iteration_<N>/deform.pth of a checkpoint,
  * or the model's folder. For the folder, option `iteration` selects the checkpoint by its N or by
- * "best"; without the option it is the last checkpoint that has both files. If `together`, it is
- * then an error if the last cloud or the last network belongs to another checkpoint. */
+ * "best"; without the option it is the last checkpoint that has both files. If `together`, and the
+ * option is not given, it is an error if the last cloud and the last network belong to different
+ * checkpoints. */
 spin_status spin_deform_find(struct spin_model *m, const char *path, bool together,
                              struct deform_save *out);

@@ -2,7 +2,8 @@
 #include "importers/lib/deform_net.h"
 
 enum { MAX_LAYERS = 32, MAX_FREQUENCIES = 64 };
-/* Frequencies in the encoding of positions, where no time network shows their number. */
+/* Number of frequencies in the encoding of positions, if there is no time network: the default of
+ * Deformable 3D Gaussians, since the tensors then do not determine the number. */
 enum { OWN_FREQUENCIES = 10 };
 
 /* Loads linear.0, whose weights [W, I] define the width W and the number of inputs I, and the
@@ -48,9 +49,9 @@ static spin_status load_layers(struct spin_model *m, struct deform_net *d)
     return SPIN_OK;
 }
 
-/* Divides the inputs of the first layer between position and time. The outputs of a time network
- * are those for the time; without it, the method's own number of inputs is assumed for the
- * position. */
+/* Counts the inputs of the first layer that encode the position and those that depend on time. The
+ * latter are the outputs of the time network; without one, the position is assumed to have
+ * OWN_FREQUENCIES frequencies. */
 static spin_status count_inputs(struct deform_net *d)
 {
     d->n_time = d->time.n ? spin_mlp_n_out(&d->time) : d->n_in - 3 - 6 * OWN_FREQUENCIES;
@@ -113,7 +114,8 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
     }
 }
 
-/* A time network evaluates a whole block of points, but only the result for the first is used. */
+/* A time network evaluates a whole block of points, but only the result of the first point is used,
+ * since all points have the same time. */
 void spin_deform_net_time(struct deform_net *d, float time)
 {
     float *in = d->inputs + d->n_time, *middle = in + (1 + 2 * d->frequencies) * MLP_BLOCK;

@@ -1,6 +1,6 @@
-/* The network of Deformable 3D Gaussians, which methods derived from it also use: layers linear.*
- * with one skip connection, whose input is the encoding of a position followed by that of the time.
- */
+/* The network of Deformable 3D Gaussians, which methods derived from it also use. It consists of
+ * layers linear.* with one skip connection; its input is the encoding of a position followed by
+ * that of a time. */
 #pragma once
 
 #include "importers/lib/model.h"
@@ -11,15 +11,15 @@ struct deform_net {
     struct mlp_net time; /* the time network; time.n is 0 if there is none */
     int n_position;      /* number of inputs of `linear` that encode the position */
     int n_time;          /* number of inputs after these, which depend on time */
-    float *inputs;       /* [n_time] these inputs for the current frame; then scratch memory */
-    int frequencies;     /* number of frequencies in the encoding of time */
+    float *inputs;   /* [n_time] these inputs for the current frame, followed by scratch memory */
+    int frequencies; /* number of frequencies in the encoding of time */
 };
 
 /* Loads the tensors linear.* and timenet.* of m->tensors, whose names begin with m->prefix. */
 spin_status spin_deform_net_load(struct spin_model *m, struct deform_net *net);
 /* Computes the inputs that depend on time, for all following blocks. */
 void spin_deform_net_time(struct deform_net *net, float time);
-/* Writes the inputs for a block of points at these positions to `in`, which has space for one
- * layer's output behind them. */
+/* Writes the inputs of the network for a block of points at the positions `at` to `in`, which also
+ * has space for one layer's output behind them. */
 void spin_deform_net_encode(const struct deform_net *net, const float *const at[MLP_BLOCK],
                             float *in);

@@ -102,7 +102,7 @@ spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const
     return SPIN_OK;
 }
 
-/* Puts the frames into their order, with their numbers. */
+/* Sorts the frames by their numbers, which it stores in them. */
 static spin_status reorder(struct spin_model *m, const struct spin_numbers *numbers,
                            struct spin_file_sequence *seq)
 {
@@ -133,7 +133,8 @@ static void note_gaps(const struct spin_file_sequence *seq, struct spin_sequence
     }
 }
 
-/* Sets *out to the first component of the pattern, or to NULL if there is none. */
+/* Sets *out to the text of option `pattern` before the first slash, or to NULL if the option is not
+ * given. */
 static spin_status find_pattern(struct spin_model *m, const char **out)
 {
     const char *pattern = spin_model_option(m, "pattern");

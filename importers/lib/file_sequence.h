@@ -15,7 +15,7 @@
 struct spin_file_frame {
     const char *path;
     const char *name; /* the file or folder whose name contains the frame number */
-    int number;       /* frame number; -1: it has none */
+    int number;       /* frame number; -1: the name contains none */
     size_t n;         /* number of splats, which the caller sets */
 };
 
@@ -52,8 +52,9 @@ spin_status spin_file_sequence_find(struct spin_model *m, const char *path, cons
  * such file or more than one. */
 spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const char *suffix,
                                    const char **out);
-/* Reads the frame numbers of the names, and sorts the frames by them, see spin_numbered_read(). The
- * first component of option `pattern`, if given, selects the frames and their numbers. If numbers
- * are missing, adds a note to `sequence`. `folders`: the names are those of folders. */
+/* Reads the frame numbers of the names, and sorts the frames by them, see spin_numbered_read(). If
+ * option `pattern` is given, its text before the first slash selects the frames and their numbers.
+ * If numbers are missing, adds a note to `sequence`. `folders` states that the names are those of
+ * folders. */
 spin_status spin_file_sequence_sort(struct spin_model *m, struct spin_file_sequence *seq,
                                     bool folders, struct spin_sequence_info *sequence);

@@ -18,11 +18,11 @@ struct gaussian4d {
 spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, size_t n,
                                     int sh_degree, unsigned parts);
 
-/* Adds the Gaussian of row `row` of the file, with a known shape. `variance` is that of its window
- * in time; HUGE_VAL: the Gaussian is permanent. Returns the address in splats_4d.sh to which the
- * caller writes its SH; SH that vary over time belong in the row of sh_cos with the same index. A
- * row whose values could overflow is dropped and counted in g->n_dropped, and the function returns
- * NULL. */
+/* Adds the Gaussian of row `row` of the file, with its log scales and its quaternion. `variance` is
+ * the variance of its window in time, or HUGE_VAL if the Gaussian is permanent. Returns the address
+ * in splats_4d.sh to which the caller writes its SH; SH that vary over time belong in the row of
+ * sh_cos with the same index. A row whose values could overflow is dropped and counted in
+ * g->n_dropped, and the function returns NULL. */
 float *spin_gaussian4d_add(struct spin_model *m, struct gaussian4d *g, size_t row,
                            const float mean[3], double time, double logit, const double velocity[3],
                            double variance, const double log_scale[3], const double quat[4]);
@@ -46,7 +46,7 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
 void spin_gaussian4d_drop_zeros(struct spin_model *m);
 
 /* To be called last. Converts the splats from the file's unit of time to that of the clip, which is
- * smaller by the factor `ratio`: multiplies times and sigmas, divides velocities. Then calls
- * spin_model_finish_4d() and sets the range of the sequence to the clip's times. */
+ * smaller by the factor `ratio`: multiplies times and sigmas by `ratio`, and divides velocities by
+ * it. Then calls spin_model_finish_4d() and sets the range of the sequence to the clip's times. */
 spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d *g, double ratio,
                                    const struct clip_times *times);

@@ -146,7 +146,7 @@ spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane 
 size_t spin_hex_scratch(const struct hexplane *hex) { return 2 * spin_mlp_widest(&hex->feature); }
 
 /* Computes the features of one point into column `p` of a block. As in the method, the bounding box
- * maps x, y and z to [-1, 1], whereas the time is used unchanged. */
+ * is mapped to [-1, 1] in x, y and z, whereas the time is used unchanged. */
 static void hex_sample(const struct hexplane *hex, const float xyz[3], float time, int p,
                        float *out)
 {

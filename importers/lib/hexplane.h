@@ -19,12 +19,12 @@ struct hexplane {
     /* [2][3] The corners of the bounding box that are mapped to -1 and to 1. The method stores the
      * maximum first. */
     float *corner;
-    double grid_pe;         /* factor of the angles that encode features; 0: no encoding */
+    double grid_pe; /* factor of a feature in its sine and cosine; 0: features are not encoded */
     struct mlp_net feature; /* the network feature_out */
     int width;              /* outputs of `feature`, and inputs of each head */
-    /* The factors of spin_hex_hidden(), `mask`, are the output of `still`, the network static_mlp,
-     * or values of `voxels`, the grid empty_voxel [x][y][z]. If still.n is 0 and `voxels` is NULL,
-     * the factors are 1. */
+    /* The factors `mask` of spin_hex_hidden() are the output of `still`, the network static_mlp, or
+     * values of `voxels`, the grid empty_voxel [x][y][z]. If the model has neither, still.n is 0,
+     * `voxels` is NULL, and the factors are 1. */
     struct mlp_net still;
     float *voxels;
     float *voxel_min, *voxel_max; /* [3] bounding box of `voxels` */
@@ -38,13 +38,14 @@ bool spin_hex_find(struct spin_model *m);
  * training, or 0 if it is unknown. */
 spin_status spin_hex_load(struct spin_model *m, double grid_pe, struct hexplane *hex);
 
-/* Returns the number of floats of scratch memory for one call of spin_hex_hidden(), which are two
- * layers of a block. */
+/* Returns the number of floats of scratch memory for one call of spin_hex_hidden(): two layers of a
+ * block. */
 size_t spin_hex_scratch(const struct hexplane *hex);
 
 /* Computes the hidden layer [width][MLP_BLOCK] of n points xyz [n][3], including the ReLU that is
- * the first operation of every head. `scratch` has spin_hex_scratch() floats, which are two layers:
- * the function returns the layer that contains the result and sets *spare to the other. mask[p] is
- * set to a factor that multiplies the canonical values of point p; it is 1 in most models. */
+ * the first operation of every head. `scratch` has spin_hex_scratch() floats, enough for two
+ * layers: the function returns the layer that contains the result and sets *spare to the other
+ * layer. mask[p] is set to the factor by which the caller multiplies the canonical values of point
+ * p; it is 1 in most models. */
 float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, float time,
                        float *scratch, float **spare, float mask[MLP_BLOCK]);

@@ -1,7 +1,7 @@
 /* Small networks of other methods, evaluated for blocks of points.
  *
  * The activations of a block are stored by channel, [channel][MLP_BLOCK]: inner loops run over
- * points, so a layer of any width consists of broadcasts and multiply-adds. */
+ * points, so a layer of any width consists of broadcasts of weights and multiply-adds. */
 #pragma once
 
 #include "spin.h"

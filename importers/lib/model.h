@@ -86,8 +86,8 @@ spin_status spin_model_number(const struct spin_model *m, const char *option, co
                               double *out);
 /* Sets *out to the index of a word in the list `words`, such as "a|b|c". The word is the value of
  * `option`, if `option` is not NULL and is given, otherwise the quoted value of `key` in cfg_args.
- * *out is -1 if there is neither value, or if that of cfg_args is not in the list. It is an error
- * if that of the option is not in the list. */
+ * *out is -1 if there is neither value, or if the value in cfg_args is not in the list. An option
+ * whose value is not in the list is an error. */
 spin_status spin_model_word(const struct spin_model *m, const char *option, const char *key,
                             const char *words, int *out);
 /* Set *out to zeroed memory for `count` elements of `size` bytes, where the arguments are (m,
@@ -107,9 +107,9 @@ spin_status spin_model_if_exists(spin_status status, const char **out);
  * absolute form of `path`. */
 spin_status spin_model_folder(struct spin_model *m, const char **out, const char *path);
 spin_status spin_model_absolute(struct spin_model *m, const char **out, const char *path);
-/* Sets *out to a file's name from a document that may have been written on Windows: with '/' for
- * each
- * '\\', unless a file of the original name exists in the folder. Trailing blanks are removed. */
+/* Sets *out to the file name `name` of a document that may have been written on Windows. Removes
+ * trailing white space, and replaces backslashes by slashes unless `folder` contains a file with
+ * the original name. */
 spin_status spin_model_name(struct spin_model *m, const char *folder, const char *name,
                             const char **out);
 /* Like spin_folder_list(), but the list is freed with the model. */
@@ -128,7 +128,7 @@ void spin_model_describe(const struct spin_model *m, const size_t *counts, int s
  * Importers of such models use spin_model_slice() as frame() and spin_model_splats_4d() as
  * splats_4d(). */
 spin_status spin_model_finish_4d(struct spin_model *m);
-/* Sets the sound of m->sequence to a copy of *sound, unless that has no data. */
+/* Sets the sound of m->sequence to a copy of *sound, unless sound->data is NULL. */
 spin_status spin_model_sound(struct spin_model *m, const struct spin_sound *sound);
 spin_status spin_model_slice(void *self, int frame, double time, unsigned columns,
                              struct spin_splats *out);
@@ -186,9 +186,9 @@ bool spin_model_search(const char *path, const char *file, bool *coarse);
  * searched. */
 spin_status spin_model_find_upwards(struct spin_model *m, const char *path, const char *save,
                                     const char *name, const char **out);
-/* For models that consist of one checkpoint file, m->path. Opens cfg_args in the folder of this
- * file, if it exists, and a YAML file as m->settings: the file that option `config` names or,
- * without the option, a file in this folder that contains time_duration, if there is one. */
+/* For models that consist of one checkpoint file, m->path. Opens two optional files as m->settings:
+ * cfg_args in the folder of the checkpoint, and a YAML file. The YAML file is that of option
+ * `config` or, without the option, one in the same folder that contains time_duration. */
 spin_status spin_model_config(struct spin_model *m);
 /* Opens the cfg_args that spin_model_find_upwards() finds; settings.cfg.path stays NULL if there is
  * none.

@@ -51,7 +51,7 @@ static spin_status ntc_count(const spin_json *object, const char *key, int least
     return SPIN_OK;
 }
 
-/* Checks that the string at `key` is one of the two words. If `needed` is false, the string may be
+/* Checks that the string at `key` is `word` or `other`. If `needed` is false, the string may be
  * missing. */
 static spin_status ntc_word(const spin_json *object, const char *key, const char *word,
                             const char *other, bool needed)
@@ -151,7 +151,8 @@ void spin_ntc_free(struct ntc *n)
     memset(n, 0, sizeof *n);
 }
 
-/* Sets up the layers. Their matrices are stored one after the other, with one row per output. */
+/* Sets up the layers. Their matrices are stored one after the other at the start of `parameters`,
+ * with one row per output. */
 static void ntc_layers(struct ntc *n)
 {
     const struct ntc_shape *s = n->shape;

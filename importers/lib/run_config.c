@@ -34,8 +34,8 @@ static const char *cfg_skip_text(const char *at, const char *end)
 }
 
 /* Returns the end of the value that begins at `at`: the first comma, closing bracket or character
- * `stop` outside of its own brackets and quotes, or `end`. `stop` is ':', '=' or 0, which stands
- * for no character. Returns NULL if brackets or quotes do not match. */
+ * `stop` outside of its own brackets and quotes, or `end`. `stop` is ':', '=' or, for none, 0.
+ * Returns NULL if brackets or quotes do not match. */
 static const char *cfg_skip(const char *at, const char *end, char stop)
 {
     char open[CFG_MAX_DEPTH];
@@ -348,7 +348,8 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
 
 /* Guesses the clip's times from the range of the central 98% of the Gaussians' times. Methods
  * initialise the Gaussians' times over a range that is `spread` times as long as the clip, so the
- * guess is this range, shortened by this factor about its midpoint. Both ends are rounded. */
+ * guess is the central range, shortened about its midpoint by this factor. Both ends are rounded to
+ * multiples of half a power of ten. */
 static spin_status guess_times(const float *time, size_t n, double spread, struct clip_times *out)
 {
     double low, high, half, step;

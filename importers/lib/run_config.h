@@ -1,6 +1,6 @@
 /* Settings of a training that its checkpoint does not contain. They are read from cfg_args, from
  * the YAML file that was given to the training, or from options; the range of times is guessed if
- * none of these state it. */
+ * none of these sources states it. */
 #pragma once
 
 #include "io/file.h"

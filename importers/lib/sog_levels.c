@@ -151,7 +151,8 @@ static spin_status peek_chunk(const struct sog_chunk *chunk, struct spin_sog *ou
                              chunk->path);
 }
 
-/* Adds the splats of a chunk to those of the level. */
+/* Reads the header of a chunk, and adds the chunk's splats of the chosen level to the totals of *l.
+ */
 static spin_status add_chunk(struct sog_chunk *chunk, struct sog_levels *l)
 {
     struct spin_sog sog;
@@ -242,7 +243,7 @@ static spin_status read_chunk(const struct sog_levels *l, size_t i, unsigned col
     const struct sog_chunk *chunk = &l->chunk[i];
     SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
 
-    if (chunk->n < chunk->n_rows) /* spin_splats_select() copies all columns */
+    if (chunk->n < chunk->n_rows) /* spin_splats_select() copies all columns, so all must be read */
         columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_map_open(chunk->path, &map));
     SPIN_TRY_IN(spin_sog_read(map.data, map.size, chunk->folder, columns, raw), "'%s'",

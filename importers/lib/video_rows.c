@@ -3,9 +3,9 @@
 
 #include "io/video.h"
 
-/* Sets the rate to the inverse of the mean interval between frames. Intervals in which frames were
- * dropped are ignored. A mean is needed because time stamps may be rounded, for instance to
- * milliseconds. */
+/* Sets the rate to the inverse of the mean interval between frames. Intervals longer than 1.5 times
+ * the median are ignored, since frames were dropped there. A mean is needed because time stamps may
+ * be rounded, for instance to milliseconds. */
 static spin_status measure_rate(struct spin_rig_video *f)
 {
     SPIN_FREED double *gap = NULL;
@@ -87,7 +87,8 @@ static void add_frame(struct spin_file_sequence *frames, const char *path, int n
     frames->frame[frames->n_frames - 1].number = number;
 }
 
-/* Lists the frames of a video at the frame numbers of a clip with this rate. */
+/* Lists, for each frame number of a clip with this rate, the frame of the video that is nearest in
+ * time. */
 static spin_status list_frames(struct spin_model *m, struct spin_rig_video *f, double rate)
 {
     double first = f->offset * rate, last = (f->offset + f->time[f->n - 1]) * rate;
@@ -107,7 +108,7 @@ static spin_status list_frames(struct spin_model *m, struct spin_rig_video *f, d
     return SPIN_OK;
 }
 
-/* Lists the frames of a video by their index. */
+/* Lists all frames of a video; their number is the index plus the offset. */
 static spin_status list_all(struct spin_model *m, struct spin_rig_video *f)
 {
     int offset = (int)round(f->offset * f->rate);

@@ -5,7 +5,7 @@
 #include "importers/lib/file_sequence.h"
 
 struct spin_rig_video {
-    const char *camera; /* name of the camera, by which its offset is found */
+    const char *camera; /* name of the camera, for spin_offsets_of() */
     const char *file;
     struct spin_file_sequence
         frames; /* set by the function: paths such as "cam00.mp4#7", with frame numbers */
@@ -18,9 +18,10 @@ struct spin_rig_video {
     bool regular;  /* frame k is at k / rate */
 };
 
-/* Lists the frames of n videos, which start at the same time unless `offsets` say otherwise. If all
- * have the same constant rate, the frame number is the index of a frame. Otherwise, with a warning
- * that states the rates, the clip has the lowest of the rates, and each frame number gets the frame
- * of the video that is nearest in time; none, if that is more than half a frame away. */
+/* Lists the frames of n videos, which start at the same time except for `offsets`. If all videos
+ * have the same constant rate and offsets of whole frames, the frame number is the index of a frame
+ * plus the offset. Otherwise the clip gets the lowest of the rates, and each frame number gets from
+ * every video the frame that is nearest in time, or none if that is more than half a frame interval
+ * away; a warning states the rates. */
 spin_status spin_video_rows(struct spin_model *m, struct spin_rig_video *film, size_t n,
                             struct spin_offsets *offsets);

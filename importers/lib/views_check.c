@@ -10,8 +10,8 @@
 
 #define VIEWS_MAX_SIZE 65536 /* largest width or height of an image, in pixels */
 
-/* For a rotation R, no element of R R^T may differ from the identity by more than this. Matrices
- * printed with six digits are accepted. */
+/* For a rotation R, no element of R R^T may differ from the identity by more than this limit, which
+ * accepts matrices that were printed with six digits. */
 #define VIEWS_ROTATION_TOLERANCE 1e-3
 
 spin_status spin_views_check_pose(const double m[12], const char *what)
@@ -242,7 +242,7 @@ spin_status spin_views_check_most(const struct spin_views *views, size_t first)
     return check_images(views, first, (views->n - first - 1) / 2);
 }
 
-/* Fails if a frame has no views. Views are sorted by frame. */
+/* Fails if a frame has no views. The views must be sorted by frame. */
 static spin_status check_rows(const struct spin_views *views, size_t first)
 {
     for (size_t i = first; i < views->n; i++) {

@@ -65,8 +65,8 @@ int spin_views_number(const char *path);
 
 /* Sets the frame numbers of the views from index `first` on from the names of their images, camera
  * by camera. If the frame numbers in the names of a camera are ambiguous, no view gets a number.
- * This is no error, since the importer already knows the frames of the views, and numbers only
- * serve to pair them with those of a clip. */
+ * This is no error, since the importer already knows the frames of the views, and the numbers only
+ * serve to pair the views with the frames of a clip. */
 spin_status spin_views_set_numbers(struct spin_views *views, size_t first);
 
 /* Returns N for a folder name frame<N>, as in 3DGStream, and -1 for other names. */

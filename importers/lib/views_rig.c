@@ -193,8 +193,8 @@ static spin_status find_mask(struct spin_model *m, const struct spin_rig_camera 
     return *out ? SPIN_OK : spin_model_find(m, out, c->masks, "%s", name);
 }
 
-/* Adds the view of frame `view->number`, if the camera has it. *at is the index of the frame after
- * the last one that was added. */
+/* Adds the view of frame `view->number`, if the camera has it. *at is the index in c->frames at
+ * which the search begins, and is advanced; `view->number` increases from call to call. */
 static spin_status add_view(struct spin_model *m, const struct spin_rig_camera *c, size_t *at,
                             struct spin_view *view, struct spin_views *out)
 {

@@ -20,18 +20,19 @@ spin_status spin_rig_sort(const char *path, struct spin_rig_camera *c, size_t n)
 
 /* Lists the images of a camera's folder in the order of their numbers. */
 spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, const char *folder);
-/* Makes a video the frames of a camera, whose size it must have. If the video does not exist or
- * videos are not supported, the message names `instead`, the folder for images of the video. */
+/* Uses the frames of a video as those of a camera. The video must have the camera's image size. If
+ * the video does not exist or videos are not supported, the message names `instead`, the folder for
+ * images extracted from the video. */
 spin_status spin_rig_film(struct spin_rig_camera *c, const char *file, const char *instead);
 
 /* Adds the views of all cameras, each with the camera's index in `c` as camera_id. Videos are
  * paired as in spin_video_rows(), and folders of images by their frame numbers, after the offsets
  * of spin_offsets_read() were added. The data set ends with the last frame of the camera that ends
- * first. Before that, cameras may lack frames, with a warning that counts them, but not half of
- * all. A static camera is scaled to the size of
- * its first image, a moving camera in each frame to the size of this frame's image. Option `time`
- * is that of spin_views_time(), with the default value "unit". Option `hold` N holds out the
- * cameras 0, N, 2 N, ...; 0 holds out none. The default is 8, or 0 if there is only one camera. */
+ * first. Up to this frame, fewer than half of all images may be missing; a warning counts them. A
+ * static camera is scaled to the size of its first image, a moving camera in each frame to the size
+ * of this frame's image. Option `time` is that of spin_views_time(), with the default value "unit".
+ * Option `hold` N holds out the cameras 0, N, 2 N, ...; 0 holds out none. The default is 8, or 0 if
+ * there is only one camera. */
 spin_status spin_rig_views(struct spin_model *m, struct spin_rig_camera *c, size_t n,
                            struct spin_views *out);
 
