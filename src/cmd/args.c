@@ -44,7 +44,8 @@ static const struct spin_args_row common_rows[] = {
 /* State of the parser while it reads one command line. */
 struct parser {
     const struct spin_args_command *command;
-    /* Rows of the command, of all commands, and of plug-ins; terminated by SPIN_ARG_END. */
+    /* Rows of this command, then common_rows, then those of plug-ins; terminated by SPIN_ARG_END.
+     */
     struct spin_args_row *rows;
     size_t n_rows, n_shown; /* --help and completion list only the first n_shown rows */
     const char *chosen;     /* plug-in that is named on the command line, or NULL */
@@ -170,8 +171,9 @@ int spin_args_report(const struct spin_args_command *command, char *json, const 
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* Parses a decimal number. Returns false if the text is not one or the number is outside the row's
- * limits. strtod() alone would also accept leading spaces, hexadecimal floats and "inf". */
+/* Parses a decimal number. Returns false if the text is not a decimal number, or if the number is
+ * outside the row's limits. strtod() alone would also accept leading spaces, hexadecimal floats and
+ * "inf". */
 static bool parse_number(const struct spin_args_row *row, const char *text, size_t length,
                          double *out)
 {
@@ -612,9 +614,9 @@ static void print_help(const struct parser *p)
 
 /* ---- Completion ------------------------------------------------------------------------------ */
 
-/* Prints a completion script. It makes the shell run `spin-x --complete WORD...`, which prints the
- * completions of the last word, one per line; options are followed by a colon and their help
- * text. */
+/* Prints a completion script. With this script, the shell runs `spin-x --complete WORD...`, which
+ * prints the completions of the last word, one per line; options are followed by a colon and their
+ * help text. */
 static void print_completion(const struct spin_args_command *command, const char *shell)
 {
     const char *name = command->name;
@@ -713,7 +715,7 @@ const char *spin_args_find(int argc, char **argv, const char *name)
             chosen = argv[i] + 3 + length;
         else if (!argv[i][2 + length] && i + 1 < argc)
             chosen = argv[++i];
-        /* bash has split --name=value, see print_candidates(). */
+        /* bash splits --name=value into three words, see print_candidates(). */
         if (chosen && !strcmp(chosen, "=") && i + 1 < argc)
             chosen = argv[++i];
     }
@@ -739,8 +741,8 @@ static int keep_pair(struct parser *p, const struct spin_args_row *row, const ch
     return SPIN_EXIT_OK;
 }
 
-/* Stores an option. If `value` is NULL, the next word is the value, unless it is a long option:
- * then the value is missing. */
+/* Stores an option. If `value` is NULL, the next word is the value; if that word is a long option,
+ * the value is missing. */
 static int store_option(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     if (!row->arg && value)

@@ -52,10 +52,9 @@ struct spin_args_row {
     void *into; /* address of the variable that receives the value; its type depends on `kind` */
     const char *help; /* help text, a lower-case sentence without full stop; the text of a heading;
                          NULL at the end */
-    double min, max;  /* limits of numbers; if both are 0, there are none */
-    /* Parses and stores text; returns false if text is invalid. Required by SPIN_ARG_CUSTOM. For
-     * SPIN_ARG_COLOUR, the function handles words that are not colours; NULL: there are no such
-     * words. */
+    double min, max;  /* limits of numbers; both 0: no limits */
+    /* Parses and stores text; returns false if text is invalid. Required by SPIN_ARG_CUSTOM. With
+     * SPIN_ARG_COLOUR, it may accept words other than colours; NULL: there are no such words. */
     bool (*parse)(const struct spin_args_row *row, const char *text);
 };
 
@@ -87,8 +86,8 @@ struct spin_args_row {
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, (o).device, "device to compute on (auto)")
 
 /* Helpers for parse(). spin_args_choice() returns the index of text in choices such as "a|b|c", or
- * -1. spin_args_numbers() parses numbers separated by commas and returns their count, or 0 if there
- * are more than `room` or if one is invalid or outside the row's limits. */
+ * -1. spin_args_numbers() parses numbers separated by commas and returns their count. It returns 0
+ * if there are more than `room` numbers, or if one is invalid or outside the row's limits. */
 int spin_args_choice(const char *text, const char *choices);
 int spin_args_numbers(const struct spin_args_row *row, const char *text, double *out, int room);
 

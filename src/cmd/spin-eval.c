@@ -180,8 +180,8 @@ static void write_escaped(const char *name, FILE *to)
         putc('"', to);
 }
 
-/* Adds the values that only tables contain to each run: escaped names and sizes in megabytes. Takes
- * ownership of report. */
+/* Adds values that only tables contain to each run of the report: the escaped name, and sizes in
+ * megabytes. Takes ownership of `report`. */
 static char *add_table_values(char *report)
 {
     spin_json *document = NULL, *runs;

@@ -172,8 +172,8 @@ static const char *const of_clip[] = {"tracks",      "iterations", "batch",     
 static const char *const of_tracks[] = {"lr-track",          "lr-displacement",  "lr-tracked",
                                         "track-iterations",  "dynamic-residual", "densify-every",
                                         "densify-threshold", "densify-until",    NULL};
-/* With --method 4d, only this many options, the first ones of of_clip and of of_tracks, have an
- * effect. */
+/* With --method 4d, only the first CLIP_OF_4D options of of_clip and the first TRACKS_OF_4D options
+ * of of_tracks have an effect. */
 enum { CLIP_OF_4D = 8, TRACKS_OF_4D = 2 };
 static const char *const of_refinement[] = {"refine-start", "densify", "cache", NULL};
 static const char *const of_densification[] = {"max-points", NULL};
@@ -181,8 +181,8 @@ static const char *const of_residual[] = {"residual", NULL};
 static const char *const of_average[] = {"average", NULL};
 static const char *const of_exposure[] = {"lr-exposure", NULL};
 
-/* If have_effect is false, warns in one line about those options in `name` that were given.
- * lacking: why they have no effect. */
+/* If have_effect is false, warns in one line about the options in `name` that were given. lacking:
+ * the reason why they have no effect. */
 static void warn_unused(int argc, char **argv, const char *const *name, bool have_effect,
                         const char *lacking)
 {

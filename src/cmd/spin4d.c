@@ -12,7 +12,7 @@
 
 static struct spin_convert_options options = {.device = "auto", .lod = -1};
 
-/* Options of the exporter: names and values in turn, NULL-terminated. */
+/* Options for the exporter, alternating names and values; NULL-terminated. */
 static const char *export_pairs[2 * 3 + 1];
 
 static bool parse_crop(const struct spin_args_row *row, const char *text)
@@ -25,7 +25,8 @@ static bool parse_crop(const struct spin_args_row *row, const char *text)
     return options.n_crop > 0;
 }
 
-/* Passes a value, which is valid, to the exporter. The last value of an option is used. */
+/* Passes a value that was already checked to the exporter. If an option is repeated, its last value
+ * is used. */
 static bool keep_pair(const struct spin_args_row *row, const char *text)
 {
     const char **pair = export_pairs;
@@ -202,7 +203,7 @@ static void read_help(int *argc, char **argv)
 
 int main(int argc, char **argv)
 {
-    /* The index in argv at which the name of a command may be. */
+    /* Index of the argument that may be the name of a command. */
     int at = argc > 3 && strcmp(argv[1], "--complete") == 0 ? 2 : 1;
     char *report;
     int code;

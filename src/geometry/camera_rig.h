@@ -1,4 +1,4 @@
-/* Where the cameras of a data set are, and the point that they look at. */
+/* The positions of the cameras of a data set, and the point at which they look. */
 #pragma once
 
 #include "spin.h"

@@ -18,8 +18,8 @@ static void swap_points(struct spin_kd_tree *t, size_t a, size_t b)
     t->order[b] = keep;
 }
 
-/* Quickselect: reorders [lo, hi) so that the element at position `middle` is the one that sorting
- * by this axis would put there, with no larger element before it and no smaller one after it. */
+/* Quickselect: reorders [lo, hi) by the coordinate of this axis, such that no element before
+ * position `middle` is larger than the element at `middle`, and no element after it is smaller. */
 static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t middle, int axis)
 {
     while (hi - lo > 1) {
@@ -36,7 +36,8 @@ static void select_middle(struct spin_kd_tree *t, size_t lo, size_t hi, size_t m
                 break;
             swap_points(t, i++, j--);
         }
-        /* Now [lo, i) <= pivot <= [j + 1, hi), and i is j or j + 1. */
+        /* Now no element of [lo, i) exceeds the pivot, no element of [j + 1, hi) is below it, and i
+         * is j or j + 1. */
         if (middle <= j)
             hi = j + 1;
         else

@@ -1,6 +1,6 @@
 /* A k-d tree over points. Each node splits its points at the median of the axis along which they
  * extend farthest; leaves have at most eight points. The median of a node is in the middle of the
- * node's range in `order`, so the tree needs no pointers: the order of the points determines it. */
+ * node's range in `order`, so the tree needs no pointers. */
 #pragma once
 
 #include "spin.h"
@@ -9,18 +9,19 @@ enum { SPIN_KD_LEAF = 8 };
 
 struct spin_kd_tree {
     const float *points; /* [n][3] points of the caller, which must outlive the tree */
-    uint32_t *order;     /* [n] indices of points, leaf after leaf */
+    uint32_t *order;     /* [n] indices of the points; every node has a contiguous range */
     /* [n] axis of the split whose median is at this position of `order`; unused in leaves. */
     uint8_t *axis;
     size_t n;
 };
 
-/* Builds a tree of n finite points. Zero it first; close it also after a failure. */
+/* Builds a tree of n finite points. The caller zeroes the tree first, and closes it also after a
+ * failure. */
 spin_status spin_kd_tree_open(struct spin_kd_tree *tree, size_t n, const float *points);
 void spin_kd_tree_close(struct spin_kd_tree *tree);
 
-/* Calls visit for every point within `reach` of `at` [3], and also for some points that are farther
- * away. */
+/* Calls visit for every point within the distance `reach` of `at` [3], and also for some points
+ * that are farther away, which the caller must exclude if necessary. */
 typedef void (*spin_kd_visit)(void *context, uint32_t point);
 void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
                          spin_kd_visit visit, void *context);

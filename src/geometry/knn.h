@@ -5,12 +5,13 @@
 #include "base/pool.h"
 #include "spin.h"
 
-/* mean_dist2[i] = mean of the squared distances from point i of points [n][3] to its 3 nearest
- * other points. With fewer than 3 other points it is the mean over these, and 0 if n is 1. All
- * points must be finite. The result does not depend on the number of threads. */
+/* Sets mean_dist2[i] to the mean of the squared distances from point i of points [n][3] to its 3
+ * nearest other points. If there are fewer than 3 other points, the mean is over all of these; if
+ * there are none, it is 0. All points must be finite. The result does not depend on the number of
+ * threads. */
 spin_status spin_knn_mean_dist2(struct spin_pool *pool, size_t n, const float *points,
                                 float *mean_dist2);
-/* Sets *median to the median of the values that spin_knn_mean_dist2() gives for all points. n must
- * be at least 1. */
+/* Sets *median to the median over all points of the values of spin_knn_mean_dist2(). n must be at
+ * least 1. */
 spin_status spin_knn_median_dist2(struct spin_pool *pool, size_t n, const float *points,
                                   float *median);

@@ -3,15 +3,15 @@
 #include "base/base.h"
 #include "math/rng.h"
 
-/* A cell with a smaller share of dynamic splats, by opaque area, only flickers: nothing in it
- * moves. */
+/* A cell in which dynamic splats have less than this share of the opaque area only flickers, and
+ * contains no motion. */
 #define LEAST_SHARE 0.3f
 
 enum {
     STARTS = 30,  /* starts of the search for the densest ball */
-    SHIFTS = 12,  /* steps of the search from one start */
+    SHIFTS = 12,  /* mean-shift steps from each start */
     FEW = 20,     /* a clip with fewer dynamic splats is treated as static */
-    MOST = 40000, /* splats that the search examines */
+    MOST = 40000, /* largest number of splats that the search examines */
     SAMPLES = 60, /* sample points along a ray */
 };
 
@@ -26,7 +26,8 @@ static int by_value(const void *a, const void *b)
     return (x->value > y->value) - (x->value < y->value);
 }
 
-/* Returns the smallest value up to which the items have this share of all weights. Sorts them. */
+/* Returns the weighted quantile: the smallest value such that the items up to it have this share of
+ * the total weight. Sorts the items. */
 static double quantile(struct item *item, size_t n, double share)
 {
     double all = 0, sum = 0;
@@ -53,7 +54,7 @@ static void position_of(const struct spin_voxels *v, size_t splat, double at[3])
 
 /* ---- The scene as a whole -------------------------------------------------------------------- */
 
-/* Sets middle to the median of the opaque area along each axis. */
+/* Sets `middle` to the point at the median of the opaque area along each axis. */
 static spin_status find_middle(const struct spin_voxels *v, double middle[3])
 {
     SPIN_FREED struct item *item = NULL;
@@ -74,7 +75,7 @@ static spin_status find_middle(const struct spin_voxels *v, double middle[3])
     return SPIN_OK;
 }
 
-/* Sets *reach to the radius of the ball around a point with 90 % of the opaque area. */
+/* Sets *reach to the radius of the ball around `from` that contains 90 % of the opaque area. */
 static spin_status find_reach(const struct spin_voxels *v, const double from[3], double *reach)
 {
     SPIN_FREED struct item *item = NULL;
@@ -119,8 +120,8 @@ static spin_status find_moving_shares(const struct spin_voxels *v, float **share
     return SPIN_OK;
 }
 
-/* Multiplies the weight of each splat by the square of its cell's dynamic share. This suppresses
- * flickering walls, of which only some splats seem to move. */
+/* Multiplies the weight of each splat by the square of the share of dynamic splats in its cell.
+ * This suppresses flickering walls, in which only some splats seem to move. */
 static spin_status weight_by_share(const struct spin_voxels *v, struct spin_subject *s)
 {
     SPIN_FREED float *share = NULL;
@@ -138,8 +139,8 @@ static spin_status weight_by_share(const struct spin_voxels *v, struct spin_subj
     return SPIN_OK;
 }
 
-/* Lists the dynamic splats (if `moving`) or all splats. Large dynamic splats are left out, since
- * they usually belong to a flickering wall or background. */
+/* Lists the dynamic splats if `moving` is set, else all splats. Large dynamic splats are omitted,
+ * since they usually belong to a flickering wall or background. */
 static spin_status list_splats(const struct spin_voxels *v, bool moving, struct spin_subject *s)
 {
     SPIN_TRY(spin_grow(v->n_splats + 1, sizeof *s->splat, (void **)&s->splat));
@@ -184,7 +185,8 @@ static bool is_enough(const struct spin_subject *s)
 
 /* ---- The densest ball ------------------------------------------------------------------------ */
 
-/* Moves `at` to the mean of the splats within a radius, and returns their weight. */
+/* Performs one mean-shift step: moves `at` to the weighted mean of the splats within `radius`, and
+ * returns the total weight of these splats. */
 static double shift_ball(const struct spin_voxels *v, const struct spin_subject *s, double radius,
                          double at[3])
 {

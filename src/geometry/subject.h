@@ -7,10 +7,10 @@
 struct spin_subject {
     double centre[3], radius;
     double reach; /* radius of the ball around `centre` that contains 90 % of the opaque area */
-    double span;  /* only splats within this radius belong to the subject */
+    double span;  /* only splats within this distance of `centre` belong to the subject */
     bool moves;
     size_t *splat;  /* [n] splats of the subject, as indices into spin_voxels.splat */
-    double *weight; /* [n] weight of each, based on its visible opacity */
+    double *weight; /* [n] weights of these splats, based on their visible opacity */
     size_t n;
 };
 

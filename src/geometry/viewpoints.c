@@ -4,9 +4,9 @@
 #include "geometry/subject.h"
 #include "math/rng.h"
 
-#define LOWEST (-0.1)      /* directions below this sine of the elevation are not used */
-#define WALL_DEPTH 0.7     /* optical depth of a wall */
-#define FREE_SHARE 0.03    /* a view is free if at most this share of its rays is covered */
+#define LOWEST (-0.1)      /* directions whose elevation has a smaller sine are not used */
+#define WALL_DEPTH 0.7     /* optical depth at which a ray ends in a wall */
+#define FREE_SHARE 0.03    /* a view is free if covered_share() is below this */
 #define INWARDS 0.93       /* factor on a camera's distance in each step inwards */
 #define LEAST_DISTANCE 1.2 /* smallest distance of a camera, in radii of the subject */
 #define MOST_DISTANCE                                                                              \
@@ -14,24 +14,24 @@
 enum {
     DIRECTIONS = 200, /* directions that decide whether the scene is a room */
     TRIES = 8,        /* largest number of steps inwards to find a free view */
-    ACROSS = 16,      /* rays of a probe, horizontally and vertically */
+    ACROSS = 16,      /* columns and rows of the grid of rays that probes a view */
     DOWN = 9,
-    SAMPLES = 40,     /* sample points along a ray of a probe */
-    MOST_PLACES = 60, /* directions per camera after which the search ends */
-    TARGETS = 400,    /* numbers of splats to cover: of the subject, and of the rest */
-    DRAWS = 4000,     /* largest number of random draws for each of these numbers */
+    SAMPLES = 40,     /* sample points along each of these rays */
+    MOST_PLACES = 60, /* directions to try per camera before the search ends */
+    TARGETS = 400,    /* number of targets in the subject, and in the whole scene */
+    DRAWS = 4000,     /* largest number of random draws to find that many targets */
     AIMS = 13,        /* number of points among which each camera chooses its target */
     LEAST_CAMERAS = 8,
     AZIMUTHS = 24, /* positions on a circle */
 };
-/* Streams of random numbers. */
+/* Independent streams of random numbers. */
 enum { NEAR_CENTRE = 2, DISTANCE, AIM, SUBJECT, REST };
 
 struct target {
     double at[3], weight;
     bool moves;
-    int draw; /* number of the random draw that selected it */
-    int seen; /* number of cameras whose image contains it */
+    int draw; /* index of the random draw that selected this target */
+    int seen; /* number of cameras whose image contains this target */
 };
 
 struct placing {
@@ -107,7 +107,8 @@ void spin_viewpoints_set_pose(const double eye[3], const double target[3], const
 /* ---- Directions ------------------------------------------------------------------------------ */
 
 /* Sets `out` to direction i of n, evenly distributed over the sphere (a Fibonacci lattice with the
- * pole at `up`). Returns false if the direction is below LOWEST. */
+ * pole at `up`) and turned around `up` by the angle `turn`. Returns false if the direction is below
+ * LOWEST. */
 static bool find_direction(const struct placing *p, int i, int n, double turn, double out[3])
 {
     double z = 1 - 2 * (i + 0.5) / n, angle = M_PI * (1 + sqrt(5)) * (i + 0.5) + turn;
@@ -118,8 +119,8 @@ static bool find_direction(const struct placing *p, int i, int n, double turn, d
     return z >= LOWEST;
 }
 
-/* Returns the distance from the centre to the first wall in a direction; INFINITY if there is no
- * wall up to `far`. */
+/* Returns the distance from the centre to the first wall in a direction that is farther than
+ * `from`; INFINITY if there is no wall up to `far`. */
 static double wall_distance(const struct placing *p, double from, const double direction[3])
 {
     double step = p->v->cell / 2, sum = 0;
@@ -205,9 +206,9 @@ static bool is_covered(const struct placing *p, const double eye[3], const doubl
     return spin_voxels_depth(p->v, p->v->opacity, eye, along, SAMPLES) > -log(0.7);
 }
 
-/* Measures how much blocks the view from `eye` towards `aim`, by a grid of rays: returns the share
- * of rays that are covered within a third of the distance to the centre, plus half the share of the
- * middle rays that are covered before they reach the subject. */
+/* Measures how much of the view from `eye` towards `aim` is blocked, by a grid of rays: returns the
+ * share of rays that are covered within a third of the distance to the centre, plus half the share
+ * of the middle rays that are covered before they reach the subject. */
 static double covered_share(const struct placing *p, const double eye[3], const double aim[3])
 {
     double axis[3][3], away = distance_to(eye, p->out->centre);
@@ -229,7 +230,7 @@ static double covered_share(const struct placing *p, const double eye[3], const 
     return near / (ACROSS * DOWN) + 0.5 * middle / 6;
 }
 
-/* Moves a camera inwards until its view is free. Returns false if it never is. */
+/* Moves a camera inwards until its view is free. Returns false if no position has a free view. */
 static bool free_view(const struct placing *p, double eye[3])
 {
     const double *centre = p->out->centre;
@@ -245,9 +246,9 @@ static bool free_view(const struct placing *p, double eye[3])
     return false;
 }
 
-/* Finds a position for a camera in a direction, at `scale` times the largest possible distance. A
- * wall close to the centre is taken for a static part of the subject, and the next wall is used
- * instead. */
+/* Finds a position with a free view for a camera in a direction, at `scale` times the largest
+ * possible distance. A wall close to the centre is probably a static part of the subject, so the
+ * next wall is used instead. Returns false if there is no such position. */
 static bool find_place(const struct placing *p, const double direction[3], double scale,
                        double eye[3])
 {
@@ -261,7 +262,8 @@ static bool find_place(const struct placing *p, const double direction[3], doubl
     return free_view(p, eye);
 }
 
-/* Lists the positions with a free view among n directions. */
+/* Lists the positions with a free view in n directions, and returns their number. Their distances
+ * vary at random from `least` to 1 times the largest possible one. */
 static int list_places(const struct placing *p, int n, double turn, double least, double (*eye)[3])
 {
     int n_eyes = 0;
@@ -313,9 +315,9 @@ static void find_azimuth(const struct placing *p, int k, double sine, double dis
     add_scaled(eye, sine * distance, p->axis[2], eye);
 }
 
-/* Returns the distance from the centre for the cameras of the circle whose elevation has this sine:
- * somewhat less than that of the nearest wall in these directions, at most `far`, but at least
- * LEAST_DISTANCE radii of the subject, even if a wall is nearer. */
+/* Returns the distance from the centre for the cameras of a circle whose elevation has this sine:
+ * 85 % of the distance of the nearest wall in these directions, but at most `far`, and at least
+ * LEAST_DISTANCE radii of the subject even if a wall is nearer. */
 static double circle_distance(const struct placing *p, double sine)
 {
     double least = p->far, radius = p->out->radius, unit[3], eye[3];
@@ -341,8 +343,8 @@ static int count_covered(const struct placing *p, double sine, double distance)
     return n;
 }
 
-/* Finds the circle with the fewest blocked positions; among equals, a large one at low
- * elevation. */
+/* Finds the circle with the fewest blocked positions. Among equal ones, chooses the first elevation
+ * in `sines`, then the largest distance. */
 static void find_circle(struct placing *p)
 {
     static const double sines[] = {0.2, 0.35, 0.5, 0.05};
@@ -364,9 +366,9 @@ static void find_circle(struct placing *p)
     p->out->free_circle = best == 0;
 }
 
-/* ---- What to look at ------------------------------------------------------------------------- */
+/* ---- Targets --------------------------------------------------------------------------------- */
 
-/* Returns whether little opacity lies between a point and the centre. */
+/* Returns whether at least 40 % of the light passes between a point and the centre. */
 static bool is_in_sight(const struct placing *p, const double at[3])
 {
     double from[3], along[3];
@@ -439,9 +441,9 @@ static bool is_inside(const struct placing *p, const double eye[3], double axis[
            fabs(dot(axis[1], v)) < 0.95 * p->half[1] * depth;
 }
 
-/* Returns the gain in coverage by a camera: the weights of the targets inside its image, each
- * divided by 1 plus the number of earlier cameras that see the target. count: adds the camera to
- * these numbers. */
+/* Returns the gain in coverage by a camera: the sum of the weights of the targets inside its image,
+ * each divided by 1 plus the number of earlier cameras that see the target. If `count` is set, the
+ * camera is added to these numbers. */
 static double gain_of(const struct placing *p, const double eye[3], const double aim[3], bool count)
 {
     double axis[3][3], gain = 0;
@@ -455,9 +457,8 @@ static double gain_of(const struct placing *p, const double eye[3], const double
     return gain;
 }
 
-/* Returns a random moving target. The random number is compared with the numbers of the draws
- * instead of indices, so that the choice does not depend on how many earlier draws were
- * rejected. */
+/* Returns a random moving target. The random number is compared with target.draw, not with an
+ * index, so that the choice does not depend on how many earlier draws were rejected. */
 static const struct target *choose_target(const struct placing *p, uint64_t counter)
 {
     int draw = (int)spin_rng_below(p->o->seed, AIM, counter, TARGETS), i = 0;
@@ -500,7 +501,7 @@ static void add_camera(struct placing *p, const double eye[3], bool test)
             distance_to(aim, eye) < 0.5 * p->out->radius || covered_share(p, eye, aim) >= FREE_SHARE
                 ? -1
                 : gain_of(p, eye, aim, false);
-        if (gain <= 1.001 * most) /* the margin keeps rounding errors from deciding */
+        if (gain <= 1.001 * most) /* the margin prevents rounding errors from deciding */
             continue;
         most = gain;
         memcpy(best, aim, sizeof best);

@@ -26,9 +26,9 @@ struct spin_viewpoints {
     double reach; /* radius of the ball around `centre` that contains 90 % of the scene */
     double up[3]; /* unit vector */
     bool room;    /* walls surround the subject, so the cameras are inside them */
-    /* A position in front of the subject and slightly above, from which a camera can circle around
-     * the axis `up` through the centre. free_circle: no wall blocks its view anywhere on the
-     * circle. */
+    /* A position in front of the subject and slightly above it, from which a camera can circle
+     * around the axis `up` through the centre. free_circle: no wall blocks the view from any point
+     * of this circle. */
     double front[3];
     bool free_circle;
     double distance; /* largest distance of a camera from the centre */
@@ -37,14 +37,14 @@ struct spin_viewpoints {
     double few_moving, few_static;
 };
 
-/* Fails with SPIN_E_UNSUPPORTED if the clip has no opacities, or if no free view was found for
- * n_cameras cameras or for 8 of them, whichever is fewer. out->n is then the number of cameras that
- * were placed. */
+/* Places the cameras. After success, out->n may be less than n_cameras + n_test. Fails with
+ * SPIN_E_UNSUPPORTED if the clip has no opacities, or if fewer than 8 training cameras (or fewer
+ * than n_cameras, if that is less than 8) have a free view. */
 spin_status spin_viewpoints_open(const struct spin_viewpoints_options *o, int n_frames,
                                  spin_voxel_read_fn read, void *context,
                                  struct spin_viewpoints *out);
 void spin_viewpoints_close(struct spin_viewpoints *p);
 
-/* Sets a camera's pose to `eye`, looking at `target`. */
+/* Sets the pose of a camera at `eye` that looks at `target`. */
 void spin_viewpoints_set_pose(const double eye[3], const double target[3], const double up[3],
                               struct spin_camera *camera);

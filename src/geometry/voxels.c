@@ -9,7 +9,8 @@ enum { MOST_SPLATS = 100000 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Returns the integral of a Gaussian over the plane of its two largest scales. */
+/* Returns the integral of a Gaussian with these log scales over the plane of its two longest axes.
+ */
 static double cross_section(const float scale[3])
 {
     double least = (double)fminf(scale[0], fminf(scale[1], scale[2]));
@@ -176,7 +177,8 @@ static size_t cell_of(const struct spin_voxels *v, const struct spin_voxel_splat
     return spin_voxels_find(v, at);
 }
 
-/* Replaces each cell by the mean of its neighbourhood of 3 x 3 x 3 cells. */
+/* Replaces each cell by the mean over its neighbourhood of 3 x 3 x 3 cells, where cells outside the
+ * grid count as 0. */
 static spin_status blur(const struct spin_voxels *v, float *field)
 {
     size_t step[3] = {(size_t)v->dim[1] * (size_t)v->dim[2], (size_t)v->dim[2], 1};
@@ -201,8 +203,9 @@ double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_spl
     return (double)s->count * fmin((double)s->area, (double)s->opacity * v->cell * v->cell);
 }
 
-/* Adds the splats of sampled frame f, or of all frames if f is -1, to a field, each with its area
- * times colour channel `channel`, or the squared length of the colour for 3; -1: times 1. */
+/* Adds the areas of the splats of sampled frame f, or of all frames if f is -1, to the cells of
+ * `field`. Each area is multiplied by a factor according to `channel`: a channel of the splat's
+ * colour (0 to 2), the squared length of its colour (3), or 1 (-1). */
 static void add_mass(const struct spin_voxels *v, int f, int channel, float *field)
 {
     for (size_t i = 0; i < v->n_splats; i++) {
@@ -261,8 +264,8 @@ static spin_status make_colours(struct spin_voxels *v)
     return SPIN_OK;
 }
 
-/* Returns the 40th percentile of the masses of one cell over the frames. This is small where
- * something only passes by, and large in a flickering wall. */
+/* Returns the 40th percentile of the masses of one cell over the frames. It is small where an
+ * object only passes by, and large in a flickering wall. */
 static float wall_mass(const struct spin_voxels *v, size_t cell)
 {
     float mass[SPIN_VOXEL_FRAMES];
@@ -319,7 +322,7 @@ void spin_voxels_close(struct spin_voxels *v)
     memset(v, 0, sizeof *v);
 }
 
-/* ---- Questions ------------------------------------------------------------------------------- */
+/* ---- Queries --------------------------------------------------------------------------------- */
 
 double spin_voxels_depth(const struct spin_voxels *v, const float *field, const double from[3],
                          const double along[3], int n)

@@ -1,6 +1,6 @@
-/* A coarse voxel grid of a clip, from which callers learn how opaque space is, where walls are and
- * which splats move. It needs neither renders nor matches between the splats of different
- * frames. */
+/* A coarse voxel grid of a clip: it shows how opaque each part of space is, where walls are, and
+ * which splats move. It needs neither renders nor matches between the splats of different frames.
+ */
 #pragma once
 
 #include "spin.h"
@@ -29,12 +29,12 @@ struct spin_voxels {
     /* Splats of the sampled frames, at most about 100,000 of each. */
     struct spin_voxel_splat *splat;
     size_t n_splats, capacity;
-    float
-        *mass[SPIN_VOXEL_FRAMES]; /* [n] opaque area of each frame, blurred over 3 x 3 x 3 cells */
-    float *mean;                  /* [n] mean of these masses */
+    /* [n] opaque area in each sampled frame, blurred over 3 x 3 x 3 cells */
+    float *mass[SPIN_VOXEL_FRAMES];
+    float *mean;      /* [n] mean of `mass` over the frames */
     float *colour[4]; /* [n] mean colour, and mean of its squared length, weighted by mass */
     float *opacity;   /* [n] mean extinction per unit of length over the frames, not blurred */
-    float *walls;     /* [n] extinction of what is present in most frames, blurred */
+    float *walls;     /* [n] extinction by static parts, which most frames contain, blurred */
 };
 
 /* Reads up to SPIN_VOXEL_FRAMES of n_frames frames. Fails with SPIN_E_UNSUPPORTED if they have no
@@ -46,13 +46,14 @@ void spin_voxels_close(struct spin_voxels *v);
 /* Returns the index of the cell that contains a point; SIZE_MAX: outside of the grid. */
 size_t spin_voxels_find(const struct spin_voxels *v, const double at[3]);
 void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3]);
-/* Returns the opaque area of a splat, limited to a side of a cell, times the number of splats that
- * it represents. */
+/* Returns the opaque area of a splat, at most its opacity times the area of a side of a cell, times
+ * the number of splats that it represents. */
 double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_splat *s);
 /* Returns the optical depth of a field such as v->opacity from the point `from` to `from + along`,
- * from n samples. */
+ * estimated by n samples. */
 double spin_voxels_depth(const struct spin_voxels *v, const float *field, const double from[3],
                          const double along[3], int n);
-/* Returns whether a splat is dynamic: in most of the other frames its cell is empty or has another
- * colour. Always false if only one frame was sampled. */
+/* Returns whether a splat is dynamic: in at least a fifth of the sampled frames, its cell has much
+ * less mass than on average, or its colour is far from the mean colour of the cell. Always false if
+ * only one frame was sampled. */
 bool spin_voxels_moves(const struct spin_voxels *v, const struct spin_voxel_splat *s);
