@@ -145,7 +145,7 @@ static spin_status count_reserve(struct spin_device *d, size_t bytes, void SPIN_
     struct spin_counting_device *c = d->state;
 
     c->bytes += bytes;
-    *out = (void SPIN_DEV *)c; /* any pointer but NULL */
+    *out = (void SPIN_DEV *)c; /* callers only compare it with NULL */
     return SPIN_OK;
 }
 

@@ -8,8 +8,8 @@
  * one fails nevertheless, the next wait() or download() reports the error.
  *
  * A device owns its memory. Pointers to it are marked SPIN_DEV: the host passes them on and does
- * pointer arithmetic, but never dereferences them. All pointers below are device memory unless
- * marked host. "=" overwrites, "+=" accumulates.
+ * pointer arithmetic, but never dereferences them. All pointers below point to device memory unless
+ * marked host.
  *
  * The attributes of a Gaussian are one row of SPIN_ATTR floats, in the order of the heads:
  *     scale [3]  rotation [4] (w,x,y,z)  sh [16][3]  opacity [1]
@@ -106,8 +106,8 @@ struct spin_scene_transform {
 enum { SPIN_HEAD_SCALE, SPIN_HEAD_ROTATION, SPIN_HEAD_SH, SPIN_HEAD_OPACITY, SPIN_HEADS };
 struct spin_heads {
     int n_in, hidden;
-    int n_out[SPIN_HEADS]; /* number of outputs: 3 4 48 1 */
-    /* in floats; offset[SPIN_HEADS] is the number of all parameters */
+    int n_out[SPIN_HEADS]; /* numbers of outputs: 3, 4, 48 and 1 */
+    /* offsets in floats; offset[SPIN_HEADS] is the number of all parameters */
     size_t offset[SPIN_HEADS + 1];
     bool relu; /* for an ablation: true uses ReLU instead of GELU */
 };
@@ -140,8 +140,8 @@ struct spin_splat2d {
     /* Index that the splat's first (splat, tile) pair has if the pairs of the view are ordered by
      * splat. Set by tile_count(). */
     uint32_t first_intersection;
-    /* Bit c of bits 0 to 2: colour channel c was clamped at 0. Bit 3: x was clamped in the
-     * Jacobian. Bit 4: y was. */
+    /* Bit c of bits 0 to 2: colour channel c was clamped at 0. Bits 3 and 4: x or y was clamped in
+     * the Jacobian. */
     uint32_t flags;
     /* Numbers of columns or rows of tiles at the left, top, right and bottom of the rectangle that
      * get no pair, since the splat's alpha is below 1/255 everywhere in them. Set by tile_count().
@@ -155,7 +155,7 @@ struct spin_splat2d_grad {
     float spare[3];
 };
 
-/* Largest number of (splat, tile) pairs of one view; their list takes 1 GiB. */
+/* Maximum number of (splat, tile) pairs of one view, whose list occupies 1 GiB. */
 #define SPIN_MAX_PAIRS ((uint64_t)1 << 28)
 
 /* The list of splats of every tile of every view, front to back. */
@@ -217,7 +217,7 @@ struct spin_frame_batch {
         const float SPIN_DEV *turn;
 
         /* The following members are for densify_stats() and may be NULL. */
-        float SPIN_DEV *gradient; /* [n] sum of the lengths of each splat's gradients */
+        float SPIN_DEV *gradient; /* [n] sum over views of the length of each gradient */
         uint32_t SPIN_DEV *seen;  /* [n] number of views that each splat is visible in */
     } frame[SPIN_MAX_FRAMES];
 };
@@ -259,10 +259,10 @@ struct spin_view_batch {
     } view[SPIN_MAX_VIEWS];
 };
 
-/* The input images. Each has the space of max_pixels pixels, so image k begins at k times this
- * size. Rows have no padding. */
+/* The input images. Each occupies the memory of max_pixels pixels, so image k begins k * max_pixels
+ * pixels after the first image. Rows have no padding. */
 struct spin_images {
-    const uint8_t SPIN_DEV *rgb8; /* [][h][w][3], bytes of 255 times the value; NULL: f32 is used */
+    const uint8_t SPIN_DEV *rgb8; /* [][h][w][3], 255 times the value; NULL: f32 is used */
     const float SPIN_DEV *f32;    /* [][3][h][w], used if rgb8 is NULL */
     /* A mask for each image, with one bit per pixel, lowest bit first, in (max_pixels + 7) / 8
      * bytes; NULL: there are no masks. */
@@ -518,7 +518,7 @@ struct spin_device_ops {
 
     /* ---- Optimiser ---- */
 
-    /* One Adam step for all groups, math/adam.h: updates p, m and v, and sets g to zero. */
+    /* Takes one Adam step for all groups (math/adam.h): updates p, m and v, and sets g to zero. */
     void (*adam)(struct spin_device *d, int n_groups, const struct spin_param_group *group);
     /* Adds to *count the number of values that are NaN or infinite. */
     void (*not_finite)(struct spin_device *d, size_t n, const float SPIN_DEV *values,
@@ -528,9 +528,9 @@ struct spin_device_ops {
      *     enable:  creates lazy Adam for the arrays of the group, for at most `steps` steps (now)
      *     grid:    like grid(), but first applies the missed steps up to `done` to the lines that
      *              the points need, and marks these lines for the next step
-     *     step:    an Adam step with rate lr, for the marked lines and the dense levels
+     *     step:    takes an Adam step with rate lr, for the marked lines and the dense levels
      *     advance: records the rate of a step that was taken before the training was resumed
-     *     flush:   out [n] = p as if every line had taken every step up to `done` */
+     *     flush:   sets out [n] to p as if every line had taken every step up to `done` */
     spin_status (*lazy_adam_enable)(struct spin_device *d, const struct spin_grid *grid,
                                     const struct spin_param_group *table, int64_t steps,
                                     struct spin_lazy_adam **out);
@@ -565,9 +565,9 @@ struct spin_device {
     const char *path;
     void *state;          /* private to the device */
     char description[64]; /* "cpu (avx-512, 2 threads)" */
-    /* numbers of frames and views in a batch that suit the device's caches and memory */
+    /* numbers of frames and views to put into one batch, for the best use of the device's caches */
     int frames_at_once, views_at_once;
-    /* true: device memory is host memory, so the plan adds the needs of device and host */
+    /* true: device memory is host memory, so a plan adds up the memory for device and host */
     bool is_host;
     /* The caller may set this at any time. True: sums are computed in a fixed order or in integers,
      * so that the same calls give the same bits. The CPU always does so. */

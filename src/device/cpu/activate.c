@@ -14,7 +14,7 @@ struct job {
     const float *raw, *d_attr, *d_pos_w;
     float *out;
     uint32_t first_row; /* index of the frame's first row in the batch */
-    /* [n] active rows; each chunk writes its active rows starting at the index of its first row */
+    /* [n] active rows; the list of a chunk begins at the index of the chunk's first row */
     uint32_t *found;
     uint32_t *count; /* [chunks] number of active rows of each chunk */
 };

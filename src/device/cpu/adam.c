@@ -1,4 +1,5 @@
-/* Adam on the CPU. One pass over p, g, m and v updates p, m and v and sets g to zero. */
+/* Adam on the CPU. One pass over the parameters p, their gradients g and the moments m and v
+ * updates p, m and v, and sets g to zero. */
 #include "device/cpu/cpu.h"
 
 #include "device/cpu/denormals.h"

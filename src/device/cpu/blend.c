@@ -1,12 +1,12 @@
 /* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. The
- * formulas are those of math/blend.h, rewritten for a vector of pixels of a row at a time;
- * tests/device/t-blend.c compares the two.
+ * formulas are those of math/blend.h, rewritten to process a vector of pixels of a row at a time;
+ * tests/device/t-blend.c compares both implementations.
  *
- * The (splat, tile) pairs of a tile are prepared in batches. A splat is only blended in the rows
- * where its alpha is large enough to contribute and, on SIMD paths with short vectors, only in such
- * columns. In the backward pass, each pair writes its sums to its own slot, and the slots of a
- * splat are added in order. This needs no atomics and gives the same bits for any number of
- * threads. */
+ * The (splat, tile) pairs of a tile are prepared in batches. A splat is blended only in the rows
+ * where its alpha is large enough to contribute and, on SIMD paths with short vectors, only in the
+ * columns where it is. In the backward pass, each pair writes its sums to its own slot, and the
+ * slots of a splat are added in order. This needs no atomics and gives the same bits for any number
+ * of threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -65,8 +65,7 @@ static struct place place_of(const struct spin_camera_f32 *cam, int tile)
 struct ready {
     float u[BATCH], v[BATCH], a[BATCH], b[BATCH], c[BATCH], opacity[BATCH], colour[3][BATCH];
     float peak[BATCH]; /* dx / dy at the point of a row where the exponent is largest */
-    /* threshold of the exponent without the opacity; the splat does not contribute to pixels below
-     * it */
+    /* minimum of the exponent, without the opacity, in pixels that the splat contributes to */
     float least[BATCH];
     int32_t vec0[BATCH], vec1[BATCH];
 };
@@ -77,7 +76,7 @@ SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf
 /* Computes vec0, vec1, peak and least, and converts a, b, c and the opacity to base 2 for the
  * exponent. Adding 0.999 is enough to round the reach up, since spin_blend_reach() has already
  * added 0.01. `least` has a margin for the rounding errors of the exponent's terms anywhere in the
- * tile; if the coefficients are degenerate, it is so low that no pixel is skipped. */
+ * tile; if the coefficients are degenerate, `least` is so low that no pixel is skipped. */
 static void compute_reach(struct ready *r)
 {
     for (int i = 0; i < BATCH; i++) {
@@ -164,8 +163,8 @@ SPIN_FN void rows_set(struct rows *rows, const struct ready *r, uint32_t i, int 
 
 /* ---- Forward --------------------------------------------------------------------------------- */
 
-/* The pixels of a tile: transmittance, colour and last contributor (`used`). A pixel is live while
- * more splats can contribute to it, which ends when it is opaque. */
+/* The pixels of a tile: transmittance, colour and last contributor (`used`). A pixel is live until
+ * it is opaque, since no further splat contributes to an opaque pixel. */
 struct front {
     __attribute__((aligned(64))) float t[SIDE * SIDE], colour[3][SIDE * SIDE];
     int32_t used[SIDE * SIDE];
@@ -256,7 +255,7 @@ static void front_splat(struct front *f, const struct ready *r, uint32_t i, int 
     }
 }
 
-/* Changes the background of a row of the image where its alpha is known. */
+/* Changes the background of those pixels of a row whose alpha is known. */
 SPIN_FN void change_row_out(const struct job *job, const float *restrict t, size_t plane, int width,
                             size_t at)
 {
@@ -410,8 +409,9 @@ void SPIN_CPU(depth)(struct spin_device *d, const struct spin_view_batch *views,
 
 /* The pixels of a tile while its splats are visited from back to front. */
 struct back {
-    float t[SIDE * SIDE]; /* transmittance behind the current splat, then in front of it */
-    /* sum of weight * (colour . g) over all splats behind it and the background */
+    /* transmittance behind the current splat; after its backward step, that in front of it */
+    float t[SIDE * SIDE];
+    /* sum of weight * (colour . g) over the background and all splats behind the current one */
     float s[SIDE * SIDE];
     float g[3][SIDE * SIDE];       /* gradient of the image */
     float used[SIDE * SIDE];       /* last contributor as a float, which is exact below 2^24 */
@@ -419,7 +419,8 @@ struct back {
     int32_t most;                  /* largest `used` of the tile */
 };
 
-/* Changes the product of a row's gradient and background where its alpha is known. */
+/* Adds the change of the background to the product of gradient and background, for those pixels of
+ * a row whose alpha is known. */
 SPIN_FN void change_row_in(const struct job *job, const struct back *b, int width, int i, size_t at,
                            float *restrict through)
 {

@@ -1,4 +1,4 @@
-/* The CPU device: its memory and its table of verbs. A verb has run when its function returns.
+/* The CPU device: its memory and its table of verbs. A verb is complete when its function returns.
  * Batches have one frame and one view, which makes the best use of the caches. */
 #include "device/cpu/cpu.h"
 

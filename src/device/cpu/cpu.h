@@ -57,8 +57,8 @@ static inline void spin_cpu_stop(struct spin_cpu_clock *c)
 {
     ((struct spin_cpu *)c->d->state)->seconds[c->op] += spin_now_s() - c->start_s;
 }
-/* Defines such a variable. The attribute `unused` prevents a warning of Clang, since the variable
- * is never read. */
+/* Defines a variable of type struct spin_cpu_clock. The attribute `unused` prevents a warning of
+ * Clang, since the variable is never read. */
 #define SPIN_CPU_CLOCK(d, op)                                                                      \
     __attribute__((unused))                                                                        \
     SPIN_LEAVES(spin_cpu_stop) struct spin_cpu_clock clock_of_verb = {d, op, spin_now_s()}
@@ -69,8 +69,8 @@ static inline float *spin_cpu_picture(const struct spin_view_batch *views, int v
     return pictures ? pictures + (size_t)view * 3 * views->max_pixels : NULL;
 }
 
-/* Finds the active rows of one frame, which are consecutive in the list. Sets *first to the index
- * of the first of them in the list, and returns their number. */
+/* Finds the active rows of one frame, which are consecutive in active->row. Sets *first to the
+ * index of the first one in active->row, and returns their number. */
 size_t SPIN_CPU(active_of)(const struct spin_active *active,
                            const struct spin_frame_of_batch *frame, size_t *first);
 

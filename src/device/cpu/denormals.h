@@ -1,7 +1,8 @@
-/* Between calls of these two functions, denormal numbers are treated as zero. Otherwise the moments
- * of Adam, for parameters without a gradient, would decay to denormal numbers and stay denormal,
- * since 0.9 times the smallest denormal number is rounded to that number again. Arithmetic on
- * denormal numbers is a hundred times slower. Without SSE the functions do nothing. */
+/* Between a call of spin_denormals_off() and one of spin_denormals_back(), denormal numbers are
+ * treated as zero. Otherwise the moments of Adam, for parameters without a gradient, would decay to
+ * denormal numbers and stay denormal, since 0.9 times the smallest denormal number is rounded to
+ * that number again. Arithmetic on denormal numbers is a hundred times slower. Without SSE the
+ * functions do nothing. */
 #pragma once
 
 #if defined(__SSE__)

@@ -62,8 +62,8 @@ struct points {
  * avoids a modulo and keeps every index inside the table. */
 struct level {
     float scale[4];
-    /* factor of each coordinate in the row: stride of a dense level, hash prime of a hashed level
-     */
+    /* factor of each coordinate in the row index: the stride of a dense level, the hash prime of a
+     * hashed level */
     uint32_t step[4];
     uint32_t top[4]; /* last vertex of each axis */
     uint32_t n_rows, mask;
@@ -316,9 +316,9 @@ static void catch_up_line(const struct grid_job *job, float from, size_t at)
         spin_adam_skip(skipped_step, skipped_eps, decay_m, decay_v, &p[i], &m[i], &v[i]);
 }
 
-/* Applies missed Adam steps to the lines that the corners of a block need, and marks these lines.
- * `begin` is the index of the first value that belongs to a line, and `line` is the first line of
- * the level. */
+/* Applies missed Adam steps to the lines (struct spin_lazy_adam) that the corners of a block need,
+ * and marks these lines. `begin` is the index of the first value that belongs to a line, and `line`
+ * is the first line of the level. */
 static void update_lines(const struct grid_job *job, const struct corners *c,
                          const struct points *p, int m, size_t begin, size_t line,
                          const struct ahead *next)
@@ -447,8 +447,8 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     return sum;
 }
 
-/* The adjoint of gather_features(). If d_x is not NULL, also adds to it the gradient of the
- * positions, which includes the slopes of smoothstep. */
+/* The adjoint of gather_features(). If d_x is not NULL, also adds the gradient of the positions,
+ * which includes the slopes of smoothstep, to d_x. */
 static inline __attribute__((always_inline)) void
 scatter_gradients(const float *table, float *d_table, const struct corners *c,
                   const struct points *p, int m, int width, int lanes, const float *d_z,

@@ -1,5 +1,6 @@
-/* Defines a vector of floats that has the width of this SIMD path, and masks for it. Most functions
- * use the vector types of the compiler; those for AVX-512 use its mask registers. */
+/* Defines a vector of floats that has the width of this SIMD path, and masks that select lanes of
+ * the vector. Most functions use the vector types of the compiler; those for AVX-512 use mask
+ * registers. */
 #pragma once
 
 #include <stdint.h>
@@ -206,7 +207,7 @@ SPIN_FN void spin_lanes_sum8(const spin_lanes *v, float *sum)
     __m512 half[4], x, y;
     float all[16];
 
-    for (int i = 0; i < 4; i++) { /* two sums in each half */
+    for (int i = 0; i < 4; i++) { /* half[i]: sums of a in its lower half, of b in its upper half */
         __m512 a = (__m512)v[2 * i], b = (__m512)v[2 * i + 1];
         half[i] = _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x44), _mm512_shuffle_f32x4(a, b, 0xee));
     }

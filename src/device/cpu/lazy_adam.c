@@ -10,7 +10,7 @@
 #include <immintrin.h>
 #endif
 
-/* REACH: the effect of a gradient is neglected after this many steps, in which it has decayed by
+/* REACH: number of steps after which the effect of a gradient is neglected. It has then decayed by
  * the factor (.9 / sqrt(.999))^400 = 6e-19. */
 enum { LINES = 4096, AHEAD = 8, REACH = 400 };
 

@@ -31,8 +31,8 @@ struct job {
     size_t stride; /* number of floats in a padded row */
     const float *image, *truth, *pixel_weight;
     float *d_image;
-    float *slope[3];    /* partial derivatives of the SSIM map by mu, xx and xy, each [3][h][w] */
-    float *rows;        /* scratch of all workers, see struct band */
+    float *slope[3]; /* derivatives of the SSIM map, see struct spin_ssim_slope; each [3][h][w] */
+    float *rows;     /* scratch of all workers, see struct band */
     size_t rows_floats; /* number of floats of `rows` for each worker */
     float scale_l1, scale_ssim;
     /* [3 * bands] sums of L1, SSIM and pixel weights (`mass`) over each band */
@@ -166,8 +166,8 @@ static void window_forward(const struct job *job, const struct band *b, int firs
 }
 
 /* Sets map [w] to the SSIM computed from the filtered rows p0 to p3, and d_mu, d_xx and d_xy [w] to
- * the partial derivatives of the SSIM. This is a separate function so that the compiler relies on
- * the arrays not to overlap, and vectorises the loop. */
+ * the partial derivatives of the SSIM. This is a separate function so that the compiler can rely on
+ * arrays that do not overlap, and vectorises the loop. */
 static __attribute__((noinline)) void
 ssim_row(int w, const float *SPIN_RESTRICT p0, const float *SPIN_RESTRICT p1,
          const float *SPIN_RESTRICT p2, const float *SPIN_RESTRICT p3, float *SPIN_RESTRICT map,
@@ -268,7 +268,7 @@ struct photo {
     const uint8_t *rgb8, *mask, *matte;
     size_t plane;
     float weight[2];
-    const float *f32, *change; /* change: of the background, where the matte is known */
+    const float *f32, *change; /* `change`: change of the background where alpha is known */
     float *truth, *pixel_weight;
 };
 

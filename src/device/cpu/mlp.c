@@ -157,8 +157,8 @@ static void multiply_transposed(const struct product *x)
 /* ---- Padded weights -------------------------------------------------------------------------- */
 
 /* A weight matrix or bias [rows][cols], which begins at index `param` of the parameters, and its
- * padded copy, which begins at index `at` of the copies. The rows of the copy are `ld` floats
- * apart; if it is transposed, its columns are. */
+ * padded copy, which begins at index `at` of the copies. The rows of the copy, or its columns if
+ * the copy is transposed, are `ld` floats apart. */
 struct piece {
     size_t param, at, ld;
     int rows, cols;

@@ -56,7 +56,7 @@ static void block_load(const struct job *job, int n, struct block *b)
     }
 }
 
-/* One splat of the block, in the form that the functions of math/project.h take. */
+/* One splat of the block, in the form of the arguments of math/project.h. */
 struct one {
     spin_vec3 p; /* in camera coordinates */
     float scale[3], q[4];
@@ -64,8 +64,8 @@ struct one {
 
 /* Computes one axis of spin_to_camera() in a fixed order of multiply-adds that starts with product
  * `first`. The published results were computed by code for a single splat, for which the compiler
- * chose one order in the forward pass and another in the backward pass. The same orders give the
- * same bits. */
+ * chose one order in the forward pass and another in the backward pass. This function keeps both
+ * orders, since another order would change the last bits. */
 SPIN_FN float to_camera(const struct spin_projection *lens, int axis, int first,
                         const struct block *b, int i)
 {

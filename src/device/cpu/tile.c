@@ -4,8 +4,8 @@
  * number of threads. The values of a splat that the sorts need are copied to small arrays, since
  * splats in depth order are scattered over memory.
  *
- * Rectangles are trimmed: a tile in which the alpha of the splat is below 1/255 everywhere gets no
- * pair, since its pixels would skip the splat. */
+ * The rectangle of tiles of each splat is trimmed: a tile in which the alpha of the splat is below
+ * 1/255 everywhere gets no pair, since blending skips such pixels. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"
@@ -32,7 +32,7 @@ struct rect {
 };
 
 /* Header of the sorted splats of one view, which are kept in SPIN_SCRATCH_TILE from tile_count() to
- * tile_fill(). The header and the arrays that follow it take sorted_bytes(). */
+ * tile_fill(). The header and the arrays that follow it occupy sorted_bytes() bytes. */
 struct sorted {
     size_t n;
     struct entry *entry; /* [n] sorted from front to back */
@@ -192,8 +192,8 @@ static uint32_t digit_of(const struct job *job, struct entry e)
 }
 
 /* Counts how often each value of the current digit occurs in a part. Consecutive splats often have
- * the same digit. They are counted in two arrays in turn, so that an increment need not wait for
- * the one before. */
+ * the same digit. Splats are therefore counted in two arrays in turn, so that an increment does not
+ * wait for the previous one. */
 static void digit_count_task(void *context, int part)
 {
     struct job *job = context;
@@ -385,8 +385,7 @@ static inline void walk_on(struct walk *w)
     w->left--;
 }
 
-/* Returns the number of tile corners, which is one more than the number of tiles in each direction.
- */
+/* Returns the number of corners of tiles. In each direction there is one corner more than tiles. */
 static size_t corners_of(const struct spin_camera_f32 *cam)
 {
     return ((size_t)cam->tiles_x + 1) * ((size_t)cam->tiles_y + 1);

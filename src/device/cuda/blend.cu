@@ -4,11 +4,11 @@
  * whose alpha is below 1/255 in all of these pixels.
  *
  * In the backward pass, a block starts at the last splat that contributes to any of its pixels. A
- * warp processes two splats at a time, and each pixel stores its terms for these splats in shared
- * memory. When the terms of eight splats are stored, each lane sums a row of eight pixels for one
- * splat, so four lanes work on each splat. The sums of the warps for a batch are added in order.
- * Each (splat, tile) pair writes its sums to its own slot, and the slots of a splat are added in
- * order. This needs no atomics and gives the same bits in every run. */
+ * warp processes two splats at a time, and each pixel stores its terms of the gradients of both
+ * splats in shared memory. When the terms of eight splats are stored, each lane sums a row of eight
+ * pixels for one splat, so four lanes work on each splat. The sums of the warps for a batch are
+ * added in order. Each (splat, tile) pair writes its sums to its own slot, and the slots of a splat
+ * are added in order. This needs no atomics and gives the same bits in every run. */
 #include "device/cuda/cuda.h"
 #include "device/pairs.h"
 #include "math/blend.h"
@@ -252,7 +252,8 @@ static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const
     return sums;
 }
 
-/* Adds up the sums of a splat over the rows of a warp, which WARP_Y neighbouring lanes hold. */
+/* Adds up the sums of a splat over the rows of a warp. WARP_Y neighbouring lanes contain the sums
+ * of one row each. */
 static __device__ void add_rows(struct spin_blend_sums *sums)
 {
     for (int by = 1; by < WARP_Y; by *= 2) {
@@ -373,7 +374,7 @@ static __global__ void __launch_bounds__(PIXELS, 5)
     __syncthreads();
     for (int w = 0; w < WARPS; w++)
         last = last_of[w] > last ? last_of[w] : last;
-    /* Splats behind the last contributors of all pixels have no gradient, so their slots are zero.
+    /* Splats behind the last contributors of all pixels have no gradient: set their slots to zero.
      */
     for (uint32_t k = last + (uint32_t)me; k < n; k += PIXELS) {
         struct spin_blend_sums none = {};

@@ -10,7 +10,7 @@ enum { CUDA_CORNERS = 16 };
 /* The cell of a level that contains a point: its vertices, clamped to the level, and the weights of
  * its upper vertices. */
 struct cuda_cell {
-    /* on each axis, the vertex times its stride or prime: the terms of a corner's row */
+    /* lower and upper vertex on each axis, times the stride or prime: terms of a corner's row */
     uint32_t low[4], high[4];
     float w[4], slope[4]; /* d w / d x_u */
     size_t first_row;

@@ -186,8 +186,7 @@ static void host_release(struct spin_device *d, struct spin_host_memory *memory)
 
 static void *host_view(struct spin_device *, void SPIN_DEV *) { return NULL; }
 
-/* Returns the free memory without a sixteenth of it, which is kept for the scratch memory of the
- * verbs. */
+/* Returns 15/16 of the free memory. The rest is kept for the scratch memory of the verbs. */
 static size_t memory_available(struct spin_device *d)
 {
     size_t left = gpu_memory_free(gpu_of(d));
@@ -206,7 +205,7 @@ void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t byt
         return s->block;
     if (s->block)
         gpu_free(&cuda->gpu, s->block);
-    /* an eighth more, so that the buffer need not be enlarged in every iteration */
+    /* with an eighth to spare, so that the buffer is not enlarged in every iteration */
     s->bytes = bytes + bytes / 8;
     s->block = gpu_alloc(&cuda->gpu, s->bytes, &failed);
     if (!s->block && !failed) {

@@ -35,8 +35,8 @@ struct cuda {
         void *block;
         size_t bytes;
     } scratch[CUDA_SCRATCHES];
-    bool sync;   /* SPIN_CUDA_SYNC=1: every verb is waited for, so that an error names its verb */
-    bool tensor; /* true: heads are computed on tensor cores */
+    bool sync;          /* SPIN_CUDA_SYNC=1: waits for every verb, so that errors name the verb */
+    bool tensor;        /* true: heads are computed on tensor cores */
     spin_status failed; /* error that the next wait() returns and clears */
     char why[256];
     struct cuda_clock clock[SPIN_N_OPS];
@@ -91,7 +91,7 @@ static inline struct cuda_rows cuda_rows_of(const struct spin_active *active, si
     return cuda_rows{active->row, active->n, first, n};
 }
 /* Sets *row_of_frame to active row i, counted from the frame's first row. Returns false if there is
- * no active row i, or if it belongs to another frame. */
+ * no active row i, or if the row belongs to another frame. */
 static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, size_t *row_of_frame)
 {
     if (i >= *rows.count)

@@ -12,9 +12,9 @@ static const char *text_of(cudaError_t error)
     return error == cudaSuccess ? NULL : cudaGetErrorString(error);
 }
 
-/* Makes the GPU the current one of this thread, and returns its stream. Kernel launches need a
- * current GPU; they rely on an earlier call of this function, such as that by gpu_mark() at the
- * start of their verb. */
+/* Makes this GPU the current GPU of the thread, and returns its stream. Kernel launches need a
+ * current GPU; GPU_LAUNCH relies on an earlier call of this function, such as that by gpu_mark() at
+ * the start of each verb. */
 static cudaStream_t stream_of(struct gpu *gpu)
 {
     cudaSetDevice(gpu->number);
@@ -99,7 +99,7 @@ void gpu_close(struct gpu *gpu)
 }
 
 /* Allocates memory from the pool in stream order. Freed memory stays in the pool, so that the next
- * allocation is cheap. A GPU that shares its memory with another system has no pool. */
+ * allocation is cheap. GPUs without memory pools, such as some virtual GPUs, use cudaMalloc(). */
 void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
 {
     void *block = NULL;
@@ -108,7 +108,7 @@ void *gpu_alloc(struct gpu *gpu, size_t bytes, const char **why)
     cudaError_t error =
         gpu->pool ? cudaMallocAsync(&block, room, stream) : cudaMalloc(&block, room);
 
-    /* the pool may be fragmented: it is emptied and the allocation repeated */
+    /* the pool may be fragmented: empty it and try again */
     if (error == cudaErrorMemoryAllocation && gpu->pool) {
         cudaStreamSynchronize(stream);
         cudaMemPoolTrimTo((cudaMemPool_t)gpu->pool, 0);

@@ -71,13 +71,13 @@ void *gpu_host_alloc(struct gpu *gpu, size_t bytes);
 void gpu_host_free(struct gpu *gpu, void *block);
 
 void gpu_zero(struct gpu *gpu, void *at, size_t bytes);
-/* Copies host memory to the device. The caller may overwrite `host` after the call; but if it is
- * page-locked, only after gpu_wait(). */
+/* Copies host memory to the device. The caller may overwrite pageable memory after the call, but
+ * page-locked memory only after gpu_wait(). */
 void gpu_copy_in(struct gpu *gpu, void *to, const void *host, size_t bytes);
-/* waits until the bytes are copied */
+/* Copies device memory to the host, and waits until the bytes are copied. */
 void gpu_copy_out(struct gpu *gpu, void *host, const void *from, size_t bytes);
-/* Both return the first error so far, or NULL if there was none. gpu_wait() first waits until all
- * queued work is done. */
+/* gpu_error() and gpu_wait() return the text of the first error so far, or NULL if there was none.
+ * gpu_wait() first waits until all queued work is done. */
 const char *gpu_error(struct gpu *gpu);
 const char *gpu_wait(struct gpu *gpu);
 

@@ -166,9 +166,9 @@ enum { MOST_STEPS = 5 };
 struct peers {
     unsigned mask; /* lanes with a point */
     bool leads;    /* whether this lane is the first of its cell */
-    /* number of steps that the cell with the most points in this warp needs */
+    /* number of steps, which depends on the cell with the most points in this warp */
     int steps;
-    /* lane whose value is added in each step; if it is this lane itself, none is added */
+    /* lane whose value is added in each step; the lane itself: no value is added */
     int from[MOST_STEPS];
 };
 
@@ -184,8 +184,9 @@ static __device__ struct peers find_peers(unsigned mask, const struct cuda_cell 
     above = same & ~(((1u << lane) - 1) | 1u << lane);
     peers.leads = rank == 0;
     peers.steps = 0;
-    /* Step s adds the values of lanes of a cell that are 2^s ranks apart. `above` is the set of
-     * lanes above this one whose sums have not been added to another lane yet. */
+    /* The rank of a lane is the number of lower lanes with the same cell. Step s adds the values of
+     * lanes that are 2^s ranks apart. `above` is the set of lanes above this one whose sums have
+     * not been added to another lane yet. */
     for (int s = 0; s < MOST_STEPS; s++) {
         peers.from[s] = above ? __ffs((int)above) - 1 : (int)lane;
         peers.steps += __any_sync(mask, above != 0) != 0;
@@ -239,8 +240,8 @@ grid_back_kernel(struct spin_grid grid, const float *table, struct cuda_rows row
                 add_to_row<WIDTH>(fixed, level, d_table, cuda_corner_row(cell, k) * WIDTH, value);
         }
         if (d_x) {
-            /* `row` holds the features of one corner, and `v` the dot product of each corner's
-             * features with the gradient. */
+            /* `row` contains the features of one corner, and v[k] is the dot product of the
+             * features of corner k and the gradient. */
             float v[CUDA_CORNERS], row[WIDTH];
 
             for (int k = 0; k < CUDA_CORNERS; k++) {

@@ -11,7 +11,8 @@
 #include "math/mlp.h"
 
 enum { ROWS = 32, WIDE = CUDA_HEADS_WIDE, STEP = 16, THREADS = 256, MOST_BLOCKS = 264 };
-/* Number of elements that each thread computes: of the activations, and of a weight matrix. */
+/* Numbers of elements that each thread computes: OWN of the activations, OWN_WEIGHTS of a weight
+ * matrix. */
 enum { OWN = ROWS * WIDE / THREADS, OWN_WEIGHTS = WIDE * WIDE / THREADS };
 
 /* Matrix products. Activations are [ROWS][WIDE] in shared memory, indexed by cell(row, column);
@@ -197,8 +198,8 @@ static __device__ float sum_of_rows(const float *d)
 }
 
 /* Stores the partial gradients of a block: those of the weights in `to` [n][n_in], those of the
- * bias in `bias` [n]. The four threads that have summed a quarter of the rows each exchange their
- * sums for the bias in `stage`. */
+ * bias in `bias` [n]. Four threads have summed a quarter of the rows of each column; they exchange
+ * these sums, for the bias, in `stage`. */
 static __device__ void store_gradients(const float *sum, float sum_of_bias, int n, int n_in,
                                        float *stage, float *to, float *bias)
 {

@@ -8,8 +8,8 @@
 #include "device/cuda/cell.h"
 #include "math/adam.h"
 
-/* The effect of a gradient is neglected after this many steps, in which it has decayed by the
- * factor (.9 / sqrt(.999))^400 = 6e-19. */
+/* REACH: number of steps after which the effect of a gradient is neglected. It has then decayed by
+ * the factor (.9 / sqrt(.999))^400 = 6e-19. */
 enum { REACH = 400 };
 
 struct cuda_lazy_adam {
@@ -22,8 +22,8 @@ struct cuda_lazy_adam {
     /* [steps + 1][2] in host memory, indexed by the last step that a line took: the arguments
      * skipped_step and skipped_eps of spin_adam_skip(). */
     float *skipped;
-    /* Two arrays [steps + 1][2] in device memory: a copy of `skipped`; then .9^t and .999^t,
-     * indexed by the number of missed steps t. */
+    /* Two arrays [steps + 1][2] in device memory: a copy of `skipped`, and the powers .9^t and
+     * .999^t, indexed by the number of missed steps t. */
     float *card;
 };
 

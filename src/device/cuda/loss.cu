@@ -14,7 +14,7 @@ struct photo {
     size_t plane;
     const uint8_t *rgb8, *mask, *matte;
     const float *f32;
-    float weight[2]; /* of the pixels whose mask bit is 0, and of those whose bit is 1 */
+    float weight[2]; /* weights of the pixels whose mask bit is 0 and 1 */
     float change[3]; /* what blend() adds to the background of pixels of known alpha */
     float *image;
 };
@@ -178,8 +178,8 @@ static __device__ float window_along(const float *map, const struct value &v, in
     return sum;
 }
 
-/* Computes slopes [SLOPES][3][h][w], the partial derivatives of the SSIM map by mu, xx and xy; and
- * for each block the sums of L1, SSIM and weights, sums [blocks]. */
+/* Computes slopes [SLOPES][3][h][w], the derivatives of the SSIM map (struct spin_ssim_slope), and
+ * sums [blocks][SUMS], the sums of L1, SSIM and weights of each block. */
 static __global__ void ssim_kernel(struct photo p, bool weighted, const float *maps, float *slopes,
                                    double *sums)
 {

@@ -1,9 +1,9 @@
-/* Computes the four heads, forward and backward, as matrix products, on tensor cores where these
- * are faster (mma.h). heads.cu computes heads up to 64 wide. For wider heads, this file launches
- * one kernel per product. Splats are processed in chunks, whose activations are in scratch memory;
- * the backward pass recomputes the activations. The gradient of the weights is a sum over splats.
- * This sum is divided into slices that depend only on the sizes, and the partial sums of the slices
- * are added in order. */
+/* Computes the four heads, forward and backward, as matrix products, on tensor cores if the GPU is
+ * faster with them (mma.h). heads.cu computes heads up to 64 wide. For wider heads, this file
+ * launches one kernel per product. Splats are processed in chunks, whose activations are in scratch
+ * memory; the backward pass recomputes the activations. The gradient of the weights is a sum over
+ * splats. This sum is divided into slices that depend only on the sizes, and the partial sums of
+ * the slices are added in order. */
 #include "device/cuda/cuda.h"
 
 #include "device/cuda/heads.h"
@@ -13,8 +13,8 @@
 enum { CHUNK = 1 << 15, SLICE = 1 << 10, TILE = 64, STEP = 16, EACH = 4, SIDE = TILE / EACH };
 
 /* A matrix product C [m][n] = epilogue(A B), where A(i, k) = a[i * a_row + k * a_col] and B(k, j) =
- * b[k * b_row + j * b_col]. One dimension, m or k, counts splats; it ends at *count - first. The
- * epilogue is applied to each element of A B, called `sum` below: */
+ * b[k * b_row + j * b_col]. One dimension, m or k, counts splats; it is at most *count - first,
+ * which only the GPU knows. The epilogue is applied to each element of A B, called `sum` below: */
 enum epilogue {
     GELU,  /* gelu(sum + bias); `slope`, unless NULL, receives the derivative */
     RELU,  /* relu(sum + bias); `slope`, unless NULL, receives the derivative */
@@ -30,7 +30,7 @@ struct product {
     float *c;
     const float *bias; /* [n] */
     float *slope;      /* has the layout of c, see enum epilogue */
-    /* number of splats; NULL: the dimension of the splats does not end earlier */
+    /* number of all splats, in device memory; NULL: the dimension of the splats is m or k itself */
     const uint32_t *count;
     size_t first; /* first splat of the chunk */
     /* True: the splats are dimension k instead of m. They are divided into slices, and C is
@@ -140,7 +140,7 @@ struct tensor {
     }
 };
 #else
-typedef struct plain tensor; /* for GPUs before sm_80, which lack these tensor cores */
+typedef struct plain tensor; /* for GPUs before sm_80, which have no tf32 tensor cores */
 #endif
 
 template <class form> static __device__ void multiply_tile(struct product x, float *a, float *b)

@@ -8,8 +8,8 @@
 #include "math/tile.h"
 
 enum { CLAMPED_X = 8, CLAMPED_Y = 16 };
-/* ALL: number of values in the rows of a warp. AT_ONCE: number of values that a lane loads before
- * it stores them. */
+/* ALL: number of values in the attribute rows of a warp's splats. AT_ONCE: number of values that a
+ * lane loads before it stores the first one. */
 enum { WARP = 32, BLOCK = 128, ALL = WARP * (int)SPIN_ATTR, AT_ONCE = 8 };
 static const unsigned all_lanes = 0xffffffffu;
 
@@ -51,7 +51,7 @@ static __device__ void load_rows(struct rows *rows, const float *from, unsigned 
     __syncwarp(all_lanes);
 }
 
-/* Adds `rows` to `to` [32][SPIN_ATTR], only rows whose mask bit is 1. All lanes must call the
+/* Adds those of the rows whose mask bit is 1 to `to` [32][SPIN_ATTR]. All lanes must call the
  * function. */
 static __device__ void add_rows(float *to, const struct rows *rows, unsigned mask, int degree)
 {

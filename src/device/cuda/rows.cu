@@ -111,7 +111,7 @@ static __device__ float seen_of(const struct track_job *job, const float *motion
     return -0.5f * x * x;
 }
 
-/* Returns turned[c]. Indexing the array would move it to local memory. */
+/* Returns turned[c]. Indexing the array by a variable would move it to local memory. */
 static __device__ float pick(const float turned[4], size_t c)
 {
     return c == 0 ? turned[0] : c == 1 ? turned[1] : c == 2 ? turned[2] : turned[3];
