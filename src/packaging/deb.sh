@@ -19,7 +19,7 @@ cp "$BUILD/spin4d-$version.tar.gz" "$deb/spin4d_$version.orig.tar.gz" || exit 1
 tar -C "$deb" -xzf "$BUILD/spin4d-$version.tar.gz" || exit 1
 cp -R "$here" "$tree/debian" || exit 1
 rm -f "$tree"/debian/*.sh "$tree/debian/wheel.py"
-# The changelog has the version and date of the tree, so that builds are reproducible.
+# The changelog contains the version and date of the source tree, so that builds are reproducible.
 cat >"$tree/debian/changelog" <<CHANGES
 spin4d ($version-1) UNRELEASED; urgency=medium
 

@@ -1,7 +1,8 @@
 #!/bin/sh
 # hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]: creates the animation in README.md. It shows the test
-# views of a retrained bundle. A line moves from side to side; the source's splats are left of this
-# line, the retrained splats right of it. Needs ffmpeg with libwebp (Debian: ffmpeg).
+# views of a retrained bundle. A vertical line moves from side to side; the image shows the source's
+# splats on its left and the retrained splats on its right. Needs ffmpeg with libwebp (Debian:
+# ffmpeg).
 bin=${1:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}
 bundle=${2:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}
 out=${3:?usage: hero.sh BIN_DIR BUNDLE OUT.webp [CAMERA]}

@@ -1,10 +1,10 @@
 #!/bin/sh
 # pictures.sh BIN_DIR DOCS [COURT]: generates with this build
 #   1. the images of the documents, in DOCS,
-#   2. DOCS/pictures.txt, the figures of the run shown in these images, and
-#   3. the figures in tests/clean-debian.md.
+#   2. DOCS/pictures.txt, the measured values of the run that these images show, and
+#   3. the measured values in tests/clean-debian.md.
 # Images that cannot be generated are left unchanged and listed. COURT is the folder of the clip
-# "court", which some images of the gallery need. The tests t9007 and t9008 compare the figures.
+# "court", which some images of the gallery need. The tests t9007 and t9008 compare the values.
 bin=$(realpath "${1:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 docs=$(realpath "${2:?usage: pictures.sh BIN_DIR DOCS [COURT]}")
 court=${3:+$(realpath "$3")}

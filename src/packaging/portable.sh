@@ -1,8 +1,8 @@
 #!/bin/sh
 # portable.sh VERSION BUILD_DIR OUT: packs OUT/spin4d-VERSION-linux-MACHINE.tar.gz from the files
 # that `make portable` has built. The archive contains the commands, manual, documents, player,
-# Python module, a sample clip, and all libraries except the C library, with their licences, and
-# runs on Linux without further packages. Reproducible: the same build gives the same bytes.
+# Python module, a sample clip, and all libraries except the C library, with their licences. Its
+# programs run on Linux without further packages. The same build always gives the same archive.
 version=${1:?usage: portable.sh VERSION BUILD_DIR OUT}
 B=${2:?usage: portable.sh VERSION BUILD_DIR OUT}
 out=${3:?usage: portable.sh VERSION BUILD_DIR OUT}

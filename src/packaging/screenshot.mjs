@@ -38,7 +38,7 @@ try {
     const { errorText } = await call('Page.navigate', { url }, sessionId);
     if (errorText) throw new Error(errorText);
     while (!(await call('Runtime.evaluate', { expression: `document.readyState === 'complete' && Boolean(${ready})` }, sessionId)).result.value) await new Promise((yes) => setTimeout(yes, 200));
-    await new Promise((yes) => setTimeout(yes, 1000)); // for a last redraw
+    await new Promise((yes) => setTimeout(yes, 1000)); // wait for a last redraw
     const { data } = await call('Page.captureScreenshot', { format: out.endsWith('.png') ? 'png' : 'jpeg', ...(out.endsWith('.png') ? {} : { quality: 85 }) }, sessionId);
     fs.writeFileSync(out, Buffer.from(data, 'base64'));
     end(0);

@@ -4,7 +4,7 @@
 The wheel contains the Python module, the commands and their libraries, the manual, the player and a
 sample clip. pip installs the commands into bin/ of its environment, the libraries into lib/spin4d/,
 where the commands find them, and the rest into share/.
-Needs only Python's standard library. Reproducible: the same tarball gives the same bytes."""
+This script needs only Python's standard library. The same tarball always gives the same wheel."""
 import base64
 import hashlib
 import os

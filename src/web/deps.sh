@@ -1,7 +1,7 @@
 #!/bin/sh
 # deps.sh FOLDER: compiles the libraries that spin4d needs from Debian's sources to WebAssembly,
 # into FOLDER/usr. Needs emscripten, cmake, libtinygltf-dev, nlohmann-json3-dev, and deb-src in
-# apt's sources. Takes minutes; does nothing if FOLDER/usr is complete.
+# apt's sources. This takes some minutes. If FOLDER/usr is complete, the script does nothing.
 to=${1:?usage: deps.sh FOLDER}
 usr=$(realpath -m "$to")/usr
 [ ! -f "$usr/done" ] || exit 0

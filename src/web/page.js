@@ -46,13 +46,13 @@ async function alone(what, work) {
     busy = false;
 }
 
-// Imports files, [{ name: path, data: File }], and shows the clip. The input is the common folder
-// of the files.
+// Imports files, [{ name: path, data: File }], and shows the clip. The input of the import is the
+// common folder of the files.
 function open(files) {
     if (!files.length) return;
     const top = new Set(files.map((f) => f.name.split('/')[0]));
     let input = files[0].name.split('/')[0];
-    if (top.size > 1) { // files without a common folder: one folder with all of them
+    if (top.size > 1) { // move files without a common folder into a new one
         input = 'files';
         files = files.map((f) => ({ name: `files/${f.name}`, data: f.data }));
     }
@@ -113,8 +113,8 @@ const crcTable = Uint32Array.from({ length: 256 }, (_, n) => {
     return n;
 });
 
-// Returns a zip of the files. They are stored without compression, since most are already
-// compressed, and without zip64, so the limit is 4 GB.
+// Returns a zip archive of the files. They are stored, since most are already compressed. Zip64 is
+// not used, so the archive cannot exceed 4 GB.
 function zip(files) {
     const parts = [], directory = [], text = new TextEncoder();
     let at = 0, n = 0;

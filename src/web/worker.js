@@ -1,5 +1,5 @@
-// Runs commands of spin4d in a worker. Each command runs in a new module, so that no state remains
-// of the previous command. The bundle is passed between commands as the bytes of its files.
+// Runs commands of spin4d in a worker. Each command runs in a new WebAssembly module, which has no
+// state of earlier commands. The bundle is passed between commands as the bytes of its files.
 let clip = [], bundle = '/bundle/clip.spin';
 
 function readTree(FS, path, out = []) {
