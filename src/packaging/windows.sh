@@ -1,9 +1,9 @@
 #!/bin/sh
 # windows.sh VERSION BUILD: builds BUILD/windows/spin4d-VERSION-windows-x86_64.zip with Debian's
-# MinGW. The archive contains the commands, their libraries and the licences of these. The commands
-# run on 64-bit Windows without further software. Libraries for which Debian has no MinGW package are
-# built from Debian's sources in BUILD/windows/deps, which is kept. The same build always gives the
-# same archive.
+# MinGW. The archive contains the commands, and libraries with their licences. The commands run on
+# 64-bit Windows without further software. Libraries for which Debian has no MinGW package are built
+# from Debian's sources in BUILD/windows/deps, which is kept. The same build always gives the same
+# archive.
 version=${1:?usage: windows.sh VERSION BUILD}
 mkdir -p "${2:?usage: windows.sh VERSION BUILD}/windows/deps/include" || exit 1
 W=$(cd "$2/windows" && pwd)
