@@ -1,5 +1,5 @@
-/* spin.h - the public header of spin4d, and a map of its source. spin_run.h declares the calls
- * behind the commands.
+/* spin.h - the public header of spin4d, and a map of its source. spin_run.h declares the functions
+ * that the commands call.
  *
  *     the commands  ->  one library  <-  importers and exporters, one file each
  *
@@ -79,13 +79,14 @@ typedef enum spin_status {
     SPIN_E_CANCELLED       /* spin_cancel() was called: exit code 130 or 143 */
 } spin_status;
 
-/* The error message of this thread's last failure: one line without a full stop; "" if none. */
+/* The error message of the last failure in this thread: one line without a full stop; "" if nothing
+ * has failed. */
 const char *spin_last_error(void);
 
 /* Sets this thread's error message and returns `code`. The text is in lower case without a full
  * stop: what failed, where (file, array, line), why; names in 'quotes'. */
 spin_status spin_fail(spin_status code, const char *fmt, ...) SPIN_PRINTF(2, 3);
-/* Shorthands for the most frequent codes. */
+/* Shorthands for the most frequent status codes. */
 #define spin_misuse(...) spin_fail(SPIN_E_USAGE, __VA_ARGS__)
 #define spin_not_found(...) spin_fail(SPIN_E_NOT_FOUND, __VA_ARGS__)
 #define spin_malformed(...) spin_fail(SPIN_E_MALFORMED, __VA_ARGS__)
@@ -126,7 +127,8 @@ void spin_warn(const char *fmt, ...) SPIN_PRINTF(1, 2);
  * 3 per iteration, 4 per operation. */
 void spin_set_verbosity(int level);
 
-/* Makes running work stop at the next safe point. Async-signal-safe. */
+/* Makes running calls of this library stop at the next safe point and return SPIN_E_CANCELLED.
+ * Async-signal-safe. */
 void spin_cancel(void);
 
 /* ---- 2. Splats of one frame ------------------------------------------------------------------ */
@@ -135,28 +137,28 @@ enum spin_column {
     SPIN_COL_MEANS = 1 << 0,           /* [n][3] centres, world units */
     SPIN_COL_QUATS = 1 << 1,           /* [n][4] w, x, y, z, unit length */
     SPIN_COL_LOG_SCALES = 1 << 2,      /* [n][3] natural log of the standard deviation */
-    SPIN_COL_LOGIT_OPACITIES = 1 << 3, /* [n] before the sigmoid, finite */
-    SPIN_COL_SH = 1 << 4,              /* [n][(sh_degree+1)^2][3] coefficients, channel last */
-    SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, colours of points without SH */
+    SPIN_COL_LOGIT_OPACITIES = 1 << 3, /* [n] opacity before the sigmoid; finite */
+    SPIN_COL_SH = 1 << 4,              /* [n][(sh_degree+1)^2][3] SH coefficients */
+    SPIN_COL_RGB = 1 << 5,             /* [n][3] 0..1, colours of splats without SH */
     SPIN_COL_ATTRIBUTES =              /* all columns of a Gaussian except its mean */
     SPIN_COL_QUATS | SPIN_COL_LOG_SCALES | SPIN_COL_LOGIT_OPACITIES | SPIN_COL_SH
 };
 
 /* A structure of arrays: each column is NULL or has n rows. The struct owns its memory. The caller
- * zeroes it first, calls spin_splats_reserve() as often as needed, and frees it at the end, also
- * after a failure. */
+ * sets the struct to zero first, calls spin_splats_reserve() as often as needed, and calls
+ * spin_splats_free() at the end, also after a failure. */
 struct spin_splats {
     size_t n;               /* rows */
     size_t capacity;        /* rows that each allocated column can hold */
     int sh_degree;          /* degree of sh, 0..3 */
-    bool antialias;         /* the splats are to be rendered with antialiasing */
+    bool antialias;         /* true: render the splats with antialiasing */
     float *means;           /* [n][3] */
     float *quats;           /* [n][4] or NULL */
     float *log_scales;      /* [n][3] or NULL */
     float *logit_opacities; /* [n] or NULL */
     float *sh;              /* [n][(sh_degree+1)^2][3] or NULL */
     float *rgb;             /* [n][3] or NULL */
-    bool mapped;            /* columns point into a mapped file: read-only, not owned */
+    bool mapped;            /* true: columns point into a mapped file; read-only, not owned */
     size_t held[6];         /* private: allocated bytes of each column */
 };
 
@@ -165,12 +167,13 @@ struct spin_splats {
  * with SPIN_E_MEMORY, or SPIN_E_UNSUPPORTED if SH is requested with a degree outside 0..3. */
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
-/* Copies the rows i of s with mark[i] not 0 to *out, with all columns except rgb. */
+/* Copies all rows i of s for which mark[i] is not 0 to *out, with all columns except rgb. mark:
+ * [n]. */
 spin_status spin_splats_select(const struct spin_splats *s, const unsigned char *mark,
                                struct spin_splats *out);
 
-/* 4D splats: each has a path and a window in time instead of a row in every frame. At time t, with
- * d = t - times[i], row i is a splat with
+/* 4D splats: each has a path over time and a window in time, so it is stored once instead of in
+ * every frame. At time t, with d = t - times[i], row i is a splat with
  *
  *     mean       centres + paths[0] d + paths[1] d^2 + paths[2] d^3
  *     rotation   quats + d spins, normalised
@@ -179,34 +182,34 @@ spin_status spin_splats_select(const struct spin_splats *s, const unsigned char 
  *     colour     sh + cos(2 pi d / period) sh_cos[0] + cos(4 pi d / period) sh_cos[1]
  *
  * where w(t) = exp(-0.5 (d / sigmas)^2) is a Gaussian window. Terms of arrays that are NULL are
- * omitted. Three optional arrays change the window of a row, in this order:
+ * omitted. Three optional arrays change the window of a row, one after the other:
  *
- *     If there are plateaus (lo, hi, sigma2), w is 1 from lo to hi. Before lo it falls like a
- *     Gaussian of standard deviation sigmas, after hi like one of sigma2.
+ *     If there are plateaus (lo, hi, sigma2), w is 1 from lo to hi. Before lo, w falls off like a
+ *     Gaussian of standard deviation sigmas; after hi, like one of standard deviation sigma2.
  *     If there are gates (g), g + (1 - g) w replaces w.
  *     If there are cuts (first, end), w is 0 outside [first, end).
  *
  * All times are in the unit of the clip's frame times (struct spin_frame_info). A frame is a slice
- * of the 4D splats: the rows that are drawn at its time, in order.
+ * of the 4D splats: the rows that are drawn at the time of the frame, in the order of the arrays.
  *
- * The struct owns its memory: zero it, call spin_splats_4d_reserve() once, fill the arrays, call
- * spin_splats_4d_finish(), and free it with spin_splats_4d_free(). */
+ * The struct owns its memory. Set it to zero, call spin_splats_4d_reserve() once, fill the arrays,
+ * call spin_splats_4d_finish(), and free the memory with spin_splats_4d_free(). */
 struct spin_splats_4d {
     size_t n;
     int degree;           /* degree of the paths, which are polynomials: 0..3 */
     int sh_degree;        /* 0..3 */
-    bool antialias;       /* the splats are to be rendered with antialiasing */
-    double least_weight;  /* a row is not drawn at times at which its w is below this */
-    double least_opacity; /* a row is not drawn at times at which its opacity is below this */
+    bool antialias;       /* true: render the splats with antialiasing */
+    double least_weight;  /* at times when w of a row is below this, the row is not drawn */
+    double least_opacity; /* the same for the opacity of a row, including w */
     double period;        /* period of the cosines of sh_cos */
-    /* The training multiplied the screen-space covariance by these factors; 0: it did not. */
+    /* Factors on the screen-space covariance with which the splats were trained; {0, 0}: none. */
     double cov2d[2];
     float *centres;         /* [n][3] world units */
     float *times;           /* [n] */
     float *quats;           /* [n][4] w, x, y, z */
     float *log_scales;      /* [n][3] */
     float *logit_opacities; /* [n] */
-    float *sigmas;          /* [n] standard deviation of w, above 0; SPIN_FOREVER: w is constant */
+    float *sigmas;          /* [n] standard deviation of w, above 0; SPIN_FOREVER: w is 1 */
     float *sh;              /* [n][(sh_degree+1)^2][3] */
     float *paths;           /* [n][degree][3], or NULL if degree is 0 */
     float *spins;           /* [n][4] or NULL */
@@ -218,7 +221,7 @@ struct spin_splats_4d {
 };
 #define SPIN_FOREVER 3e38f
 
-/* Optional arrays. The paths have no flag: they are allocated if degree is above 0. */
+/* Flags of the optional arrays. `paths` has no flag: it is allocated if degree is above 0. */
 enum spin_splats_4d_part {
     SPIN_4D_SPINS = 1 << 0,
     SPIN_4D_PLATEAUS = 1 << 1,
@@ -226,27 +229,28 @@ enum spin_splats_4d_part {
     SPIN_4D_GATES = 1 << 3,
     SPIN_4D_SH_COS = 1 << 4
 };
-/* Sets n and the degrees, and allocates the arrays, filled with zeros: those that are always
- * present, the paths if degree is above 0, and the optional arrays of `parts`. */
+/* Sets n and both degrees, and allocates arrays filled with zeros: all that may not be NULL,
+ * `paths` if degree is above 0, and the optional arrays in `parts`, a set of enum
+ * spin_splats_4d_part. */
 spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degree, int sh_degree,
                                    unsigned parts);
 void spin_splats_4d_free(struct spin_splats_4d *s);
-/* The 4D splats as the splats of one frame, each at its centre with its full opacity. The result
- * borrows the arrays: do not free it. */
+/* Returns the 4D splats as the splats of one frame, each at its centre with its full opacity. The
+ * result points to the arrays of *s: do not free it. */
 struct spin_splats spin_splats_of_4d(const struct spin_splats_4d *s);
-/* Validates the rows; call it once all are filled. Drops rows with values that are not finite or
- * far out of range, with a rotation of length 0, or with a sigma that is not above 0. Keeps the
- * order of the others and normalises their quats. from: NULL, or [n], which receives the original
- * index of each remaining row. */
+/* Validates the rows after all arrays are filled. Drops rows with values that are not finite or far
+ * out of range, with a rotation of length 0, or with a sigma that is not above 0, and sets
+ * *n_dropped to their number. Keeps the order of the remaining rows and normalises their quats.
+ * from: NULL, or [n], which receives the original index of each remaining row. */
 spin_status spin_splats_4d_finish(struct spin_splats_4d *s, size_t *n_dropped, size_t *from);
-/* Fill the columns with the rows that are drawn at `time`. */
+/* Fills the columns of *out with the rows that are drawn at `time`. */
 spin_status spin_splats_4d_slice(const struct spin_splats_4d *s, double time, unsigned columns,
                                  struct spin_splats *out);
 /* Whether row i is drawn at `time`. */
 bool spin_splats_4d_is_visible(const struct spin_splats_4d *s, size_t i, double time);
 /* The window w(time) of row i. */
 double spin_splats_4d_weight(const struct spin_splats_4d *s, size_t i, double time);
-/* Counts the rows that are drawn at each of n times. */
+/* Sets counts [n] to the number of rows that are drawn at each of the n times. */
 spin_status spin_splats_4d_counts(const struct spin_splats_4d *s, const double *times, size_t n,
                                   size_t *counts);
 
@@ -259,7 +263,7 @@ struct spin_camera {
     int width, height;     /* pixels */
     double fx, fy, cx, cy; /* pixels; centre of the top-left pixel is 0.5, 0.5 */
     double w2c[12];        /* [3][4], R | t: p_c = R p_w + t; R orthonormal, det +1 */
-    double z_near;         /* splats at or in front of this depth are not drawn; 0: SPIN_NEAR */
+    double z_near;         /* splats at this depth or nearer are not drawn; 0: SPIN_NEAR */
 };
 
 /* One image of a data set. */
@@ -267,9 +271,9 @@ struct spin_view {
     struct spin_camera camera;
     int dataset_frame; /* index of the frame in the data set, from 0 */
     int number;        /* frame number from the file name, or -1 */
-    double time;       /* in the data set's unit (panoptic: equals dataset_frame) */
-    int camera_id;     /* the data set's number of the camera */
-    bool test;         /* true: the view is held out from trainings, for measuring */
+    double time;       /* in the data set's unit; panoptic data sets: dataset_frame */
+    int camera_id;     /* number of the camera in the data set */
+    bool test;         /* true: a test view, held out from training for measuring */
     char *path;        /* image file, absolute or relative to the working directory */
     char *mask;        /* image that is 0 outside the foreground; NULL: none */
 };
@@ -279,8 +283,8 @@ struct spin_views {
     struct spin_view *view; /* [n] */
     size_t n, capacity;
     int n_dataset_frames;
-    bool numbered;   /* every view has a frame number, which all views of a frame share */
-    char notes[512]; /* for the user: one line for each assumption or loss; "" if none */
+    bool numbered;   /* true: all views have a number, the same for all views of a frame */
+    char notes[512]; /* for the user: a line per assumption or loss of data; "" if none */
 };
 
 /* Appends a copy of v, with copies of path and mask. */
@@ -293,31 +297,32 @@ void spin_views_free(struct spin_views *views);
 
 #define SPIN_PLUGIN_ABI 8
 
-/* A sound track: a file in memory, which is stored and passed on without being decoded. */
+/* A sound track: a sound file in memory, which spin4d copies without decoding it. */
 struct spin_sound {
     char name[64];             /* name for users, without folder and extension */
     const char *type;          /* "wav", "opus", "vorbis", "m4a", "aac", "mp3" or "flac"; static */
     const unsigned char *data; /* NULL: there is no sound */
     size_t size;               /* bytes */
-    /* Time of the clip, in seconds, at which the sound begins. If it is below 0, the sound is
-     * played from its second -start on. */
+    /* Time of the clip, in seconds, at which the sound begins. If start is negative, the first
+     * -start seconds of the sound are skipped. */
     double start;
     double gain; /* factor of the amplitude, 0 or more */
 };
 
-/* One row of a plug-in's own options: `--key value`. The table ends with key == NULL. */
+/* A command line option of a plug-in, `--key value`. A table of options ends with key == NULL. */
 struct spin_plugin_option {
     const char *key; /* without the leading dashes */
-    const char *arg; /* placeholder of the value in --help, NULL for a switch */
+    const char *arg; /* placeholder of the value in --help; NULL: the option has no value */
     const char *help;
-    const char *fallback; /* default value, or NULL */
+    const char *fallback; /* default value; NULL: none */
 };
 
-/* Values given by the user: NULL-terminated pairs of key and value; may be NULL. */
+/* The options of a plug-in that the user gave. pairs: key, value, key, value, ..., NULL; or NULL.
+ */
 struct spin_plugin_values {
     const char *const *pairs;
 };
-/* The value of key, or fallback if it was not given. */
+/* Returns the value that the user gave for key, or fallback if there is none. */
 const char *spin_plugin_value(const struct spin_plugin_values *v, const char *key,
                               const char *fallback);
 
@@ -325,40 +330,43 @@ const char *spin_plugin_value(const struct spin_plugin_values *v, const char *ke
 struct spin_peek {
     const char *path;
     bool is_folder;
-    /* The first 16384 bytes, or fewer if the file is shorter. For a folder, they are those of the
-     * first of these files that exists: cfg_args, chkpnt*, deformation.pth, point_cloud.ply,
-     * ckpts/ckpt_*.pt, ckpt_*.pt. */
+    /* The first n_head bytes of the file: 16384, or fewer if the file is shorter. If the input is a
+     * folder, they are read from the first of these files that exists: cfg_args, chkpnt*,
+     * deformation.pth, point_cloud.ply, ckpts/ckpt_*.pt, ckpt_*.pt. */
     const unsigned char *head;
     size_t n_head;
-    /* Member names, one per line, of a zip archive or of the params.npz of a folder; else "". */
+    /* Names of the members of a zip archive, or of the file params.npz in a folder, one per line;
+     * "" for other inputs. */
     const char *tail_names;
-    const char *const *names; /* folders: entries, sorted, at most 4096; NULL-terminated */
+    const char *const *names; /* entries of a folder, sorted, at most 4096; NULL-terminated */
 };
 
-/* Filled by an importer's open(). Pointers belong to the importer until close(). */
+/* What an importer's open() reports about a run. The importer owns the arrays and frees them in
+ * close(). */
 struct spin_sequence_info {
     int n_frames;
     const double *times;     /* [n_frames] in the method's unit of time; NULL: 0, 1, 2, ... */
     const int *numbers;      /* [n_frames] frame numbers from file names; NULL: none */
-    const size_t *counts;    /* [n_frames] rows of each frame; NULL: unknown until read */
+    const size_t *counts;    /* [n_frames] number of splats; NULL: unknown before frame() */
     unsigned columns;        /* columns that frame() can fill */
     unsigned static_columns; /* the subset of `columns` that is equal in all frames */
-    bool identity;           /* row i is the same Gaussian in every frame */
+    bool identity;           /* true: row i is the same splat in every frame */
     int sh_degree;           /* -1: no SH */
-    bool antialias;          /* the splats were trained with antialiasing */
-    bool continuous;         /* can be sampled at any time in [time_first, time_last] */
+    bool antialias;          /* true: the splats were trained with antialiasing */
+    bool continuous;         /* true: frame() accepts any time in [time_first, time_last] */
     double time_first, time_last;
-    int n_clip_frames; /* frames of the clip of a continuous method; 0: unknown */
+    int n_clip_frames; /* continuous methods: frames of the clip; 0: unknown */
     double fps;        /* frames per second of the clip; 0: unknown */
-    /* For data sets without times: frame i of n is at i/n of the time span, not at i/(n-1). */
+    /* Times that frames get if the data set stores none. True: frame i of n is at i/n of the range
+     * from time_first to time_last; false: at i/(n-1). */
     bool half_open;
-    /* The method's times are frame numbers: frame i of a data set is at time i, even if the data
-     * set has other times. */
+    /* True: the method's unit of time is the frame. Frame i of a data set is then at time i, even
+     * if the data set stores other times. */
     bool counts_frames;
     char variant[128]; /* variant of the format, for --info */
-    char notes[1024];  /* for the user: one line for each assumption or loss; "" if none */
-    /* Coordinates that frame() has subtracted from all positions, which are too far from 0 for
-     * floats; 0 for most runs. */
+    char notes[1024];  /* for the user: a line per assumption or loss of data; "" if none */
+    /* Offset that frame() has subtracted from all positions, since they are too far from 0 for the
+     * precision of float; 0 for most runs. */
     double shift[3];
     /* The sound track, which starts relative to the source's first frame; NULL: none. */
     const struct spin_sound *sound;
@@ -371,79 +379,91 @@ struct spin_importer {
     const char *upstream; /* project and commit whose files the importer was written for */
     const struct spin_plugin_option *options;
 
-    /* Confidence, 0..100, that this importer reads the input. Must not open files or allocate. */
+    /* Returns the confidence, 0..100, that this importer can read the input. Must not open files or
+     * allocate memory. */
     int (*probe)(const struct spin_peek *peek);
 
-    /* Reading splats. open() reads only what is quick to read, and is NULL if the importer reads
-     * data sets only. frame() calls spin_splats_reserve() and fills the requested columns of one
-     * frame; `time` is for continuous methods only. The frames are requested in any order and
-     * repeatedly, by one thread at a time. close() is also called after a failed open() that set
-     * *self. */
+    /* Functions that read splats; NULL if the importer reads data sets only. open() reads headers
+     * and other data that are quick to read. frame() calls spin_splats_reserve() and fills the
+     * requested columns of one frame; continuous methods use `time`, others use `frame`. The same
+     * frame may be requested more than once, frames may be requested in any order, but only one
+     * thread calls frame() at a time. close() is also called after a failed open() that set *self.
+     */
     spin_status (*open)(const char *path, const struct spin_plugin_values *values, void **self,
                         struct spin_sequence_info *sequence);
     spin_status (*frame)(void *self, int frame, double time, unsigned columns,
                          struct spin_splats *out);
     void (*close)(void *self);
 
-    /* The same input as 4D splats, after spin_splats_4d_finish(). The importer owns them until
-     * close(). *out is NULL if this input contains none. NULL: the method never stores any. */
+    /* Sets *out to the input as 4D splats, on which spin_splats_4d_finish() has been called, or to
+     * NULL if this input contains none. The importer owns the splats and frees them in close(). The
+     * function pointer is NULL if the method never stores 4D splats. */
     spin_status (*splats_4d)(void *self, const struct spin_splats_4d **out);
 
-    /* Append every view of the data set in folder `path`. NULL: the importer reads no data sets. */
+    /* Appends all views of the data set in folder `path` to *out. NULL: the importer reads no data
+     * sets. */
     spin_status (*views)(const char *path, const struct spin_plugin_values *values,
                          struct spin_views *out);
 };
 
 struct spin_renderer;
 
-/* Result of --check over all frames: differences between the files as read back and the bundle. */
+/* Result of spin-export --check: differences between the output, which was read back, and the
+ * bundle, over all frames. */
 struct spin_export_check {
     int frames; /* frames read back; 0: not checked */
     uint64_t splats;
     double bounds; /* largest difference of a side of a frame's bounding box, world units */
-    double rms[6], largest[6]; /* mean, log scale, rotation (degrees), opacity, colour, SH */
-    uint64_t sh_lost;          /* splats with an SH degree that the format cannot store */
-    /* Largest displacement of a mean, in units of the splat's largest standard deviation; NaN:
+    /* Errors of the mean, log scale, rotation (degrees), opacity, colour and SH. */
+    double rms[6], largest[6];
+    uint64_t sh_lost; /* splats with SH coefficients that the output does not contain */
+    /* Largest error of a mean relative to the largest standard deviation of its splat; NaN:
      * unknown. */
     double place_sizes;
-    /* Largest displacement of a mean, in pixels of the data set's images; NaN: unknown, or no splat
-     * is visible to any camera. */
+    /* Largest error of a mean in pixels of the data set's images; NaN: unknown, or no splat is
+     * visible to any camera. */
     double place_pixels;
-    int rendered; /* number of the frame that was rendered from its file; -1: none */
-    double psnr;  /* dB against the render of the bundle; infinite: identical; NaN: none */
+    int rendered; /* number of the frame that was rendered for psnr; -1: none */
+    /* PSNR in dB of this frame rendered from the output, against its render from the bundle;
+     * INFINITY: identical; NaN: not measured. */
+    double psnr;
 };
 
-/* Result of --decimate: the splats that were dropped, and the loss in quality. */
+/* Result of spin-export --decimate: numbers of splats, and the loss of quality. */
 struct spin_decimated {
-    /* Splats per frame on average, or splats of the clip if in_all is set. `before` excludes splats
-     * that other options drop, and is 0 without --decimate. */
+    /* Numbers of splats before and after the decimation: the mean over frames, or of the whole clip
+     * if in_all is true. `before` excludes splats that other options drop, and is 0 without
+     * --decimate. */
     double before, after;
-    /* before and after count the splats of the clip, since these are 4D splats or filters drop
-     * some of them in some frames only. */
+    /* True: `before` and `after` are numbers of the whole clip. This is so for 4D splats, and for
+     * splats that all frames share if filters drop some of them in some frames only. */
     bool in_all;
-    /* The splats were ranked by their contribution to the data set's views; otherwise by opacity
+    /* True: the splats were ranked by their contribution to the data set's views; false: by opacity
      * and size. */
     bool by_views;
-    int n_pictures; /* images that were compared; 0: no splat is visible in any */
-    double psnr;    /* dB over all compared images, kept splats against all; infinite: identical */
-    int n_tries;    /* outputs written to reach a size; 0: no size was requested */
-    uint64_t reached; /* bytes of the whole output, if a size was requested */
+    int n_pictures; /* rendered images that were compared; 0: none shows a splat */
+    /* PSNR in dB over the compared images: renders of the kept splats against renders of all
+     * splats; INFINITY: identical. */
+    double psnr;
+    int n_tries;      /* outputs written until one had the requested size; 0: no size requested */
+    uint64_t reached; /* bytes of the output, if a size was requested */
 };
 
-/* Why spin-export leaves out a splat. If several reasons apply, the first counts. */
+/* Why spin-export leaves out a splat. If several reasons apply, the first of this list is reported.
+ */
 enum spin_row_reason {
     SPIN_ROW_KEPT,
-    /* The next four are options of spin-export. They keep a splat with a NaN or infinite
-     * position. */
+    /* The next four reasons are options of spin-export. The first three options do not apply to a
+     * splat with a NaN or infinite position, which is dropped as SPIN_ROW_NOT_FINITE. */
     SPIN_ROW_CROP,
     SPIN_ROW_MIN_VIEWS,
     SPIN_ROW_FLOATERS,
     SPIN_ROW_BACKDROP, /* --backdrop off */
-    /* No viewer can draw the splat. */
+    /* The next three reasons: viewers cannot draw the splat, or it would cover the whole scene. */
     SPIN_ROW_NOT_FINITE,
-    SPIN_ROW_NO_ROTATION, /* of length zero */
+    SPIN_ROW_NO_ROTATION, /* the rotation has length zero */
     SPIN_ROW_TOO_LARGE,   /* --max-scale */
-    /* Options of spin-export. */
+    /* The last two are options of spin-export. */
     SPIN_ROW_MIN_OPACITY,
     SPIN_ROW_DECIMATE,
     SPIN_ROW_REASONS
@@ -453,86 +473,91 @@ struct spin_export_report {
     int frames;
     double splats_mean;
     uint64_t bytes; /* 0: unknown */
-    /* Splats left out, summed over all frames, or 4D splats: by reason, those that no viewer can
-     * draw, and those that options other than --decimate and --max-scale drop. Exporters do not set
-     * these. */
+    /* Numbers of splats that are left out, summed over all frames; 4D splats count once. dropped:
+     * by reason; left_out: those that are not finite, without rotation or too large; filtered:
+     * those that options other than --decimate and --max-scale drop. Exporters do not set these
+     * members. */
     uint64_t dropped[SPIN_ROW_REASONS];
     uint64_t left_out, filtered;
-    /* Some frames keep different rows than the first frame. Not set by exporters. */
+    /* True: some frames keep other rows than the first frame. Exporters do not set this member. */
     bool rows_differ;
     struct spin_export_check check;
     struct spin_decimated decimated;
-    uint64_t images; /* images rendered and written, by exporters that render; else 0 */
+    uint64_t images; /* images that the exporter rendered and wrote; 0 for most exporters */
 };
 
-/* What an exporter receives before the first frame. All pointers are borrowed until end() or
- * abort(). */
+/* What an exporter's begin() receives. All pointers stay valid until end() or abort() returns; the
+ * caller owns the memory. */
 struct spin_export_job {
     const char *output; /* as given by the user */
     bool force;         /* overwrite existing files */
-    bool sync;          /* the value of `sync` for every struct spin_out */
+    bool sync;          /* to be set as `sync` of every struct spin_out */
     int n_frames;       /* frames to export */
     double fps;         /* 0: unknown */
     const char *source; /* name of the method that the clip was imported from */
     int sh_degree;      /* SH degree of the exported splats */
-    bool antialias;     /* the splats are to be rendered with antialiasing */
+    bool antialias;     /* true: the splats must be rendered with antialiasing */
     const struct spin_plugin_values *values;
-    const struct spin_views *views; /* NULL if the data set is not available */
+    const struct spin_views *views; /* NULL: the data set is not available */
     const int *dataset_frame_of;    /* [n_frames] index of each frame in the data set, or -1 */
-    struct spin_renderer *renderer; /* not NULL if the exporter sets needs_renderer */
+    struct spin_renderer *renderer; /* NULL unless the exporter sets needs_renderer */
     const float *background;        /* [3] */
-    /* --background none: render images with alpha. Only set for exporters with `alpha`. */
+    /* True for --background none: render images with alpha. Always false if the exporter does not
+     * set `alpha`. */
     bool transparent;
-    int n_threads; /* 0: all */
-    /* Reads the source of a frame, for comparisons with the retrained splats. NULL unless the
-     * bundle contains both. */
+    int n_threads; /* 0: all processors */
+    /* Reads the source splats of a frame, for comparisons with the retrained splats. NULL unless
+     * the bundle contains both. source_of: first argument of the function. */
     spin_status (*source_frame)(void *source_of, int frame, struct spin_splats *out);
     void *source_of;
     int source_sh_degree;
     bool source_antialias;
-    bool retrained; /* the attributes were retrained, not imported */
-    /* [n_frames] number of splats of each frame, which may include splats that cannot be drawn;
-     * NULL: unknown */
+    bool retrained; /* true: the attributes were retrained, not imported */
+    /* [n_frames] number of splats of each frame, including splats that viewers cannot draw; NULL:
+     * unknown */
     const size_t *counts;
-    bool counts_are_bounds; /* true: `counts` are upper bounds, since options drop further splats */
-    /* The exporter increases `bytes` and `images` of the report, and sets `frames` if it exports
-     * only some of them. left_out and rows_differ are final at end(). May be NULL. */
+    bool counts_are_bounds; /* true: `counts` are upper bounds, since options drop splats */
+    /* The exporter adds to `bytes` and `images` of the report, and sets `frames` if it exports only
+     * some frames. left_out and rows_differ have their final values when end() is called. May be
+     * NULL. */
     struct spin_export_report *report;
 
-    /* end() is to read back its files and to fill report->check. Only set for exporters with
-     * `checks`. */
+    /* True: end() must read back its files and fill report->check. Always false if the exporter
+     * does not set `checks`. */
     bool check;
-    /* Returns a frame, 0..n_frames-1, for checks and for exporters that need all frames in begin().
-     * The splats stay valid until the next call of again() or frame(). */
+    /* Sets *out to the splats of a frame, 0..n_frames-1, for checks and for exporters that need all
+     * frames in begin(). The splats stay valid until the next call of again() or frame(). context:
+     * first argument of the function. */
     spin_status (*again)(void *context, int frame, const struct spin_splats **out);
     void *context;
 
     const double *times; /* [n_frames] time of each frame, in the source's unit */
-    /* The clip as 4D splats, in the time unit of `times`, for exporters with splats_4d; NULL: the
-     * clip consists of frames. */
+    /* The clip as 4D splats, in the time unit of `times`. NULL: the clip consists of frames, or the
+     * exporter does not set `splats_4d`. */
     const struct spin_splats_4d *splats_4d;
-    double stride; /* mean difference of consecutive frame numbers; 0 means 1 */
+    double stride; /* mean difference between successive frame numbers; 0 means 1 */
 
-    /* The pairing of frames with the data set, for programs that import the output again. */
+    /* How the frames are paired with those of the data set. An exporter can store this in its
+     * output for programs that import the output again. */
     const int *source_index; /* [n_frames] index of each frame in the source clip; NULL: unknown */
-    int n_source_frames;     /* frames of the source clip */
-    bool numbered;           /* frame numbers come from the source */
+    int n_source_frames;     /* number of frames of the source clip */
+    bool numbered;           /* true: frame numbers come from the source, not from counting */
     const char *pair;        /* value of spin-import --pair; "" or NULL: not given */
-    /* The data set's absolute folder, and the importer that reads it; NULL: none. */
+    /* The data set: its folder, as an absolute path, and the importer that reads it; NULL: none. */
     const char *data;
     const char *data_from;
-    bool identity; /* row i is the same splat in every frame, unless rows_differ at end() */
+    bool identity; /* row i is the same splat in every frame, unless report->rows_differ */
 
     const int *numbers; /* [n_frames] number of each frame, see struct spin_frame_info */
-    /* The sound track, which starts relative to the first exported frame; NULL: none. Only set for
-     * exporters with `sound`, and together with `fps`. */
+    /* The sound track, whose `start` is relative to the first exported frame; NULL: none, or the
+     * exporter does not set `sound`. If it is not NULL, `fps` is known. */
     const struct spin_sound *sound;
 };
 
 struct spin_frame_info {
     int number;  /* frame number in the source, or the index if the source has no numbers */
     double time; /* time of the frame, in the source's unit */
-    size_t n;    /* number of splats, if known */
+    size_t n;    /* number of splats; 0: unknown */
 };
 
 struct spin_exporter {
@@ -540,22 +565,22 @@ struct spin_exporter {
     const char *name, *summary;
     const struct spin_plugin_option *options;
     unsigned wants; /* required columns */
-    bool checks;    /* the exporter supports job->check */
-    /* Antialiasing is not lost: the output records whether its splats are to be rendered with
-     * antialiasing, or consists of images, which are rendered that way. */
+    bool checks;    /* true: the exporter supports job->check */
+    /* True: the output can record that its splats must be rendered with antialiasing, or consists
+     * of images that are rendered with it. False: this information is lost. */
     bool antialias;
-    /* The exporter accepts clips of 4D splats, in job->splats_4d; frame() is not called then. If
-     * `frame` is NULL, it accepts only such clips. */
+    /* True: the exporter accepts clips of 4D splats in job->splats_4d, for which frame() is not
+     * called. If `frame` is NULL, the exporter accepts only such clips. */
     bool splats_4d;
-    bool needs_renderer; /* the exporter uses job->renderer */
-    bool alpha;          /* the exporter supports job->transparent */
-    bool looks_at_views; /* the exporter uses job->views; else the data set is not opened */
-    /* Formats of sound that the exporter supports in job->sound, as in struct spin_sound: "wav
-     * opus", or "all"; NULL: none. */
+    bool needs_renderer; /* true: the exporter uses job->renderer */
+    bool alpha;          /* true: the exporter supports job->transparent */
+    bool looks_at_views; /* true: the exporter uses job->views, so the data set is opened */
+    /* Formats of sound that the exporter supports: types of struct spin_sound separated by spaces,
+     * such as "wav opus", or "all". NULL: the exporter cannot store sound. */
     const char *sound;
 
-    /* Exactly one of end() and abort() follows a successful begin(). Files appear under their final
-     * name only when complete. */
+    /* After a successful begin(), exactly one of end() and abort() is called. Output files must
+     * appear under their final names only when they are complete (see struct spin_out). */
     spin_status (*begin)(const struct spin_export_job *job, void **self);
     spin_status (*frame)(void *self, int frame, const struct spin_frame_info *info,
                          const struct spin_splats *splats);
@@ -563,11 +588,11 @@ struct spin_exporter {
     void (*abort)(void *self);
 };
 
-/* An output file that appears under its name only when complete. It is written in the same folder
- * under a unique name, path.tmp.*, which spin_out_commit() changes to `path` if all writes and the
+/* An output file that appears under its name only when complete. It is written under a unique name
+ * in the same folder, path.tmp.*, and spin_out_commit() renames it to `path` if all writes and the
  * close succeeded. Write with spin_out_write() or with stdio on `file`; spin_out_commit() detects
- * the errors of either. Exactly one of spin_out_commit() and spin_out_abandon() must follow, and
- * frees the struct.
+ * the errors of both. Exactly one of spin_out_commit() and spin_out_abandon() must be called; it
+ * frees the contents of the struct.
  *
  * Set `sync` after opening if the output would take long to produce again: spin_out_commit() then
  * flushes the file to the disk (fsync) before renaming it. Without `sync`, a kill or a full disk
@@ -579,9 +604,10 @@ struct spin_out {
     bool sync;
     bool force; /* as passed to spin_out_open() */
 };
-/* Without force, fails with SPIN_E_IO if path exists ("... exists; use --force to overwrite"), even
+/* Without force, fails with SPIN_E_IO ("... exists; use --force to overwrite") if path exists, even
  * as a dangling link, and spin_out_commit() does not replace a file that another process has
- * created in the meantime. Inputs are never replaced, not even with force. */
+ * created in the meantime. Files that the program has read as input are never replaced, even with
+ * force. */
 spin_status spin_out_open(const char *path, bool force, struct spin_out *out);
 spin_status spin_out_write(struct spin_out *out, const void *data, size_t bytes);
 spin_status spin_out_commit(struct spin_out *out);
@@ -590,8 +616,8 @@ void spin_out_abandon(struct spin_out *out);
 /* Creates a folder and its missing parents, like mkdir -p. */
 spin_status spin_folder_make(const char *path);
 
-/* The object that a shared library built outside this tree defines as spin_plugin; spin-plugin(7)
- * is the guide. abi stays the first member in all versions. */
+/* A plug-in built outside this tree is a shared library that defines an object of this type with
+ * the name spin_plugin, see spin-plugin(7). abi is the first member in all versions. */
 struct spin_plugin {
     int abi;                                      /* SPIN_PLUGIN_ABI */
     const struct spin_importer *const *importers; /* NULL-terminated; or NULL */
@@ -603,19 +629,19 @@ extern SPIN_VISIBLE const struct spin_plugin spin_plugin;
 extern const struct spin_importer *const spin_importers[];
 extern const struct spin_exporter *const spin_exporters[];
 
-/* Loads the plug-ins of SPIN_PLUGIN_PATH, a list of shared objects and folders separated by colons.
- * No other place is searched. Only the first call of any of these three functions loads plug-ins.
- * Those that fail to load are skipped with a warning, except the one named `chosen`, whose error
- * the caller reports; NULL: warn about all. */
+/* Loads the plug-ins in the environment variable SPIN_PLUGIN_PATH, a list of shared objects and
+ * folders separated by colons. Only the first call of this function or of the next two loads
+ * plug-ins. Those that fail to load are skipped with a warning, except the one named `chosen`,
+ * whose error the caller reports; NULL: warn about all. */
 void spin_plugins_load(const char *chosen);
 /* All importers and exporters, the built-in ones first, NULL-terminated. */
 const struct spin_importer *const *spin_importer_list(void);
 const struct spin_exporter *const *spin_exporter_list(void);
 
-/* The shared object that defines this importer or exporter; NULL: it is built in. */
+/* The path of the shared object that defines this importer or exporter; NULL: it is built in. */
 const char *spin_plugin_origin(const void *plugin);
-/* The reason why the plug-in of this name, or the object name.so, failed to load; NULL if there was
- * no failure. */
+/* The reason why the plug-in `name`, or the shared object name.so, failed to load; NULL if it did
+ * not fail. */
 const char *spin_plugin_fault(const char *name);
 
 /* ---- 5. A clip: the *.spin bundle ------------------------------------------------------------ */
@@ -630,10 +656,10 @@ int spin_scene_n_frames(const struct spin_scene *scene);
 const struct spin_frame_info *spin_scene_frame(const struct spin_scene *scene, int frame);
 bool spin_scene_is_trained(const struct spin_scene *scene);
 unsigned spin_scene_columns(const struct spin_scene *scene); /* columns of the source */
-/* Fills the columns of a frame. BEST: from the retrained splats if there are any, else from the
- * refined splats if they have all attributes, else from the source. The three may differ in their
- * number of splats. SPIN_E_NOT_FOUND if the columns do not exist (positions only: run
- * spin-retrain). */
+/* Fills the columns of a frame. SPIN_FROM_BEST reads the retrained splats if there are any, else
+ * the refined splats if they have all attributes, else the source splats. The numbers of retrained,
+ * refined and source splats may differ. Fails with SPIN_E_NOT_FOUND if the bundle lacks one of the
+ * columns; if it contains only positions, spin-retrain adds the other columns. */
 spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat_source from,
                             unsigned columns, struct spin_splats *out);
 
@@ -643,15 +669,16 @@ spin_status spin_scene_read(struct spin_scene *scene, int frame, enum spin_splat
 spin_status spin_render(struct spin_renderer *r, const struct spin_splats *splats,
                         const struct spin_camera *camera, const float background[3], float *image);
 
-/* Layers of the last rendered image; alpha and depth may be NULL. alpha: [h][w], 0..1, 1 minus the
- * transmittance of all splats. depth: [2][h][w], along the camera's axis in world units: the
- * expected depth (mean weighted by contribution), and the median depth, at which the transmittance
- * falls to a half. A depth of 0 means none. */
+/* Copies layers of the image that was rendered last. alpha: NULL, or [h][w], 0..1, which receives 1
+ * minus the transmittance of all splats. depth: NULL, or [2][h][w], which receives two depths along
+ * the camera's axis in world units: the expected depth (the mean weighted by contribution) and the
+ * median depth, at which the transmittance falls to one half. A depth of 0 means that nothing is
+ * visible. */
 spin_status spin_render_layers(struct spin_renderer *r, float *alpha, float *depth);
 
-/* For exporters that render. Loads an image into out, planar [3][h][w] float 0..1. If its size
- * differs from width x height, a box filter resizes it. Transparent pixels are blended over the
- * background; NULL: black. */
+/* Loads an image into out, planar [3][h][w] float 0..1, for exporters that render. If the size of
+ * the image differs from width x height, it is resized with a box filter. Transparent pixels are
+ * blended over the background; NULL: black. */
 spin_status spin_image_load(const char *path, int width, int height, const float background[3],
                             float *out);
 /* Saves an image as PNG. sync: see struct spin_out. */
@@ -659,17 +686,18 @@ spin_status spin_image_save(const char *path, int width, int height, const float
 
 /* ---- 7. Calls and programs ------------------------------------------------------------------- */
 
-/* Half-open range of frame numbers, --range A:B:STEP; {0} means all frames. */
+/* Half-open range of frame numbers, as given by --range A:B:STEP; {0} means all frames. */
 struct spin_range {
     bool given;
     int first, last, step;
 };
 
-/* OUTER: test views whose camera is outside the cone that the training cameras span around the
- * subject, by more than 3 degrees. They show how well a clip extrapolates. */
+/* Which views an evaluation measures. OUTER: test views whose camera is more than 3 degrees outside
+ * the cone that the training cameras span around the subject. These views show how well a clip
+ * extrapolates. */
 enum spin_split { SPIN_SPLIT_TEST, SPIN_SPLIT_TRAIN, SPIN_SPLIT_ALL, SPIN_SPLIT_OUTER };
 
-/* How an evaluation of dynamic regions selects dynamic pixels. */
+/* How an evaluation decides which pixels are dynamic, so that it can measure them separately. */
 enum spin_dynamic_from {
     SPIN_DYNAMIC_AUTO,   /* masks if every view has one, else images */
     SPIN_DYNAMIC_MASKS,  /* the data set's foreground masks */
@@ -677,26 +705,27 @@ enum spin_dynamic_from {
     SPIN_DYNAMIC_OFF
 };
 
-/* For programs: handle SIGBUS, which is raised by reading from a mapped file that another process
- * truncated. The handler prints one line that begins with `command` and names the file, removes
- * partial output, and ends the process with exit code 1. Without this call the signal ends the
- * process. */
+/* Installs a handler for SIGBUS, which is raised by reading from a mapped file that another process
+ * has truncated. The handler prints one line that begins with `command` and names the file, removes
+ * partial output, and ends the process with exit code 1. Only programs should call this; without
+ * the handler, the signal kills the process. */
 void spin_catch_cut_files(const char *command);
 
-/* The next four functions are for programs that MPI's mpirun starts as several processes, which
- * share the work of one call of spin_run.h; rank 0 returns the report. A process started without
- * mpirun is rank 0 of 1 and does not load MPI. */
+/* The next four functions are for programs that MPI's mpirun starts as several processes. The
+ * processes share the work of one call of a function of spin_run.h; only rank 0 returns the report.
+ * A process started without mpirun is rank 0 of 1 and does not load MPI. */
 
-/* The rank of this process, from its environment; -1: not started by mpirun. May be called before
- * spin_ranks_begin(). */
+/* The rank of this process, from its environment variables; -1: not started by mpirun. May be
+ * called before spin_ranks_begin(). */
 int spin_ranks_env_rank(void);
 /* Joins the other ranks. Call this before the shared call, in the same thread. */
 spin_status spin_ranks_begin(void);
-/* Call this after the shared call, with its status. Returns that status, or the failure of another
- * rank. *speaks is set to whether this process has to print the report or the error. */
+/* Call this after the shared call, with the status that it returned. Returns this status, or the
+ * failure of another rank. *speaks is set to true if this process must print the report or the
+ * error. */
 spin_status spin_ranks_end(spin_status status, bool *speaks);
-/* Call this when everything is printed. If code is not 0, terminates the ranks that do not end by
- * themselves. */
+/* Call this last, after all output is printed. If code is not 0, terminates the other ranks in case
+ * they wait for this one. */
 void spin_ranks_exit(int code);
 
 #ifdef __cplusplus

@@ -1,12 +1,13 @@
-/* Activations of the raw outputs h and r of the heads, and their adjoints (table in docs/method.md
- * 3.4). The activation of colour is the identity and needs no function. */
+/* Activations of the field's heads, and their adjoints (table in docs/method.md 3.4). h is the raw
+ * output of a scale or opacity head, r that of the rotation head. The activation of colour is the
+ * identity and needs no function. */
 #pragma once
 
 #include "math/approx.h"
 #include "math/quat.h"
 
-/* Truncated exponential: above h = 20 the value is constant and so stays finite, but the gradient
- * still passes. */
+/* Truncated exponential: above h = 20 the value is constant, so that it stays finite. The gradient
+ * is not set to 0 there, so that training can still reduce h. */
 SPIN_FN float spin_scale_of(float h) { return spin_exp(h > 20.0f ? 20.0f : h); }
 SPIN_FN float spin_scale_adj(float h, float d_scale) { return d_scale * spin_scale_of(h); }
 
@@ -34,8 +35,9 @@ SPIN_FN void spin_rotation_of(const float r[4], float q[4])
         q[i] = (float)(r[i] * k);
 }
 
-/* d_r = (d_q - q (q.d_q)) / |r|. If |r| < 1e-12, the divisor is the constant 1e-12 and the second
- * term should be 0; no special case is needed, since |q| is then far below 1. */
+/* d_r = (d_q - q (q.d_q)) / |r|. If |r| < 1e-12, the divisor is the constant 1e-12, whose exact
+ * adjoint has no second term; the term is kept, since this only affects outputs r that are zero in
+ * practice. */
 SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4])
 {
     double k = spin_rotation_factor(r), dot = 0.0;
@@ -46,7 +48,7 @@ SPIN_FN void spin_rotation_adj(const float r[4], const float d_q[4], float d_r[4
         d_r[i] = (float)((d_q[i] - r[i] * k * dot) * k);
 }
 
-/* Conversions between logit and opacity in double. spin_logit_of() clamps the opacity to
+/* Conversions between logit and opacity, computed in double. spin_logit_of() clamps the opacity to
  * [1e-6, 1 - 1e-6], so that the logit is finite. */
 SPIN_FN double spin_sigmoid_of(double logit) { return 1 / (1 + exp(-logit)); }
 

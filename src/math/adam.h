@@ -1,5 +1,5 @@
-/* One Adam step of one parameter, and the learning rate schedules (docs/method.md 6; Kingma and Ba
- * 2015).
+/* Adam step k = 1, 2, ... of one parameter p with gradient g, first moment m, second moment v and
+ * learning rate lr (Kingma and Ba 2015), and the learning rate schedules (docs/method.md 6).
  *
  *     m = .9 m + .1 g;  v = .999 v + .001 g^2
  *     p -= lr/(1-.9^k) m / (sqrt(v)/sqrt(1-.999^k) + 1e-15) */
@@ -7,7 +7,7 @@
 
 #include "math/portable.h"
 
-/* The bias corrections of Adam step k = 1, 2, ..., which are the same for all parameters. */
+/* The factors of Adam step k, with the bias corrections. All parameters share them. */
 struct spin_adam_step {
     float rate;     /* lr / (1 - .9^k) */
     float inv_root; /* 1 / sqrt(1 - .999^k) */
@@ -33,16 +33,16 @@ SPIN_FN void spin_adam_one(struct spin_adam_step s, float g, float *p, float *m,
 }
 
 /* Applies t Adam steps i = j + 1 .. k, with k = j + t, in which the gradient of the parameter is 0.
- * They multiply m by .9^t and v by .999^t. With r_i = sqrt(1-.999^i), they change the parameter by
- * minus
+ * Together these steps multiply m by .9^t and v by .999^t. With the learning rates lr_i and r_i =
+ * sqrt(1-.999^i), they subtract from the parameter
  *
  *     m / sqrt(v) * sum of lr_i r_i/(1-.9^i) (.9/sqrt(.999))^(i-j)    if sqrt(v) is far above 1e-15
  *     m / 1e-15   * sum of lr_i    /(1-.9^i)  .9^(i-j)                if sqrt(v) is far below 1e-15
  *
- * Both sums depend on j and k only, and are computed by the caller. drift: the first sum; tiny:
- * 1e-15 times the first sum divided by the second; decay_m, decay_v: .9^t and .999^t. The formula
- * below is exact in both limits and smooth in between: the result equals that of t single steps up
- * to rounding, except for gradients of 1e-16 to 1e-14. */
+ * Both sums are the same for all parameters, so the caller computes them once. drift: the first
+ * sum; tiny: 1e-15 times the first sum divided by the second; decay_m, decay_v: .9^t and .999^t.
+ * The formula below is exact in both limits and smooth in between: up to rounding, the result is
+ * that of t single steps, except for sqrt(v) from 1e-16 to 1e-14. */
 SPIN_FN void spin_adam_skip(float drift, float tiny, float decay_m, float decay_v, float *p,
                             float *m, float *v)
 {

@@ -2,7 +2,8 @@
  * all devices compute the same values. tests/math/t-approx.c checks the error bounds below on a
  * dense grid of arguments.
  *
- * Unless stated otherwise, arguments outside the range are clamped, and NaN stays NaN. */
+ * Unless stated otherwise, arguments outside a function's range are clamped, and the result for NaN
+ * is NaN. */
 #pragma once
 
 #include "math/portable.h"
@@ -35,8 +36,8 @@ SPIN_FN uint32_t spin_bits_of_float(float x)
 #endif
 }
 
-/* Adding 1.5 * 2^23 to a float rounds it to the nearest integer, which is then in the low bits of
- * the float. SPIN_ROUND_BITS: the bits of this number. */
+/* Adding 1.5 * 2^23 to a float rounds the float to the nearest integer, which is then in the low
+ * bits of the sum. SPIN_ROUND_BITS: the bit pattern of 1.5 * 2^23. */
 #define SPIN_ROUND_MAGIC 12582912.0f
 #define SPIN_ROUND_BITS 0x4b400000u
 
@@ -52,8 +53,8 @@ SPIN_FN float spin_exp2_fraction(float f)
     return p * f + 1.0f;
 }
 
-/* 1 / v, for a normal v whose inverse is normal. On a GPU, the result is accurate to 1 unit in the
- * last place; the slower division would also handle other values. */
+/* 1 / v, where v and 1 / v must be normal (not denormal). On a GPU, the approximate instruction is
+ * used, with an error of 1 unit in the last place, since it is faster than a division. */
 SPIN_FN float spin_reciprocal(float v)
 {
 #if defined(__CUDA_ARCH__)
@@ -78,8 +79,8 @@ SPIN_FN float spin_exp2(float x)
     return p * spin_float_of_bits((spin_bits_of_float(shifted) - SPIN_ROUND_BITS + 127u) << 23);
 }
 
-/* 2^x without clamping; x must be in [-126, 127]. Adds the integer part of x to the exponent of the
- * float. */
+/* 2^x without clamping; x must be in [-126, 127]. Computes 2 to the fractional part of x, and adds
+ * the integer part of x to the exponent bits of this float. */
 SPIN_FN float spin_exp2_within(float x)
 {
     float shifted = x + SPIN_ROUND_MAGIC;
@@ -88,9 +89,9 @@ SPIN_FN float spin_exp2_within(float x)
     return spin_float_of_bits(spin_bits_of_float(p) + (spin_bits_of_float(shifted) << 23));
 }
 
-/* e^x; x is clamped to [-87, 88]. Relative error 2e-7. e^x = 2^n e^f with |f| <= ln(2)/2, where n
- * ln 2 is subtracted from x in two parts to keep the low bits of f. e^f is a polynomial of degree
- * 6, exact at f = 0. */
+/* e^x; x is clamped to [-87, 88]. Relative error 2e-7. e^x = 2^n e^f with f = x - n ln 2 and |f| <=
+ * ln(2)/2. ln 2 is split into two constants, so that the low bits of f are exact. e^f is
+ * approximated by a polynomial of degree 6, exact at f = 0. */
 SPIN_FN float spin_exp(float x)
 {
     float shifted, n, f, p;
@@ -113,8 +114,8 @@ SPIN_FN float spin_exp(float x)
 /* 1 / (1 + e^-x). Relative error 4e-7 for x >= -87; absolute error 2e-7 for all x. */
 SPIN_FN float spin_sigmoid(float x) { return 1.0f / (1.0f + spin_exp(-x)); }
 
-/* Phi(-|x|), the tail of the standard normal distribution, from |x| and e^(-x^2/2). This is half
- * the complementary error function of |x| / sqrt(2): Abramowitz and Stegun 7.1.26, absolute error
+/* Phi(-|x|), the tail of the standard normal distribution, from |x| and e^(-x^2/2). It is computed
+ * as erfc(|x| / sqrt(2)) / 2 by formula 7.1.26 of Abramowitz and Stegun, with an absolute error of
  * 0.8e-7 plus rounding. */
 SPIN_FN float spin_normal_tail(float abs_x, float exp_half_x2)
 {
@@ -128,7 +129,7 @@ SPIN_FN float spin_normal_tail(float abs_x, float exp_half_x2)
     return p * t * exp_half_x2;
 }
 
-/* erf(x). Absolute error 6e-7; largest near 0, by cancellation. */
+/* erf(x). Absolute error 6e-7. The error is largest near 0, where 1 - 2 Phi cancels. */
 SPIN_FN float spin_erf(float x)
 {
     float u = fabsf(x);
@@ -153,10 +154,11 @@ SPIN_FN float spin_gelu_both(float x, float *slope)
 }
 
 /* GELU(x) without its derivative, absolute error 5e-7. With u = |x|, x Phi(x) = max(x, 0) - u
- * Phi(-u). log2 of Phi(-u) is so smooth that a polynomial of degree 6 is sufficient, which is
- * faster than spin_normal_tail(). The polynomial is minimax for the error of u Phi(-u) on [0, 5.6];
- * above, the product is 6e-8, its value at 5.6. The bits of positive floats can be compared as
- * integers. max(x, 0) is computed as (x + |x|) / 2, so that NaN stays NaN. */
+ * Phi(-u). log2(Phi(-u)) is so smooth that a polynomial of degree 6 is sufficient, which is faster
+ * than spin_normal_tail(). The polynomial is minimax for the error of u Phi(-u) on [0, 5.6]; for
+ * larger u, the product is set to its value at 5.6, which is 6e-8. u is compared with 5.6 as an
+ * integer, since the bits of positive floats have the order of their values. max(x, 0) is computed
+ * as (x + |x|) / 2, so that the result for NaN is NaN. */
 SPIN_FN float spin_gelu(float x)
 {
     uint32_t bits = spin_bits_of_float(x) & 0x7fffffffu, far = 0x40b33333u; /* 5.6 */

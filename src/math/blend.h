@@ -1,13 +1,15 @@
-/* Blending of one Gaussian at one pixel: alpha, the blending step, applied front to back, and its
- * adjoint, applied back to front (docs/method.md 4.2, 4.3). Exponents are to the base 2 and include
- * the opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)). */
+/* Blending of one Gaussian at one pixel: the blending step, applied front to back, and its adjoint,
+ * applied back to front (docs/method.md 4.2, 4.3). Exponents are to the base 2 and include the
+ * opacity: alpha = exp2(-log2(e)/2 (a dx^2 + 2 b dx dy + c dy^2) + log2(opacity)), where (a, b, c)
+ * is the conic (the inverse of the 2-D covariance) and (dx, dy) the offset of the pixel from the
+ * mean, in pixels. */
 #pragma once
 
 #include "math/approx.h"
 #include "math/portable.h"
 
-/* Constants of the 3DGS rasteriser, which images depend on: limits of alpha, and the transmittance
- * at which blending stops. */
+/* Constants of the 3DGS rasteriser: limits of alpha, and the transmittance at which blending stops.
+ * Other values would change the images. */
 #define SPIN_ALPHA_MAX 0.99f
 #define SPIN_ALPHA_MIN_LOG2 -7.994353436858858f /* log2(1/255) */
 #define SPIN_T_MIN 1e-4f
@@ -19,22 +21,25 @@
 SPIN_FN float spin_blend_log2(float v)
 {
     uint32_t bits = spin_bits_of_float(v);
-    int e = (int)(bits - 0x3f3504f3u) >> 23; /* exponent for a mantissa m in [sqrt 1/2, sqrt 2) */
+    int e = (int)(bits - 0x3f3504f3u) >> 23; /* for a mantissa in [sqrt(1/2), sqrt(2)) */
     float m = spin_float_of_bits(bits - ((uint32_t)e << 23)), s = (m - 1) / (m + 1), ss = s * s;
 
     return (float)e + s * (2.885390082f + ss * (0.961796694f + ss * (0.577078016f + ss * 0.44f)));
 }
 
-/* A projected Gaussian, prepared for blending. a, b, c: the conic (a, 2 b, c) times -log2(e)/2. */
+/* A projected Gaussian, prepared for blending: mean in pixels, coefficients a, b, c of dx^2, dx dy
+ * and dy^2 in the exponent, and log2 of the opacity. For the conic (A, B, C) the coefficients are
+ * (A, 2 B, C) times -log2(e)/2. */
 struct spin_blend_splat {
     float u_px, v_px, a, b, c, log2_opacity;
     float colour[3];
 };
 
-/* Half extents in pixels, rounded up, of the region in which alpha can reach 1/255. They are 1e30
- * if the conic is too thin for the precision of float, and -1 if the region is empty. On the
- * ellipse with exponent -L, the half extent in x is sqrt(L c / (a c - b^2 / 4)); in y, a replaces
- * the c in the numerator. Margins are added for rounding errors of the exponent, whose terms can be
+/* Sets *reach_x and *reach_y to the half extents in pixels, rounded up, of the region in which
+ * alpha can be 1/255 or more. They are 1e30 if the ellipse is too thin for the precision of float,
+ * and -1 if the region is empty. a, b, c: as in struct spin_blend_splat. With det = a c - b^2 / 4,
+ * the half extent in x of the ellipse with a dx^2 + b dx dy + c dy^2 = -L is sqrt(-L c / det), and
+ * in y sqrt(-L a / det). Margins are added for rounding errors of the exponent, whose terms can be
  * a c / det times larger than their sum. */
 SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, float *reach_x,
                               float *reach_y)
@@ -49,8 +54,9 @@ SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, flo
     *reach_y = !(level > 0) ? -1 : usable ? sqrtf(-a * by) * 1.0005f + 0.01f : 1e30f;
 }
 
-/* Converts a conic in place to the coefficients of the exponent. Returns log2 of the opacity, which
- * must be at most 1; for an opacity of 0, denormal or NaN, the Gaussian is not drawn. */
+/* Converts a conic in place to the coefficients a, b, c of struct spin_blend_splat. Returns log2 of
+ * the opacity, which must be at most 1. For an opacity of 0, a denormal or NaN, the result is so
+ * low that the Gaussian is not drawn. */
 SPIN_FN float spin_blend_scale(float *a, float *b, float *c, float opacity)
 {
     float log2_opacity = spin_blend_log2(spin_maxf(opacity, 1e-30f));
@@ -71,13 +77,14 @@ SPIN_FN struct spin_blend_splat spin_blend_prepare(float u_px, float v_px, const
     return s;
 }
 
-/* The exponent without the opacity. Rounding can make it positive; such a Gaussian is skipped. */
+/* The exponent without log2 of the opacity. Rounding can make the result positive;
+ * spin_blend_counts() then rejects the Gaussian. */
 SPIN_FN float spin_blend_power(const struct spin_blend_splat *s, float dx, float dy)
 {
     return s->a * dx * dx + s->b * dx * dy + s->c * dy * dy;
 }
 
-/* True if alpha reaches 1/255. */
+/* Returns 1 if alpha is at least 1/255, the least alpha that is blended. */
 SPIN_FN int spin_blend_counts(float power, float log2_opacity)
 {
     return power <= 0 && power + log2_opacity >= SPIN_ALPHA_MIN_LOG2;
@@ -85,10 +92,10 @@ SPIN_FN int spin_blend_counts(float power, float log2_opacity)
 
 struct spin_blend_pixel {
     float t, colour[3]; /* transmittance and colour of the Gaussians blended so far */
-    int stopped;        /* the transmittance limit was reached */
+    int stopped;        /* 1: the next Gaussian would lower t below SPIN_T_MIN */
 };
 
-/* Blends the next Gaussian, front to back. Returns 1 if it contributes to the pixel. */
+/* Blends the next Gaussian, front to back. Returns 1 if the Gaussian contributes to the pixel. */
 SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy,
                             struct spin_blend_pixel *pixel)
 {
@@ -108,9 +115,10 @@ SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy
     return 1;
 }
 
-/* Blends depths instead of colours: s->colour must be (depth, 1, 0). pixel->colour becomes the
- * weighted sum of depths, the sum of weights, and the median depth. The median depth is the depth
- * at which the transmittance falls to one half, and 0 until then. */
+/* Blends depths instead of colours: s->colour must be (depth, 1, 0). The three elements of
+ * pixel->colour are then the weighted sum of depths, the sum of weights, and the median depth: the
+ * depth of the Gaussian at which the transmittance falls to one half, or 0 if the transmittance is
+ * still larger. */
 SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float dy,
                               struct spin_blend_pixel *pixel)
 {
@@ -127,22 +135,23 @@ SPIN_FN float spin_blend_expected(const struct spin_blend_pixel *pixel)
     return pixel->colour[1] > 0 ? pixel->colour[0] / pixel->colour[1] : 0;
 }
 
-/* Sums over the pixels of a Gaussian, from which its gradient is computed. colour: of weight times
- * g, the gradient of the pixel. The others: of de dx^i dy^j, where de is the gradient of the
- * exponent to the base e. */
+/* Sums over the pixels of a Gaussian, from which the gradient of the Gaussian is computed. colour:
+ * the sum of weight times g, the gradient of the pixel. e, ex, ...: the sums of de, de dx, de dy,
+ * de dx^2, de dx dy and de dy^2, where de is the gradient of the exponent to the base e. */
 struct spin_blend_sums {
     float colour[3], e, ex, ey, exx, exy, eyy;
 };
 
 struct spin_blend_pixel_adj {
     float t;    /* transmittance behind the current Gaussian */
-    float s;    /* sum of weight (colour . g) of the Gaussians behind it and of the background */
+    float s;    /* sum of weight (colour . g) over the Gaussians behind and the background */
     float g[3]; /* gradient of the pixel */
 };
 
 /* Adjoint of one blending step, back to front, of a Gaussian that contributes to the pixel. power:
- * from spin_blend_power(). Sets the Gaussian's weight in the pixel and de, and updates *pixel for
- * the Gaussian in front. The limit of alpha to 0.99 does not stop the gradient. */
+ * from spin_blend_power(). Sets *weight to the Gaussian's weight in the pixel (alpha times
+ * transmittance) and *de to the gradient of its exponent, and updates *pixel for the next Gaussian
+ * in front. As in 3DGS, the gradient is not set to 0 where alpha is clamped to 0.99. */
 SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
                                   struct spin_blend_pixel_adj *pixel, float *weight, float *de)
 {
@@ -157,7 +166,7 @@ SPIN_FN void spin_blend_pixel_adj(const struct spin_blend_splat *s, float power,
     pixel->s += w * cg;
 }
 
-/* Adds one pixel to the sums of a Gaussian. */
+/* Adds the terms of one pixel to the sums of a Gaussian. */
 SPIN_FN void spin_blend_add_adj(const float g[3], float weight, float de, float dx, float dy,
                                 struct spin_blend_sums *sums)
 {

@@ -1,16 +1,19 @@
 /* The contraction of unbounded space to the unit cube (SPIN-4DGS; docs/method.md 3.1).
  *
- * Points inside the unit ball do not change; outside, radius r becomes 2 - 1/r, so that all points
- * are within radius 2. The result is multiplied by 1/4 and shifted by 1/2 into the unit cube.
- * The contraction multiplies p by s(r) with   s = 1            for r <= 1
- *                                             s = (2 - 1/r)/r  for r > 1
- * At r = 1, both branches map to radius 1 with radial derivative 1: the map is continuously
+ * A point p with |p| = r is multiplied by
+ *
+ *     s(r) = 1            for r <= 1
+ *     s(r) = (2 - 1/r)/r  for r > 1
+ *
+ * Points inside the unit ball thus do not move; outside, radius r becomes 2 - 1/r, so that all
+ * points are within radius 2. The result is multiplied by 1/4 and shifted by 1/2 into the unit
+ * cube. At r = 1, both branches map to radius 1 with radial derivative 1: the map is continuously
  * differentiable, and the adjoint needs no special case. */
 #pragma once
 
 #include "math/portable.h"
 
-/* Clamps to [0, 1], since a rounding error such as 1 + 1e-7 would be outside the grid
+/* Clamps x to [0, 1], since a coordinate of 1 + 1e-7, from rounding, would be outside the grid
  * (docs/method.md 3.3). NaN stays NaN. */
 SPIN_FN float spin_clamp_unit(float x)
 {
@@ -18,8 +21,9 @@ SPIN_FN float spin_clamp_unit(float x)
     return x > 1.0f ? 1.0f : x;
 }
 
-/* One axis of the scene's similarity transform. The result is clamped to +-1e18, so that squares
- * stay finite. */
+/* One axis of the transform that maps the sphere around the scene, with this centre and radius 1 /
+ * inv_radius, to the unit ball. The result is clamped to +-1e18, so that its square stays finite.
+ */
 SPIN_FN float spin_contract_axis(float p_w, float centre, float inv_radius)
 {
     float x = (p_w - centre) * inv_radius;
@@ -40,9 +44,10 @@ SPIN_FN spin_vec3 spin_contract(spin_vec3 p)
                    spin_clamp_unit(0.25f * s * p.z + 0.5f));
 }
 
-/* Adjoint of spin_contract(). For u = s(r) p, d_p = s d_u + (s'(r) / r) (p . d_u) p. Outside the
- * ball, the second term is computed as (1/r^2 - s) n (n . d_u) with n = p/r, since p p^T could
- * overflow. The factor 1/4 is the scale of the cube. */
+/* Adjoint of spin_contract(): returns the gradient of p from d_u, the gradient of the result. For u
+ * = s(r) p, d_p = s d_u + (s'(r) / r) (p . d_u) p. Outside the unit ball, the second term is
+ * computed as (1/r^2 - s) n (n . d_u) with n = p/r, since products of two coordinates could
+ * overflow. The factor 1/4 scales the ball of radius 2 to the unit cube. */
 SPIN_FN spin_vec3 spin_contract_adj(spin_vec3 p, spin_vec3 d_u)
 {
     float r2 = spin_dot3(p, p), s = 1.0f, k = 0.0f, inv_r = 0.0f;

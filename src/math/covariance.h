@@ -1,8 +1,9 @@
-/* Converts scale and rotation to a covariance and back, and slices 4-D covariances at a time.
+/* Converts scale and rotation to a covariance and back, and computes the slice of a 4-D Gaussian at
+ * a given time.
  *
- * A symmetric 3x3 matrix is stored as xx xy xz yy yz zz. All values are double: for a Gaussian that
- * moves fast, slicing subtracts nearly equal matrices, and floats would lose half of their
- * digits. */
+ * A symmetric 3x3 matrix is stored as xx xy xz yy yz zz. All computations are in double: for a
+ * Gaussian that moves fast, slicing subtracts nearly equal matrices, which would cost floats half
+ * of their digits. */
 #pragma once
 
 #include "math/portable.h"
@@ -27,8 +28,8 @@ SPIN_FN void spin_matrix_of_quat(const double quat[4], double r[9])
     r[8] = 1 - s * (x * x + y * y);
 }
 
-/* The unit quaternion with w >= 0 of a rotation matrix. Uses that one of the four possible formulas
- * which divides by the largest component (Shepperd, 1978). */
+/* The unit quaternion with w >= 0 of a rotation matrix (Shepperd, 1978). Four formulas are
+ * possible, one for each component; the one that divides by the largest component is used. */
 SPIN_FN void spin_quat_of_matrix(const double r[9], double quat[4])
 {
     double q[4], norm, trace = r[0] + r[4] + r[8];
@@ -76,9 +77,9 @@ SPIN_FN void spin_covariance_of(const double scale[3], const double quat[4], dou
     spin_covariance_of_matrix(scale, r, cov6);
 }
 
-/* The covariance as computed by the 3DGS rasteriser, which assumes a unit quaternion. For a
- * quaternion of another length, the matrix R is not a rotation, and no unit quaternion with the
- * same scales describes this ellipsoid. */
+/* The covariance as computed by the 3DGS rasteriser, which does not normalise the quaternion. If
+ * its length is not 1, the matrix R is not a rotation, and no unit quaternion with the same scales
+ * describes this ellipsoid. */
 SPIN_FN void spin_covariance_unnormalised(const double scale[3], const double q[4], double cov6[6])
 {
     double w = q[0], x = q[1], y = q[2], z = q[3];
@@ -122,7 +123,8 @@ SPIN_FN void spin_jacobi_turn(double a[9], double v[9], int p, int q)
 
 /* Computes the eigenvalues, and the eigenvectors as columns of a rotation matrix (determinant +1).
  * Cyclic Jacobi rotations are slower than closed formulas, but accurate to the last digits, even if
- * eigenvalues are equal. Returns 0 and does not set the results if an element is not finite. */
+ * eigenvalues are equal. Returns 1, or 0 without results if an element is NaN, infinite or above
+ * 1e300. */
 SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
 {
     double largest = 0, det;
@@ -134,11 +136,11 @@ SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
         largest = fabs(cov6[i]) > largest ? fabs(cov6[i]) : largest;
     }
     for (int i = 0; i < 9; i++) {
-        /* Scale to at most 1, so that squares neither overflow nor underflow. */
+        /* Scale the elements to at most 1, so that squares neither overflow nor underflow. */
         a[i] = largest > 0 ? a[i] / largest : 0;
         vector[i] = i % 4 == 0;
     }
-    /* Convergence is quadratic; in practice there are 4 or 5 sweeps. */
+    /* Convergence is quadratic: 4 or 5 sweeps are sufficient in practice. */
     for (int sweep = 0; sweep < 20; sweep++) {
         if (fabs(a[1]) + fabs(a[2]) + fabs(a[5]) < 1e-18)
             break;
@@ -156,10 +158,10 @@ SPIN_FN int spin_eigen3(const double cov6[6], double value[3], double vector[9])
     return 1;
 }
 
-/* Decomposes a covariance into log standard deviations and a unit quaternion, so that
- * R diag(exp(log_scale))^2 R^T is the covariance. Order and signs of the axes are arbitrary.
- * Eigenvalues that are zero or negative by rounding become 1e-14 of the largest eigenvalue. Returns
- * 0 if an element is not finite. */
+/* Decomposes a covariance into log standard deviations and a unit quaternion, so that R
+ * diag(exp(log_scale))^2 R^T is the covariance. Order and signs of the axes are arbitrary.
+ * Eigenvalues that rounding made zero, negative or tiny are raised to 1e-14 of the largest
+ * eigenvalue. Returns 1, or 0 in the cases of spin_eigen3(). */
 SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], double quat[4])
 {
     double value[3], vector[9], least = 0;
@@ -179,8 +181,8 @@ SPIN_FN int spin_covariance_split(const double cov6[6], double log_scale[3], dou
 
 /* The 4-D rotation matrix, with axes x y z t, of a pair of quaternions of any length except zero:
  * the product of a left-isoclinic and a right-isoclinic rotation (4D Gaussian Splatting, Yang et
- * al., ICLR 2024; fudan-zvg/4d-gaussian-splatting 63725f2). older: use the order of axes before
- * 2024-09-15; since then, rows and columns are in reverse order. */
+ * al., ICLR 2024; fudan-zvg/4d-gaussian-splatting 63725f2). older: 1 for the order of axes that the
+ * method had before 2024-09-15; 0 for the present order, in which rows and columns are reversed. */
 SPIN_FN void spin_rotation4_of_pair(const double left[4], const double right[4], int older,
                                     double a[16])
 {
@@ -237,17 +239,17 @@ SPIN_FN void spin_matrix4_of_rotor(const double rotor[8], double a[16])
     a[15] = s2 + xy2 + xz2 - xw2 + yz2 - yw2 - zw2 - p2;
 }
 
-/* The slices of a 4-D Gaussian at all times: a 3-D Gaussian of constant shape that moves along a
- * line. */
+/* The slices of a 4-D Gaussian at all times. Together they form a 3-D Gaussian of constant shape
+ * that moves along a line at constant velocity. */
 typedef struct spin_slice {
     double velocity[3]; /* units of space per unit of time */
     double cov6[6];
     double variance_t; /* square of sigma, the width of the Gaussian window in time */
 } spin_slice;
 
-/* Slices the 4-D Gaussian with covariance Sigma = A diag(scale)^2 A^T. If Sigma has the blocks
- * [C k; k^T c], the conditional distribution at time t has the mean mu + k/c (t - mu_t) and the
- * covariance C - k k^T / c. */
+/* Slices the 4-D Gaussian with covariance Sigma = A diag(scale)^2 A^T and mean (mu, mu_t). If Sigma
+ * has the blocks [C k; k^T c], with the 3x3 matrix C and the variance c of time, the distribution
+ * conditioned on time t has the mean mu + k/c (t - mu_t) and the covariance C - k k^T / c. */
 SPIN_FN void spin_slice_of(const double a[16], const double scale[4], spin_slice *out)
 {
     double sigma[16];
@@ -274,9 +276,10 @@ SPIN_FN double spin_time_weight(double dt, double variance)
     return exp(-0.5 * dt * dt / variance);
 }
 
-/* Converts 4-D spherindrical harmonics at one time to spherical harmonics, exactly, since their
- * basis functions are products of SH and cosines of time. sh [16 (1 + degree_t)][3], out [16][3].
- * dt: time from the splat's centre in time; length: of the clip, in the same unit. */
+/* Converts 4-D spherindrical harmonics at one time to spherical harmonics. The conversion is exact,
+ * since the 4-D basis functions are products of SH and cosines of time. sh [16 (1 + degree_t)][3],
+ * out [16][3]. dt: time from the splat's centre in time; length: duration of the clip, in the same
+ * unit. */
 SPIN_FN void spin_sh_fold(int degree_t, double dt, double length, const float *sh, float *out)
 {
     for (int i = 0; i < 48; i++) {

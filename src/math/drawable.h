@@ -11,23 +11,24 @@
 
 #include "math/portable.h"
 
-/* Renderers square the scale: exp(2 * 44) is the largest even power of e that fits into a float. */
+/* The largest log scale for all frames. Renderers square the scale, and exp(2 * 44) still fits into
+ * a float, whereas exp(2 * 45) does not. */
 #define SPIN_LOG_SCALE_LIMIT 44.0f
-/* exp() of larger values overflows float. */
+/* The largest value whose exp() fits into a float. */
 #define SPIN_LOG_SCALE_MOST 88.72283f
-/* The bounding box of fewer positions is not a measure of the size of the scene. */
+/* The bounding box of fewer positions than this is not used as a measure of the scene's size. */
 #define SPIN_LEAST_FOR_BOX 8
 
 /* Why a splat is omitted. */
 enum spin_undrawable {
     SPIN_ROWS_NOT_FINITE,  /* a value is NaN or infinite */
     SPIN_ROWS_NO_ROTATION, /* the rotation has length zero */
-    SPIN_ROWS_TOO_LARGE,   /* a log scale is above the limit */
-    SPIN_ROWS_REASONS      /* number of reasons; as a result: the splat is not omitted */
+    SPIN_ROWS_TOO_LARGE,   /* a log scale is above spin_log_scale_limit() */
+    SPIN_ROWS_REASONS      /* number of reasons; returned for a splat that is kept */
 };
 
-/* Returns 0 if all n values are finite, otherwise NaN. x * 0 is 0 for finite x and NaN for others,
- * so the sum tests all values without branches. */
+/* Returns 0 if all n values are finite, otherwise NaN. x * 0 is 0 for finite x, and NaN for NaN and
+ * infinities, so the sum tests all values without branches. */
 SPIN_FN float spin_zeros(const float *x, size_t n)
 {
     float sum = 0;
@@ -66,9 +67,9 @@ SPIN_FN float spin_log_scale_limit(const float low[3], const float high[3], size
     return limit < (double)SPIN_LOG_SCALE_LIMIT ? (float)limit : SPIN_LOG_SCALE_LIMIT;
 }
 
-/* Returns why a splat is omitted. limit: largest allowed log scale. Splats are kept if the squared
- * length of their quaternion overflows float, or if their logit is infinite, which is an opacity of
- * 0 or 1. */
+/* Returns why a splat is omitted, or SPIN_ROWS_REASONS if it is kept. limit: largest allowed log
+ * scale. An infinite logit is allowed, since it is an opacity of 0 or 1; so is a finite quaternion
+ * of any length except zero. */
 SPIN_FN enum spin_undrawable spin_undrawable(const float place[3], const float q[4],
                                              const float log_scale[3], const float *logit,
                                              const float *sh, size_t n_sh, float limit)

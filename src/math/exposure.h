@@ -1,10 +1,11 @@
-/* The appearance model of a camera: image = min(exp(m) (1 + c1 r^2 + c2 r^4) render + offset, 1)
- * for each channel. It prevents splats from learning white balance and dark image corners.
+/* The appearance model of a camera: for each colour channel, image = min(exp(m) (1 + c1 r^2 + c2
+ * r^4) render + offset, 1). With it, splats need not learn white balance and dark image corners.
  *
- * Gain exp(m) and offset are parameters of a camera, as cam_m and cam_c in Dynamic 3D Gaussians.
- * The falloff c1, c2 is a parameter of a lens, which cameras of one kind share. r is the distance
- * from the principal point in half image widths. The minimum models that captured images are
- * clipped at white. Held-out views are rendered with the falloff, but with m = 0 and offset 0. */
+ * Each camera has its own m and offset, like cam_m and cam_c of Dynamic 3D Gaussians. The
+ * coefficients c1 and c2 of the falloff belong to a lens, which all cameras of one kind share. r is
+ * the distance from the principal point in half image widths. The minimum models the clipping of
+ * captured images at white. Held-out views are rendered with the falloff, but with m = 0 and offset
+ * = 0. */
 #pragma once
 
 #include "math/portable.h"
@@ -27,13 +28,13 @@ SPIN_FN float spin_exposure(float gain, float offset, float v)
     return out < 1 ? out : 1;
 }
 
-/* Contributions of one pixel to the gradients of m, offset, c1 and c2. */
+/* Gradients of m, offset, c1 and c2 through one pixel; the caller sums them over pixels. */
 struct spin_exposure_slopes {
     float m, offset, c1, c2;
 };
 
-/* Adjoint of spin_exposure(). gain: exp(m) without the falloff; d: gradient of the result. Sets *s
- * and returns the gradient of v; all are 0 if the pixel is clipped at 1. */
+/* Adjoint of spin_exposure(). gain: exp(m), here without the falloff; d: gradient of the result.
+ * Sets *s and returns the gradient of v. All gradients are 0 if the pixel is clipped at 1. */
 SPIN_FN float spin_exposure_adj(float gain, float falloff, float offset, float r2, float v, float d,
                                 struct spin_exposure_slopes *s)
 {

@@ -1,9 +1,9 @@
-/* The 4-D hash grid of DASH: sizes of levels, and rows of vertices (chenj02/DASH 0898b2d;
- * docs/method.md 3.3).
+/* The multi-resolution 4-D hash grid of DASH: the sizes of its levels, and the row of each vertex
+ * in the table of features (chenj02/DASH 0898b2d; docs/method.md 3.3).
  *
- * Vertex k of an axis is at position k / scale. The 16 corners of a cell are numbered 0..15: bit d
- * of the number is set for the upper vertex of axis d. The weight of a corner is the product of the
- * smoothstep weights of the four axes. */
+ * Vertex k = 0, 1, ... along an axis is at position k / scale. The 16 corners of a cell are
+ * numbered 0..15: bit d of the number is set for the upper vertex of axis d. The interpolation
+ * weight of a corner is the product of the smoothstep weights of the four axes. */
 #pragma once
 
 #include "math/portable.h"
@@ -15,7 +15,8 @@
 #define SPIN_GRID_PRIME_Z 805459861u
 #define SPIN_GRID_PRIME_T 3674653429u
 
-/* Weight of the upper vertex at position r in [0, 1] within a cell, and its derivative. */
+/* Weight of the upper vertex for a point at r in [0, 1] within a cell, and the derivative of this
+ * weight with respect to r. */
 SPIN_FN float spin_smoothstep(float r) { return r * r * (3.0f - 2.0f * r); }
 SPIN_FN float spin_smoothstep_slope(float r) { return 6.0f * r * (1.0f - r); }
 
@@ -26,8 +27,8 @@ SPIN_FN uint32_t spin_grid_hash(const uint32_t q[4])
 }
 
 /* Returns 1 if a level has more vertices than rows, so that vertices must share rows by hashing;
- * otherwise the level is dense. The product is computed in 64 bits, since 32 bits would wrap to 0
- * at 2048^3, and the level would be considered dense. */
+ * otherwise the level is dense. The number of vertices is computed in 64 bits: in 32 bits, 2048^3
+ * would wrap to 0, and the level would be considered dense. */
 SPIN_FN int spin_grid_is_hashed(const uint32_t res[4], uint64_t rows)
 {
     uint64_t product = 1;
@@ -49,11 +50,11 @@ SPIN_FN uint32_t spin_grid_row(const uint32_t q[4], const uint32_t res[4], uint3
     return (q[0] + res[0] * (q[1] + res[1] * (q[2] + res[2] * q[3]))) % rows;
 }
 
-/* Geometry of one level of a network trained by spin4d (docs/method.md 3.3). Along an axis there
- * are n = base * growth^level vertices, computed in double; exactly `base` in the first level and
- * exactly `finest` in the last level, if there are two or more. scale = n - 1; res = n, rounded up,
- * except for a rounding error of 1e-9. Returns the number of rows: min(2^log2_rows, product of
- * res). */
+/* Geometry of one level of a network trained by spin4d (docs/method.md 3.3). Along an axis, the
+ * number of vertices n grows geometrically from `base` in the first level to `finest` in the last
+ * level; a single level has n = base. n is a real number: scale = n - 1, and res is n rounded up,
+ * where 1e-9 is subtracted first so that rounding errors do not add a vertex. Returns the number of
+ * rows: min(2^log2_rows, product of res). */
 SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], const int finest[4],
                                  int log2_rows, float scale[4], uint32_t res[4], int *hashed)
 {
@@ -78,10 +79,11 @@ SPIN_FN uint64_t spin_grid_level(int level, int n_levels, const int base[4], con
 }
 
 /* Geometry of one level of an imported network (DASH, Grid4D), from the growth and base of each
- * axis, which are stored with the network as float32. Rounding occurs at the same places as in the
- * method's kernel, since a difference of one unit in the last place can turn a dense level into a
- * hashed one. Axes n_dims and above get one vertex, which does not affect rows and hashes. Returns
- * 0 if the numbers are invalid. */
+ * axis, which are stored with the network as float32. The intermediate results are rounded to float
+ * exactly as in the method's kernel, since a difference of one unit in the last place can turn a
+ * dense level into a hashed one. A grid of n_dims < 4 axes has one vertex along each missing axis,
+ * which affects neither rows nor hashes. Returns 1, or 0 if growth, base or the resulting scale is
+ * out of range. */
 SPIN_FN int spin_grid_stored_level(int level, int n_dims, const float *growth, const float *base,
                                    float scale[4], uint32_t res[4])
 {

@@ -1,13 +1,13 @@
-/* Interpolation between key frames: positions, rotations, and visibility between two times (Ex4DGS,
- * Lee et al., NeurIPS 2024). */
+/* Interpolation of positions and rotations between key frames, and the fading of opacity before and
+ * after the time in which a splat is visible (Ex4DGS, Lee et al., NeurIPS 2024). */
 #pragma once
 
 #include "math/quat.h"
 
 enum keyframes_kind { KEYFRAMES_LINEAR, KEYFRAMES_CUBE, KEYFRAMES_PCHIP };
 
-/* A time between two key frames. Curves (CUBE, PCHIP) also need the key frames before and after
- * these two. */
+/* A time between two key frames. CUBE and PCHIP interpolation also read the key frame before and
+ * the key frame after these two. */
 struct keyframes {
     enum keyframes_kind kind;
     int key;     /* the last key frame before the time */
@@ -15,9 +15,9 @@ struct keyframes {
     double time; /* in units of key frames: key + part */
 };
 
-/* The derivative of a curve at a key frame, from the differences to the previous and to the next
- * key frame. CUBE: their mean. PCHIP (Fritsch and Butland, 1984): their harmonic mean, or 0 if
- * their signs differ. */
+/* The derivative of a curve at a key frame, per key frame interval. before: value minus that of the
+ * previous key frame; after: value of the next key frame minus this one. CUBE: the mean of both.
+ * PCHIP (Fritsch and Butland, 1984): their harmonic mean, or 0 if their signs differ. */
 SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, double after)
 {
     if (kind == KEYFRAMES_CUBE)
@@ -25,8 +25,8 @@ SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, dou
     return before * after > 0 ? 2 * before * after / (before + after) : 0;
 }
 
-/* Coefficients of the curve from key frame `at` to the next: sum of c[i] u^i, where u is the
- * fraction of the way. y[step * k]: value of key frame k. */
+/* Computes the coefficients c of the curve from key frame `at` to the next, whose value is the sum
+ * of c[i] u^i for u from 0 to 1. y[step * k]: value of key frame k. */
 SPIN_FN void spin_keyframes_cubic(enum keyframes_kind kind, int at, const float *y, int step,
                                   double c[4])
 {
@@ -51,9 +51,11 @@ SPIN_FN double spin_keyframes_value(const struct keyframes *at, const float *y, 
     return c[0] + u * (c[1] + u * (c[2] + u * c[3]));
 }
 
-/* Spherical interpolation (Shoemake, 1985) of quaternions quats[4 k] of any length except zero. out
- * has unit length. As in the method, the longer way is taken if the two quaternions have opposite
- * signs. If their weighted sum is zero, the result is the first quaternion. */
+/* Spherical linear interpolation (Shoemake, 1985) between key frames. quats + 4 k: quaternion of
+ * key frame k, of any length except zero. out has unit length. As in the method, the signs of the
+ * quaternions are not aligned: if their dot product is negative, the interpolation follows the
+ * longer arc. If the weighted sum of the two quaternions is zero, the result is the first
+ * quaternion. */
 SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats, float out[4])
 {
     double q[2][4], dot = 0, angle, w[2], sum = 0;
@@ -75,9 +77,10 @@ SPIN_FN void spin_keyframes_turn(const struct keyframes *at, const float *quats,
 }
 
 /* The factor on a splat's opacity, 0 to 1. times: start and end of full visibility in units of key
- * frames, in any order. log_width: logarithm of the width of the edge before the start and of the
- * edge after the end; least_width is added to both widths. As in the method, both edges are
- * measured from the later time, so the factor jumps at the earlier time. */
+ * frames, in any order. log_width: natural log of the width of the fade before the start and of the
+ * fade after the end, in the same unit; least_width is added to both widths. As in the method, both
+ * fades are Gaussians centred at the later of the two times, so the factor jumps at the earlier
+ * time. */
 SPIN_FN double spin_keyframes_visibility(const struct keyframes *at, const float times[2],
                                          const float log_width[2], double least_width)
 {

@@ -1,6 +1,6 @@
-/* A head: three linear layers with an activation after the first and the second (docs/method.md
- * 3.4). This file contains the layout of the parameters and the ReLU; the matrix products are in
- * src/device. */
+/* A head of the field: three linear layers with an activation after the first and the second
+ * (docs/method.md 3.4). This file contains the layout of a head's parameters and the ReLU; the
+ * matrix products are in src/device. */
 #pragma once
 
 #include <stddef.h>

@@ -1,12 +1,13 @@
-/* Morton codes (Morton 1966): interleave the bits of x, y and z, so that points that are close in
- * space mostly have similar codes. */
+/* Morton codes (Morton 1966) interleave the bits of x, y and z. Points that are close in space
+ * mostly have similar codes. */
 #pragma once
 
 #include "math/portable.h"
 
 #define SPIN_MORTON_MAX 2097151.0 /* 21 bits per axis */
 
-/* Spreads the low 21 bits, with two zero bits between consecutive bits. */
+/* Inserts two zero bits between consecutive bits of the low 21 bits of x. The code of a point is
+ * spread(x) | spread(y) << 1 | spread(z) << 2. */
 SPIN_FN uint64_t spin_morton_spread(uint64_t x)
 {
     x &= 0x1fffff;

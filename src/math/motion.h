@@ -4,8 +4,8 @@
 
 #include "math/portable.h"
 
-/* centre + path[0] d + path[1] d^2 + path[2] d^3, up to d^degree. d: time minus the splat's centre
- * in time. */
+/* Sets out to the position centre + path[0] d + path[1] d^2 + ..., up to d^degree. path:
+ * [degree][3]; d: time minus the splat's centre in time. */
 SPIN_FN void spin_path_at(const float centre[3], const float *path, int degree, double d,
                           double out[3])
 {
@@ -18,9 +18,9 @@ SPIN_FN void spin_path_at(const float centre[3], const float *path, int degree, 
     }
 }
 
-/* Adjoint of spin_path_at(). g: gradient of the position, which is also that of `centre`. Sets
- * g_path [degree][3] to the gradient of the path. Returns the gradient of the splat's centre in
- * time. */
+/* Adjoint of spin_path_at(). g: gradient of the position, which is also the gradient of `centre`.
+ * Sets g_path [degree][3] to the gradient of the path. Returns the gradient of the splat's centre
+ * in time. */
 SPIN_FN double spin_path_adj(const float *path, int degree, double d, const double g[3],
                              double *g_path)
 {
@@ -36,10 +36,10 @@ SPIN_FN double spin_path_adj(const float *path, int degree, double d, const doub
     return g_time;
 }
 
-/* The window of a splat. It is 1 from lo to hi. Before lo it decreases to the minimum `gate` like a
- * Gaussian with standard deviation sigma, after hi like a Gaussian with standard deviation sigma2.
- * A Gaussian window has lo = hi, sigma = sigma2 and gate = 0. Outside [first, end) the window is
- * 0. */
+/* The window in time of a splat. It is 1 from lo to hi. With the distance from lo it decreases to
+ * the minimum `gate` like a Gaussian with standard deviation sigma; with the distance from hi, like
+ * a Gaussian with standard deviation sigma2. Outside [first, end) it is 0. A Gaussian window has lo
+ * = hi, sigma = sigma2 and gate = 0. */
 struct spin_window {
     double lo, hi, sigma, sigma2, gate, first, end;
 };
@@ -51,8 +51,9 @@ SPIN_FN double spin_window_at(const struct spin_window *w, double t)
     return t >= w->first && t < w->end ? w->gate + (1 - w->gate) * exp(-0.5 * x * x) : 0;
 }
 
-/* Gradients of the window's parameters. For a Gaussian window, the gradient of its centre is lo +
- * hi, and that of its sigma is sigma + sigma2. The parameters first and end have no gradient. */
+/* Gradients of the parameters of struct spin_window, except first and end, which have none. For a
+ * Gaussian window, the gradient of the centre is the sum of lo and hi, and that of its standard
+ * deviation is the sum of sigma and sigma2. */
 struct spin_window_slopes {
     double lo, hi, sigma, sigma2, gate;
 };
@@ -74,15 +75,16 @@ SPIN_FN void spin_window_adj(const struct spin_window *w, double t, double g,
     out->gate = seen * (1 - bell);
 }
 
-/* ln(e^l (1 - w)) with w = exp(ln_weight), a term of the two functions below; minus infinity for w
- * = 1. */
+/* ln(e^l (1 - w)) with w = exp(ln_weight), a term of the next two functions; minus infinity if w is
+ * 1. */
 SPIN_FN float spin_windowed_logit_term(float l, float ln_weight)
 {
     return l + logf(-expm1f(ln_weight));
 }
 
-/* The logit of w o, the opacity o of a splat times its window w. l: the logit of o; ln_weight:
- * ln(w), at most 0. w o = w e^l / (1 + e^l) has the logit l + ln w - ln(1 + e^l (1 - w)). */
+/* The logit of w o, where o is the opacity of a splat and w its window in time. l: the logit of o;
+ * ln_weight: ln(w), at most 0. Since w o = w e^l / (1 + e^l), the logit of w o is l + ln w - ln(1 +
+ * e^l (1 - w)). */
 SPIN_FN float spin_windowed_logit(float l, float ln_weight)
 {
     float a = spin_windowed_logit_term(l, ln_weight);
@@ -96,8 +98,8 @@ SPIN_FN float spin_windowed_logit_adj(float l, float ln_weight)
     return 1 / (1 + expf(spin_windowed_logit_term(l, ln_weight)));
 }
 
-/* Sets span to the first and last time at which the window is at least `least`. span[0] > span[1]:
- * there is no such time. */
+/* Sets span to the first and last time at which the window is at least `least`. If there is no such
+ * time, span[0] > span[1]. */
 SPIN_FN void spin_window_span(const struct spin_window *w, double least, double span[2])
 {
     double bell = w->gate < 1 ? (least - w->gate) / (1 - w->gate) : least > 1 ? 2 : 0;

@@ -1,8 +1,9 @@
-/* The Neural Transformation Cache of 3DGStream, as implemented in tiny-cuda-nn: a multi-resolution
- * 3-D hash grid, and rounding to half precision (NVlabs/tiny-cuda-nn 6ee3546).
+/* The Neural Transformation Cache of 3DGStream: a multi-resolution 3-D hash grid, and rounding to
+ * half precision, as implemented in tiny-cuda-nn (NVlabs/tiny-cuda-nn 6ee3546).
  *
- * There are three differences from the grid of spin4d (grid.h): vertices are at (k - 0.5) / scale,
- * weights are linear, and the number of rows of a level is rounded up to a multiple of 8. */
+ * It differs from the grid of spin4d (grid.h) in three ways: vertex k along an axis is at (k - 0.5)
+ * / scale, interpolation weights are linear, and the number of rows of a level is rounded up to a
+ * multiple of 8. */
 #pragma once
 
 #include "math/approx.h"
@@ -14,7 +15,7 @@ SPIN_FN float spin_half(float x)
 
     if (a >= 0x7f800000u) /* infinity or NaN */
         return x;
-    if (a >= 0x477ff000u) /* 65520: midpoint of 65504, the largest half, and 2^16 */
+    if (a >= 0x477ff000u) /* 65520, midway between the largest half, 65504, and 2^16 */
         return spin_float_of_bits(sign | 0x7f800000u);
     /* Below 2^-14, halves are multiples of 2^-24: adding 0.5f rounds to such a multiple. */
     if (a < 0x38800000u) {
@@ -33,8 +34,9 @@ struct spin_ntc_level {
     int hashed;
 };
 
-/* Computes the geometry of a level: scale = base * growth^level - 1 in floats; res = ceil(scale) +
- * 1. Returns 0 if an index would not fit into 32 bits. */
+/* Computes the geometry of a level: scale = base * growth^level - 1, in float arithmetic like
+ * tiny-cuda-nn, and res = ceil(scale) + 1. Returns 1, or 0 if the index of a vertex would not fit
+ * into 32 bits. */
 SPIN_FN int spin_ntc_level(int level, int base, float growth, int log2_entries,
                            struct spin_ntc_level *out)
 {
@@ -51,7 +53,8 @@ SPIN_FN int spin_ntc_level(int level, int base, float growth, int log2_entries,
     return 1;
 }
 
-/* The row of vertex q. In a dense level, indices beyond the table wrap around. */
+/* The row of vertex q in the table of its level. In a dense level, indices beyond the table wrap
+ * around. */
 SPIN_FN uint32_t spin_ntc_row(const struct spin_ntc_level *l, const uint32_t q[3])
 {
     if (l->hashed)

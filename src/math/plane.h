@@ -1,22 +1,23 @@
 /* Bilinear lookup in feature planes and trilinear lookup in feature grids (K-planes and HexPlane;
  * hustvl/4DGaussians 843d5ac).
  *
- * Coordinates are those of PyTorch's align_corners=True: -1 is the first sample and 1 the last.
- * Positions outside a plane are clamped to its border. */
+ * As with PyTorch's align_corners=True, coordinate -1 is the first sample of an axis and 1 the
+ * last. Positions outside a plane are clamped to its border. */
 #pragma once
 
 #include <stddef.h>
 
 #include "math/portable.h"
 
-/* One axis of a lookup: value = (1 - r) sample[low] + r sample[high]. */
+/* The two samples of one axis between which a lookup interpolates, and the fraction r: value = (1 -
+ * r) sample[low] + r sample[high]. */
 struct spin_plane_axis {
     int low, high;
     float r;
 };
 
-/* Finds the samples and the fraction for coordinate u on an axis of `size` samples: the position in
- * samples is (u + 1) / 2 (size - 1). */
+/* Finds the samples and the fraction for coordinate u on an axis of `size` samples. In units of
+ * samples, u is at (u + 1) / 2 (size - 1). */
 SPIN_FN struct spin_plane_axis spin_plane_axis(float u, int size)
 {
     struct spin_plane_axis a;
@@ -30,8 +31,8 @@ SPIN_FN struct spin_plane_axis spin_plane_axis(float u, int size)
     return a;
 }
 
-/* Interpolates a plane [height][width][n] at (column, row). Sets out [n] to the result, or
- * multiplies out by it if `multiply`. */
+/* Interpolates a plane [height][width][n] at (column, row). Sets out [n] to the result or, if
+ * `multiply` is not 0, multiplies the elements of out by those of the result. */
 SPIN_FN void spin_plane_lookup(const float *SPIN_RESTRICT plane, int width, int n,
                                struct spin_plane_axis column, struct spin_plane_axis row,
                                int multiply, float *SPIN_RESTRICT out)

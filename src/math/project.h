@@ -4,8 +4,8 @@
 
 #include "math/portable.h"
 
-/* A constant of the 3DGS rasteriser, which images depend on: added to both variances of an ellipse,
- * in pixels^2. */
+/* The dilation of the 3DGS rasteriser: added to the variances of an ellipse in x and y, in
+ * pixels^2. Another value would change the images. */
 #define SPIN_PROJECT_DILATION 0.3f
 
 struct spin_projection {
@@ -19,14 +19,14 @@ struct spin_projected_cov {
     spin_vec3 p; /* mean in camera coordinates */
     float x, y;  /* p.x, p.y clamped for the Jacobian */
     int x_clamped, y_clamped;
-    float a[2][3];            /* J R */
+    float a[2][3];            /* J R, with the Jacobian J of the projection */
     float rot[3][3], m[3][3]; /* rotation matrix of the quaternion; rot * diag(scale) */
-    float k[2][3];            /* a m: the 2-D covariance is k k^T + dilation */
+    float k[2][3];            /* a m: the 2-D covariance is k k^T + dilation I */
 };
 
 struct spin_ellipse {
     float u_px, v_px, conic[3];
-    float radius_px; /* 3 sigma, rounded up; 0 or not finite: nothing to draw */
+    float radius_px; /* 3 sigma, rounded up; 0 or not finite: the splat is not drawn */
 };
 
 SPIN_FN spin_vec3 spin_to_camera(const float *r, const float *t, spin_vec3 w)
@@ -53,7 +53,7 @@ SPIN_FN void spin_rotation(const float *q, float rot[3][3])
 }
 
 /* Adjoint of spin_rotation(): adds to d_q [4] the gradient of the quaternion, given g, the gradient
- * of the matrix. The gradient is not projected onto the tangent space of unit quaternions. */
+ * of the matrix. The result is not projected onto the tangent space of unit quaternions. */
 SPIN_FN void spin_matrix_quat_adj(const float *q, float g[3][3], float *d_q)
 {
     float w = q[0], x = q[1], y = q[2], z = q[3];
@@ -72,8 +72,8 @@ SPIN_FN float spin_clampf(float v, float limit)
     return v > limit ? limit : v < -limit ? -limit : v;
 }
 
-/* Computes *f for a Gaussian with scale [3] and rotation q [4]. p: its mean in camera coordinates;
- * p.z must be above 0. */
+/* Computes *f for a Gaussian with scale [3] and rotation q [4]. p: mean in camera coordinates; p.z
+ * must be above 0. */
 SPIN_FN void spin_projected_cov_from(const struct spin_projection *lens, spin_vec3 p,
                                      const float *scale, const float *q,
                                      struct spin_projected_cov *f)
@@ -100,9 +100,9 @@ SPIN_FN void spin_projected_cov_from(const struct spin_projection *lens, spin_ve
                 f->a[i][0] * f->m[0][j] + f->a[i][1] * f->m[1][j] + f->a[i][2] * f->m[2][j];
 }
 
-/* The 2-D covariance k k^T + d I, where d is the dilation. With the rows k0, k1 of k, its
- * determinant is computed as |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2. All terms are positive,
- * whereas a c - b^2 would suffer from cancellation for needles. */
+/* The 2-D covariance k k^T + d I, where d is the dilation. With the rows k0, k1 of k, the
+ * determinant is computed as |k0 x k1|^2 + d (|k0|^2 + |k1|^2) + d^2. No term is negative, so
+ * nothing cancels, whereas the usual a c - b^2 would lose digits for needles. */
 struct spin_cov2d {
     float aa, b, cc; /* elements of k k^T */
     float area, det; /* determinants of k k^T and of k k^T + d I */
@@ -144,10 +144,10 @@ SPIN_FN struct spin_ellipse spin_ellipse_from(const struct spin_projection *lens
 
 /* Antialiasing: the dilation spreads a splat over more pixels. To compensate, the opacity is
  * multiplied by the square root of the ratio of the determinants without and with the dilation.
- * This lower limit of the ratio is that of the 3DGS rasteriser. */
+ * SPIN_PROJECT_FAINTEST is the lower limit of this ratio in the 3DGS rasteriser. */
 #define SPIN_PROJECT_FAINTEST 2.5e-5f
 
-/* The compensation factor on the opacity, 0.005 to 1. */
+/* The factor on the opacity for antialiasing, 0.005 to 1. */
 SPIN_FN float spin_aa_compensation(const struct spin_projected_cov *f)
 {
     struct spin_cov2d g = spin_cov2d_from(f);
@@ -176,8 +176,9 @@ SPIN_FN void spin_aa_compensation_adj(const struct spin_projected_cov *f, float 
 }
 
 /* Sets d_k [2][3] to the gradient through the conic, given d_conic [3], the gradient of the conic.
- * The conic is the inverse of C = k k^T + dilation, so dL/dC = -conic G conic. Computed in double:
- * for a needle of aspect ratio 100, these products cancel to 1e-4 of their terms. */
+ * The conic is the inverse of C = k k^T + dilation I, so dL/dC = -conic G conic with G =
+ * dL/d(conic). All products are computed in double: for a needle of aspect ratio 100, their sum is
+ * 1e-4 of the terms. */
 SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_conic,
                             float d_k[2][3])
 {
@@ -203,8 +204,8 @@ SPIN_FN void spin_conic_adj(const struct spin_projected_cov *f, const float *d_c
 /* Adjoint of the whole projection, given the gradients of u, v, the conic and the compensation
  * factor (d_fade; 0 without antialiasing). Adds to d_scale [3] and d_pos_w [3], the gradients of
  * scale and mean, and sets d_rot [3][3], the gradient of the rotation matrix, for
- * spin_matrix_quat_adj(). An x/z or y/z that was clamped in the Jacobian is a constant, as in 3DGS:
- * the gradient of the Jacobian does not reach p.x or p.y. */
+ * spin_matrix_quat_adj(). As in 3DGS, an x/z or y/z that was clamped in the Jacobian counts as a
+ * constant: p.x or p.y then receives no gradient through the Jacobian. */
 SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
                               const struct spin_projected_cov *f, const float *scale, float d_u,
                               float d_v, const float *d_conic, float d_fade, float *d_scale,
@@ -239,7 +240,8 @@ SPIN_FN void spin_ellipse_adj(const struct spin_projection *lens,
         d_pos_w[j] += r[j] * dp[0] + r[3 + j] * dp[1] + r[6 + j] * dp[2];
 }
 
-/* The unit vector from the camera centre to the mean of a splat, and their distance. */
+/* Returns the unit vector from the camera centre to the mean of a splat, and sets *distance to the
+ * distance between these two points. */
 SPIN_FN spin_vec3 spin_view_direction(const float *centre, const float *pos_w, float *distance)
 {
     spin_vec3 d = spin_v3(pos_w[0] - centre[0], pos_w[1] - centre[1], pos_w[2] - centre[2]);
@@ -249,7 +251,7 @@ SPIN_FN spin_vec3 spin_view_direction(const float *centre, const float *pos_w, f
     return spin_v3(d.x * inv, d.y * inv, d.z * inv);
 }
 
-/* Adjoint of spin_view_direction(): d_pos_w [3] += (I - d d^T) d_d / distance. */
+/* Adjoint of spin_view_direction() for direction d: d_pos_w [3] += (I - d d^T) d_d / distance. */
 SPIN_FN void spin_view_direction_adj(spin_vec3 d, float distance, spin_vec3 d_d, float *d_pos_w)
 {
     float along = spin_dot3(d, d_d), inv = 1 / distance;

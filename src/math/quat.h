@@ -1,9 +1,10 @@
-/* Quaternions w x y z: length, normalisation, product, rotation of a point. */
+/* Quaternions in the order w x y z: length, normalisation, product, rotation of a point. */
 #pragma once
 
 #include "math/portable.h"
 
-/* The length of q. In double, the squares of floats neither overflow nor underflow. */
+/* The length of q, computed in double, in which the squares of floats neither overflow nor
+ * underflow. */
 SPIN_FN double spin_quat_norm(const float q[4])
 {
     return sqrt((double)q[0] * q[0] + (double)q[1] * q[1] + (double)q[2] * q[2] +
@@ -19,7 +20,7 @@ SPIN_FN void spin_quat_normalise(float q[4])
         q[i] = norm > 0 ? (float)(q[i] / norm) : (float)(i == 0);
 }
 
-/* Normalises a quaternion into doubles. The zero quaternion becomes NaN. */
+/* Normalises a quaternion, with a result in double. The zero quaternion becomes NaN. */
 SPIN_FN void spin_unit_quat(const float in[4], double out[4])
 {
     double norm = spin_quat_norm(in);

@@ -1,6 +1,7 @@
 /* Counter-based random numbers: pure functions of (seed, stream, counter), so that threads and
- * devices can draw numbers in any order. The numbers are mixed by the finaliser of SplitMix64
- * (Steele, Lea and Flood 2014), applied to the key and then to key + counter * golden ratio. */
+ * devices can draw numbers in any order. The finaliser of SplitMix64 (Steele, Lea and Flood 2014)
+ * mixes seed and stream to a key, and then key + (counter + 1) * G to the number, where G is 2^64
+ * divided by the golden ratio. */
 #pragma once
 
 #include "math/portable.h"

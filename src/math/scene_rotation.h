@@ -1,11 +1,12 @@
 /* Rotates a scene: positions, rotations and spherical harmonics.
  *
  * The colour f(d) in direction d before a rotation R is the colour f'(R d) in direction R d after
- * it. With real harmonics Y that are orthonormal over the sphere, the coefficients become
+ * it. With real harmonics Y that are orthonormal over the sphere, the coefficients c become
  *     c'_m = sum_n c_n integral Y_m(R d) Y_n(d) dd,
- * where the sum is over the functions n of the same degree as m. The product of two functions of
- * degree 3 is a polynomial of degree 6, so the integral is equal to a quadrature with 4
- * Gauss-Legendre nodes in z times 8 equidistant angles around the z axis. */
+ * where the sum is over the functions n of the same degree as m, and the integral is over all
+ * directions d. The product of two functions of degree 3 is a polynomial of degree 6, for which a
+ * quadrature with 4 Gauss-Legendre nodes in z times 8 equidistant angles around the z axis is
+ * exact. */
 #pragma once
 
 #include "math/quat.h"
@@ -13,7 +14,7 @@
 
 enum spin_scene_rotation_kind {
     SPIN_TURN_NONE,
-    SPIN_TURN_SIGNS, /* half a turn about x, y or z, which only changes signs and is exact */
+    SPIN_TURN_SIGNS, /* half a turn about x, y or z: only changes signs, without rounding */
     SPIN_TURN_ANY
 };
 
@@ -38,7 +39,8 @@ SPIN_FN void spin_scene_rotation_join(const double *a, const double *b, double *
     out[3] = z;
 }
 
-/* Rounds values very close to 0, 1 or -1 to that number. */
+/* Rounds x to 0, 1 or -1 if it differs by less than 2e-6, so that half turns are recognised despite
+ * rounding errors. */
 SPIN_FN float spin_scene_rotation_snap(double x)
 {
     double a = x < 0 ? -x : x;
@@ -111,8 +113,8 @@ SPIN_FN void spin_scene_rotation_quat(const struct spin_scene_rotation *t, const
     spin_quat_product(t->q, from, out);
 }
 
-/* Rotates SH coefficients [n][3]. n: number of functions of a complete degree, 1, 4, 9 or 16. out
- * must differ from sh. */
+/* Rotates SH coefficients [n][3]. n: number of functions up to a degree: 1, 4, 9 or 16. out must
+ * not be sh. */
 SPIN_FN void spin_scene_rotation_sh(const struct spin_scene_rotation *t, int n, const float *sh,
                                     float *out)
 {

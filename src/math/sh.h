@@ -4,7 +4,7 @@
 
 #include "math/portable.h"
 
-#define SPIN_SH_MAX 16 /* basis functions of degree 3 */
+#define SPIN_SH_MAX 16 /* number of basis functions up to degree 3 */
 
 #define SPIN_SH_C0 0.28209479177387814
 #define SPIN_SH_C1 0.4886025119029199f
@@ -20,8 +20,8 @@
 /* Number of basis functions up to a degree. */
 SPIN_FN int spin_sh_count(int degree) { return (degree + 1) * (degree + 1); }
 
-/* Evaluates the basis functions, basis [16], at unit direction d. Functions above the degree are
- * 0. */
+/* Sets basis [16] to the values of the basis functions at unit direction d. Functions of a higher
+ * degree than `degree` are set to 0. */
 SPIN_FN void spin_sh_basis(int degree, spin_vec3 d, float *basis)
 {
     float x = d.x, y = d.y, z = d.z;
@@ -53,7 +53,8 @@ SPIN_FN void spin_sh_basis(int degree, spin_vec3 d, float *basis)
     basis[15] = -SPIN_SH_C3A * x * (xx - 3 * yy);
 }
 
-/* sum_k weight[k] * grad basis[k]. The gradient treats the three components of d as independent. */
+/* The gradient of the sum of weight[k] * basis[k] with respect to d, whose three components count
+ * as independent: d is not constrained to unit length. */
 SPIN_FN spin_vec3 spin_sh_slope(int degree, spin_vec3 d, const float *weight)
 {
     const float *w = weight;
@@ -86,8 +87,8 @@ SPIN_FN spin_vec3 spin_sh_slope(int degree, spin_vec3 d, const float *weight)
     return g;
 }
 
-/* colour [3] = max(0, SH(d) + 0.5). Returns a set of bits: bit c is set if channel c was clamped.
- */
+/* Sets colour [3] to max(0, SH(d) + 0.5). In the result, bit c is set if channel c was clamped to
+ * 0. */
 SPIN_FN unsigned spin_sh_colour(int degree, spin_vec3 d, const float *sh, float *colour)
 {
     float basis[SPIN_SH_MAX], sum[3] = {0.5f, 0.5f, 0.5f};
@@ -105,9 +106,9 @@ SPIN_FN unsigned spin_sh_colour(int degree, spin_vec3 d, const float *sh, float 
     return clamped;
 }
 
-/* Adjoint of spin_sh_colour(): adds to d_sh [48] the gradient of the coefficients, and returns the
- * gradient of d. d_colour [3]: gradient of the colour, in which the caller has set clamped channels
- * to 0. */
+/* Adjoint of spin_sh_colour(): adds the gradient of the coefficients to d_sh [48], and returns the
+ * gradient of d. d_colour [3]: gradient of the colour; the caller must have set clamped channels to
+ * 0. */
 SPIN_FN spin_vec3 spin_sh_colour_adj(int degree, spin_vec3 d, const float *sh,
                                      const float *d_colour, float *d_sh)
 {

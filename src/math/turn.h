@@ -1,11 +1,12 @@
-/* The contribution of a dynamic track to a splat whose surface has rotated by the unit quaternion q
- * since the reference frame of the track: displacement d becomes R(q) d, and rotation r becomes q
- * r. Both maps are orthogonal, so the adjoint of each is the same map with the inverse rotation. */
+/* Rotates the values that a dynamic track shares among its frames by the unit quaternion q, the
+ * rotation of the splat's surface since the track's reference frame: displacement d becomes R(q) d,
+ * and rotation r becomes q r. Both maps are orthogonal, so the adjoint of each is the same map with
+ * the inverse rotation. */
 #pragma once
 
 #include "math/quat.h"
 
-/* Rotates a displacement (width 3) or a rotation (width 4). out must differ from in. */
+/* Rotates a displacement (width 3) or a rotation (width 4). out must not be in. */
 SPIN_FN void spin_turn(const float q[4], int width, const float *in, float *out)
 {
     if (width == 3)
