@@ -59,7 +59,9 @@ spin_status spin_offsets_read(struct spin_model *m, struct spin_offsets *out)
                                  "option 'offsets'");
     }
     if (option && !spin_views_is_safe_name(option))
-        return spin_misuse("option 'offsets' is '%s', expected a file in the data set", option);
+        return spin_misuse("option 'offsets' is '%s', expected a list such as 'cam01=5', or a file "
+                           "in the data set",
+                           option);
     SPIN_TRY(spin_model_join(m, &path, m->path, "%s", option ? option : "offsets.txt"));
     if (!option && !spin_path_exists(path))
         return SPIN_OK;
@@ -93,8 +95,9 @@ spin_status spin_offsets_check(const struct spin_offsets *offsets)
 {
     for (size_t i = 0; i < offsets->n; i++) {
         if (!offsets->list[i].used)
-            return spin_misuse("there is an offset of camera '%s', but no such camera",
-                               offsets->list[i].camera);
+            return spin_misuse(
+                "option 'offsets' names camera '%s', but the data set has no such camera",
+                offsets->list[i].camera);
     }
     return SPIN_OK;
 }

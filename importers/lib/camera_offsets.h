@@ -32,8 +32,7 @@ spin_status spin_offsets_check(const struct spin_offsets *offsets);
 #define SPIN_OFFSETS_OPTION                                                                        \
     {                                                                                              \
         "offsets", "LIST|FILE",                                                                    \
-            "cameras that start later, in frames or seconds, such as 'cam01=5;cam02=0.2s', or a "  \
-            "file "                                                                                \
-            "with a camera and its offset per line",                                               \
+            "start delays of cameras in frames or seconds, such as 'cam01=5;cam02=0.2s', or a "    \
+            "file with a camera and its delay per line",                                           \
             "offsets.txt"                                                                          \
     }

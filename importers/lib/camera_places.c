@@ -22,7 +22,8 @@ spin_status spin_camera_places_parse(const char *text, struct camera_places *out
         if (n >= 100 || !spin_cfg_numbers((struct cfg_span){list, list + strlen(list)}, 3, xyz))
             return spin_misuse("--camera '%.*s': expected X,Y,Z", (int)n, at);
         if (out->n == CAMERA_PLACES_MOST)
-            return spin_misuse("--camera: more than %d positions", CAMERA_PLACES_MOST);
+            return spin_misuse("--camera: too many positions, at most %d are allowed",
+                               CAMERA_PLACES_MOST);
         for (int d = 0; d < 3; d++)
             out->place[out->n][d] = (float)xyz[d];
         out->n++;
@@ -71,7 +72,7 @@ spin_status spin_camera_places_load(const char *path, struct camera_places *out)
     spin_json_free(list);
     SPIN_TRY(status);
     if (n == 0)
-        return spin_malformed("'%s' is not a list of cameras", path);
+        return spin_malformed("'%s' is not a list of cameras, or is empty", path);
     out->n = n < CAMERA_PLACES_MOST ? (int)n : CAMERA_PLACES_MOST;
     for (int i = 0; i < out->n; i++)
         memcpy(out->place[i], place[(size_t)i * n / (size_t)out->n], sizeof *place);

@@ -105,8 +105,8 @@ spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, con
             spin_chkpnt_kind(root), spin_chkpnt_kind(m), spin_chkpnt_kind(number));
     if (m->n != n_items)
         return spin_unsupported(
-            "the model has %zu items, but that of %s has %zu: this is a model of %s", m->n, method,
-            n_items, spin_chkpnt_method(m->n));
+            "the model is a tuple of %zu items, but that of %s has %zu: this is a model of %s",
+            m->n, method, n_items, spin_chkpnt_method(m->n));
     *model = m;
     *iteration = number->number;
     return SPIN_OK;

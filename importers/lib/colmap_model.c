@@ -66,7 +66,7 @@ static spin_status take_count(struct source *s, size_t smallest, const char *wha
     SPIN_TRY(take_bits(s, 8, out));
     if (*out > (uint64_t)(s->end - s->at) / smallest)
         return spin_malformed(
-            "its header announces %llu %s, more than fit into the remaining %zu bytes",
+            "the file announces %llu %s, more than fit into the remaining %zu bytes",
             (unsigned long long)*out, what, (size_t)(s->end - s->at));
     return SPIN_OK;
 }
@@ -190,7 +190,8 @@ static spin_status take_kind(struct source *s, int *kind)
     if (s->binary) {
         SPIN_TRY(take_integer(s, "", kind));
         if (*kind < 0 || *kind >= N_MODELS)
-            return spin_unsupported("its model is number %d, which is not known", *kind);
+            return spin_unsupported("its camera model has number %d, which COLMAP does not define",
+                                    *kind);
         return SPIN_OK;
     }
     name = next_word(s);
@@ -198,7 +199,7 @@ static spin_status take_kind(struct source *s, int *kind)
         if (strcmp(models[*kind].name, name) == 0)
             return SPIN_OK;
     }
-    return spin_unsupported("its model is '%.40s', which is not known", name);
+    return spin_unsupported("its camera model '%.40s' is not one of COLMAP", name);
 }
 
 static spin_status read_lens(struct spin_colmap *m, struct source *s, int *id)
@@ -258,7 +259,7 @@ static spin_status take_name(struct source *s, const char **name)
     }
     end = memchr(s->at, '\0', (size_t)(s->end - s->at));
     if (!end || end - s->at > MAX_NAME)
-        return spin_malformed("its name is not terminated");
+        return spin_malformed("its name is not terminated by a NUL byte");
     SPIN_TRY(read_bytes(s, (size_t)(end - s->at) + 1, name));
     SPIN_TRY(take_count(s, 24, "points of the image", &n_points));
     s->at += 24 * n_points;
@@ -279,7 +280,7 @@ static spin_status read_image(struct spin_colmap *m, struct source *s, int *id)
     SPIN_TRY(take_name(s, &name));
     lens = find_lens(m, image.lens_id);
     if (!lens)
-        return spin_malformed("there is no camera %d", image.lens_id);
+        return spin_malformed("it refers to camera %d, which does not exist", image.lens_id);
     if (!spin_views_is_safe_name(name))
         return spin_malformed("its name is '%.80s', expected a path below the folder of images",
                               name);
@@ -310,7 +311,7 @@ static spin_status take_point(struct source *s, int *id, double xyz[3])
     if (!s->binary)
         return SPIN_OK;
     SPIN_TRY(read_bytes(s, 3 + 8, &rest));
-    SPIN_TRY(take_count(s, 8, "places of a point", &n_track));
+    SPIN_TRY(take_count(s, 8, "observations of the point", &n_track));
     s->at += 8 * n_track;
     return SPIN_OK;
 }

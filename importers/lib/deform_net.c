@@ -62,8 +62,8 @@ static spin_status count_inputs(struct deform_net *d)
                               d->n_in, d->n_position);
     if (d->n_position < 3 || d->n_position % 6 != 3 || d->n_position > 3 + 6 * MAX_FREQUENCIES)
         return spin_malformed("tensor 'linear.0.weight' has %d inputs, and the time network %d "
-                              "outputs, which leaves %d inputs for the position, expected 3 and "
-                              "six for each frequency, for at most %d frequencies",
+                              "outputs, which leaves %d inputs for the position, expected 3 + "
+                              "6 per frequency, for at most %d frequencies",
                               d->n_in, d->n_time, d->n_position, MAX_FREQUENCIES);
     return SPIN_OK;
 }
@@ -84,9 +84,10 @@ static spin_status load_time(struct spin_model *m, struct deform_net *d)
     inputs = has ? d->time.layer[0].n_in : d->n_time;
     d->frequencies = (inputs - 1) / 2;
     if (inputs % 2 == 0 || d->frequencies > MAX_FREQUENCIES)
-        return spin_malformed("the encoding of the time has %d values, expected 1 and two for each "
-                              "frequency, for at most %d frequencies",
-                              inputs, MAX_FREQUENCIES);
+        return spin_malformed(
+            "the encoding of the time has %d values, expected 1 + 2 per frequency, for "
+            "at most %d frequencies",
+            inputs, MAX_FREQUENCIES);
     return SPIN_OK;
 }
 

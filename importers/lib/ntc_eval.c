@@ -31,7 +31,7 @@ spin_status spin_ntc_layout(struct ntc_shape *s)
         width * (size_t)s->n_in + (size_t)(s->n_hidden - 1) * width * width + 16 * width;
     for (int l = 0; l < s->n_levels; l++) {
         if (!spin_ntc_level(l, s->base, s->growth, s->log2_entries, &s->level[l]))
-            return spin_unsupported("level %d of the grid has no usable size", l);
+            return spin_unsupported("level %d of the hash grid is too large", l);
         s->level_at[l] = s->n_parameters;
         s->n_parameters += (size_t)s->level[l].entries * (size_t)s->n_features;
     }
@@ -223,8 +223,7 @@ spin_status spin_ntc_open(const char *path, const struct ntc_shape *shape, struc
     n->shape = shape;
     SPIN_TRY(spin_file_head(path, head, sizeof head, &n_head));
     if (!spin_zip_detect(head, n_head))
-        return spin_unsupported("'%s' is not a zip file, as PyTorch writes since version 1.6",
-                                path);
+        return spin_unsupported("'%s' is not a zip file: save it with PyTorch 1.6 or later", path);
     SPIN_TRY(spin_torch_open(path, &torch));
     status = ntc_fill(path, &torch, n);
     spin_torch_close(&torch);

@@ -35,7 +35,7 @@ static spin_status read_run(const char *key, const spin_json *json, struct sog_l
         return spin_malformed("a leaf has no valid 'file', 'offset' and 'count' for level %ld",
                               level);
     if (chunk < 0 || (size_t)chunk >= l->n_chunks)
-        return spin_malformed("a leaf has file %lld, but there are %zu 'filenames'",
+        return spin_malformed("a leaf refers to file %lld, but 'filenames' has %zu entries",
                               (long long)chunk, l->n_chunks);
     *run = (struct sog_run){(int)level, (int)chunk, (size_t)first, (size_t)n};
     l->n_runs += n > 0;
@@ -63,8 +63,9 @@ static spin_status find_chunk(struct spin_model *m, const char *folder, const sp
     const char *text = spin_json_string(name);
 
     if (!text || !*text || !spin_views_is_safe_name(text))
-        return spin_malformed("a file name is '%.80s', expected a path below the folder",
-                              text ? text : "");
+        return spin_malformed(
+            "a file name is '%.80s', expected a path below the folder of " SPIN_SOG_LEVELS_FILE,
+            text ? text : "");
     SPIN_TRY(spin_model_join(m, &out->path, folder, "%s", text));
     if (spin_text_ends_any_case(text, ".json"))
         SPIN_TRY(spin_model_folder(m, &out->folder, out->path));
@@ -100,7 +101,7 @@ static spin_status read_meta(struct spin_model *m, const char *folder, const spi
     SPIN_TRY(find_chunks(m, folder, meta, l));
     SPIN_TRY(spin_model_alloc(m, count_runs(tree) + 1, sizeof *l->run, (void **)&l->run));
     SPIN_TRY(read_node(tree, l));
-    return l->n_runs > 0 ? SPIN_OK : spin_malformed("'tree' has no splats of any level");
+    return l->n_runs > 0 ? SPIN_OK : spin_malformed("'tree' contains no splats");
 }
 
 /* ---- The level ------------------------------------------------------------------------------- */
@@ -138,8 +139,8 @@ static spin_status choose_level(struct spin_model *m, struct sog_levels *l)
     }
     if (first_missing)
         return spin_not_found("'%s' does not exist", first_missing);
-    return spin_not_found("--lod is %d, but there are %d levels of detail, from 0", wanted,
-                          l->n_levels);
+    return spin_not_found("--lod is %d, but this level of detail has no splats: levels are 0 to %d",
+                          wanted, l->n_levels - 1);
 }
 
 static spin_status peek_chunk(const struct sog_chunk *chunk, struct spin_sog *out)
@@ -160,8 +161,8 @@ static spin_status add_chunk(struct sog_chunk *chunk, struct sog_levels *l)
     SPIN_TRY(peek_chunk(chunk, &sog));
     chunk->n_rows = sog.n;
     if (chunk->n > sog.n)
-        return spin_malformed("'%s' contains %zu splats, but the leaves have %zu", chunk->path,
-                              sog.n, chunk->n);
+        return spin_malformed("'%s' contains %zu splats, but the leaves of the tree list %zu",
+                              chunk->path, sog.n, chunk->n);
     l->n += chunk->n;
     l->sh_degree = sog.sh_degree > l->sh_degree ? sog.sh_degree : l->sh_degree;
     l->antialias = l->antialias || sog.antialias;
@@ -214,7 +215,9 @@ spin_status spin_sog_levels_note(struct spin_model *m, const struct sog_levels *
     *sky = NULL;
     if (l->has_sky)
         return spin_model_text(m, sky, "the last %zu splats are the sky ('%s')", env->n, env->path);
-    return env->path ? spin_model_text(m, sky, "the sky is missing: '%s'", env->path) : SPIN_OK;
+    return env->path
+               ? spin_model_text(m, sky, "the sky is not imported: '%s' does not exist", env->path)
+               : SPIN_OK;
 }
 
 /* ---- Reading --------------------------------------------------------------------------------- */
@@ -254,7 +257,9 @@ static spin_status read_chunk(const struct sog_levels *l, size_t i, unsigned col
         *out = selected;
     }
     if ((*out)->n != chunk->n)
-        return spin_malformed("leaves have overlapping or other splats than '%s'", chunk->path);
+        return spin_malformed("the leaves of the tree list overlapping splats of '%s', or splats "
+                              "that it does not contain",
+                              chunk->path);
     return SPIN_OK;
 }
 

@@ -38,7 +38,7 @@ spin_status spin_views_check_pose(const double m[12], const char *what)
                   m[2] * (m[4] * m[9] - m[5] * m[8]);
     if (determinant < 0)
         return spin_malformed("the rotation in %s is a reflection, as its determinant is negative: "
-                              "negate two axes or none (from OpenGL to OpenCV y and z)",
+                              "negate two axes or none (y and z to convert OpenGL to OpenCV)",
                               what);
     return SPIN_OK;
 }
@@ -91,7 +91,7 @@ spin_status spin_views_read_json(const char *folder, const char *name,
         return SPIN_OK;
     SPIN_TRY(spin_json_load(path, &root));
     status = spin_json_is_object(root) ? read(context, root, out)
-                                       : spin_malformed("it is not a JSON object");
+                                       : spin_malformed("the file is not a JSON object");
     return spin_fail_context(status, "cannot read '%s'", path);
 }
 

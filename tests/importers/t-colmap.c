@@ -222,16 +222,16 @@ static void test_binary(const char *root)
         size_t offset, n;
         const char *bytes, *word, *what;
     } cases[] = {
-        {"cameras.bin", 0, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", "its header announces",
+        {"cameras.bin", 0, 8, "\xff\xff\xff\xff\xff\xff\xff\x7f", "the file announces",
          "more cameras than bytes"},
         {"cameras.bin", 12, 4, "\x63\0\0\0", "number 99", "an unknown camera model"},
         {"cameras.bin", 12, 4, "\x05\0\0\0", "OPENCV_FISHEYE", "a fisheye"},
-        {"cameras.bin", 12, 4, "\xff\xff\xff\xff", "not known", "a negative camera model"},
+        {"cameras.bin", 12, 4, "\xff\xff\xff\xff", "does not define", "a negative camera model"},
         {"cameras.bin", 16, 8, "\xff\xff\xff\xff\0\0\0\0", "image size", "an absurd width"},
         {"cameras.bin", 16, 8, "\0\0\0\0\0\0\0\0", "image size", "no width"},
         {"cameras.bin", 32, 8, "\0\0\0\0\0\0\xf8\x7f", "focal", "a focal length that is NaN"},
         {"cameras.bin", 8, 4, "\x63\0\0\0", "no camera", "an image of a camera that is not there"},
-        {"images.bin", 0, 8, "\xff\xff\xff\0\0\0\0\0", "its header announces",
+        {"images.bin", 0, 8, "\xff\xff\xff\0\0\0\0\0", "the file announces",
          "more images than bytes"},
         {"images.bin", 12, 32, "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0",
          "quaternion", "a quaternion of 0"},
@@ -241,7 +241,7 @@ static void test_binary(const char *root)
         {"images.bin", 72, 1, "/", "below the folder of images", "an absolute name"},
         {"points3D.bin", 0, 8, "\xff\xff\0\0\0\0\0\0", "points, more than fit into the remaining",
          "more points than bytes"},
-        {"points3D.bin", 8 + 43, 8, "\xff\xff\0\0\0\0\0\0", "places of a point",
+        {"points3D.bin", 8 + 43, 8, "\xff\xff\0\0\0\0\0\0", "observations of the point",
          "a point seen more often than there are bytes"},
     };
 
