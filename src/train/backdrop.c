@@ -1,10 +1,10 @@
 /* Places the backdrop behind the farthest points along the rays of the training cameras.
  *
- * Each view is divided into cells. The farthest points that project into a cell form the outermost
- * surface of the cell. A flat splat of about the size of the cell is placed behind that surface, at
- * such a distance that the sort by depth keeps it behind the splats of the surface. The splat is
- * pushed away from the camera as long as it is in front of the outermost surface of any other view.
- * It is dropped if there is already a splat at its position. */
+ * The image of each view is divided into a grid of cells. The farthest points that project into a
+ * cell form the outermost surface of the cell. A flat splat of about the size of the cell is placed
+ * behind that surface, so far behind that sorting by depth always puts it behind the splats of the
+ * surface. While the splat is in front of the outermost surface of any other view, it is moved away
+ * from the camera. It is dropped if the backdrop already has a splat at that position. */
 #include "train/backdrop.h"
 
 #include "base/base.h"
@@ -17,35 +17,35 @@ enum {
     MOST_FRAMES = 16,    /* largest number of frames whose points are sampled */
     MOST_POINTS = 20000, /* largest number of points sampled in a frame */
     MOST_VIEWS = 64,     /* largest number of views for which splats are placed */
-    LEAST_COLUMNS = 8,   /* limits for the number of cells along the width of an image */
+    LEAST_COLUMNS = 8,   /* limits of the number of cells along the width of an image */
     MOST_COLUMNS = 40,
     MOST_ROWS = 64,
     CELL_POINTS = 12, /* number of points of a frame that a cell contains on average */
     N_BINS = 96,      /* bins of log depth in a cell */
     DEPTH_BINS = 3,   /* number of adjacent bins that form a surface */
     MOST_SPLATS = 20000,
-    /* With fewer splats per frame, --backdrop auto means off: they do not show where surfaces are.
-     */
+    /* With fewer splats per frame, --backdrop auto means off: too few splats do not locate the
+       surfaces. */
     FEWEST_SPLATS = 1000
 };
-/* Largest share of the points of a cell that are treated as outliers behind the surface of the
- * cell. */
+/* The farthest points of a cell, up to this share of its points, are ignored as outliers. */
 static const double far_share = 0.005;
 static const double behind = 2; /* distance of a splat from the surface, in cells */
-static const double scale = 1;  /* standard deviation along the surface, in spacings of splats */
+/* Standard deviation along the surface, in units of the spacing of splats. */
+static const double scale = 1;
 static const double most_scale = 2; /* largest spacing of splats on slanted surfaces, in cells */
-/* Standard deviation perpendicular to the surface, in spacings of splats. */
+/* Standard deviation perpendicular to the surface, in units of the spacing of splats. */
 static const double thickness = 0.1;
-/* No part of a splat within this many standard deviations of its centre may be in front of a
- * surface; the centre and four points of this rim are checked. */
+/* Radius of the rim of a splat, in standard deviations. The centre and four points of the rim must
+ * not be in front of a surface. */
 static const double reach = 2;
-/* A splat whose log depth is smaller than that of a surface by less than this is not in front of
- * it. */
+/* A splat is in front of a surface if its log depth is smaller than that of the surface by more
+ * than this value. */
 static const double tolerance = 0.03;
-/* A splat is not placed if its distance from an earlier splat is less than this, in units of the
- * larger spacing of the two. */
+/* A splat is dropped if its distance from an earlier splat is less than this, in units of the
+ * larger spacing of the two splats. */
 static const double covered = 0.7;
-/* Minimum of a colour channel: at 0 it would have no gradient. */
+/* Minimum of a colour channel, since a channel at 0 would have no gradient. */
 static const double darkest = 0.02;
 static const float logit_opacity = 5; /* opacity 0.993 */
 
@@ -68,7 +68,7 @@ struct layout {
     struct view view[MOST_VIEWS];
     int n_views;
     struct spin_backdrop *out;
-    float *spacing; /* [MOST_SPLATS] distance of each splat to those placed beside it */
+    float *spacing; /* [MOST_SPLATS] spacing_of() each splat of the backdrop */
 };
 
 static void close_layout(struct layout *l)
@@ -140,9 +140,9 @@ struct bin {
     double n, log_depth, colour[3];
 };
 
-/* Sets the surface of a cell to the mean of its farthest points: first skips outliers from the
- * back, then averages the farthest remaining bin and the DEPTH_BINS - 1 bins in front of that bin.
- */
+/* Sets the surface of a cell to the mean of its farthest points: skips outliers, beginning with the
+ * farthest bin, then averages the farthest remaining bin and the DEPTH_BINS - 1 bins in front of
+ * that bin. */
 static void find_surface(const struct bin *bin, struct cell *cell)
 {
     double all = 0, behind_it = 0;
@@ -256,10 +256,10 @@ static void unproject_cell(const struct view *v, int i)
         v->cell[i].at[k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2];
 }
 
-/* Returns the number of columns with which a cell contains CELL_POINTS points of a frame on
- * average. In cells with fewer points the outermost surface is unreliable, and the backdrop could
- * cover real surfaces: the clip "court-mini" (docs/results.md) loses 0.6 dB with 40 columns and
- * gains 0.6 dB with cells of this size. */
+/* Returns the number of columns for which a cell contains CELL_POINTS points of a frame on average.
+ * In cells with fewer points, the outermost surface is unreliable, and the backdrop could occlude
+ * real surfaces: on the clip "court-mini" (docs/results.md), the backdrop lowers the PSNR by 0.6 dB
+ * with 40 columns, and raises it by 0.6 dB with cells of this size. */
 static int choose_columns(const struct layout *l, const struct spin_camera *camera)
 {
     double visible = 0, columns, p[3];
@@ -295,8 +295,7 @@ static double dot(const double a[3], const double b[3])
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Scales a vector to length 1; leaves a zero vector unchanged. Returns the length that it had
- * before. */
+/* Scales a vector to length 1; leaves a zero vector unchanged. Returns the original length. */
 static double normalise(double v[3])
 {
     double length = sqrt(dot(v, v));
@@ -314,13 +313,14 @@ static void cross(const double a[3], const double b[3], double out[3])
 
 /* A flat splat under construction. */
 struct patch {
-    /* Centre; axes: two along the surface, and the normal that points away from the camera. */
+    /* Centre, and unit axes: two along the surface, and the normal, which points away from the
+     * camera. */
     double at[3], axis[3][3];
-    double size[2]; /* spacing of splats along the first two axes */
+    double size[2]; /* distance of adjacent splats along the first two axes */
 };
 
-/* out = difference of the surface's position between cell i and the next cell in the direction (dx,
- * dy), by central differences. */
+/* out = derivative of the surface's position along the direction (dx, dy) at cell i, per cell, by
+ * central differences; one-sided at the border of the image. */
 static void find_surface_step(const struct view *v, int i, int dx, int dy, double out[3])
 {
     const struct cell *from = neighbour(v, i, -dx, -dy), *to = neighbour(v, i, dx, dy);
@@ -371,7 +371,8 @@ static bool is_in_front(const struct layout *l, const struct patch *p, double x,
     return false;
 }
 
-/* True if the centre or the rim of the splat is in front of the outermost surface of any view. */
+/* True if the centre or one of four points of the rim of the splat is in front of the outermost
+ * surface of any view. */
 static bool sticks_out(const struct layout *l, const struct patch *p)
 {
     return is_in_front(l, p, 0, 0) || is_in_front(l, p, reach, 0) || is_in_front(l, p, -reach, 0) ||
@@ -426,7 +427,8 @@ static void add_splat(struct layout *l, const struct patch *p, const double colo
 
 static void add_view(struct layout *l, const struct view *v)
 {
-    /* A splat ends at most 1.05^40 = 7 times as far from the camera as it was placed. */
+    /* 40 calls of push_back() multiply the distance of a splat from the camera by 1.05^40, which is
+     * about 7. */
     const int most_steps = 40;
 
     for (int i = 0; i < v->columns * v->rows && l->out->n < MOST_SPLATS; i++) {
@@ -452,8 +454,8 @@ static spin_status place_splats(struct spin_plan *plan)
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.spacing, (void **)&l.spacing));
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.out->row, (void **)&l.out->row));
     for (size_t i = 0; i < n; i++) {
-        /* The stride is n_train / n + 1. With a stride of n_train / n, which the number of cameras
-         * may divide, all views could be those of a single camera. */
+        /* The stride is n_train / n + 1. If the stride were a multiple of the number of cameras, as
+         * n_train / n may be, all views would be of the same camera. */
         size_t pair = (i * (plan->n_train / n) + i) % plan->n_train;
 
         SPIN_TRY(open_view(&l, &plan->clip.views.view[plan->train[pair].view].camera));

@@ -1,7 +1,7 @@
-/* Projects points of a few frames into the training views and compares their colours there. In each
- * view a coarse depth map of the nearest points is computed, and points that the map shows to be
- * occluded are ignored. The map misses some occlusions, so results are medians, which a few wrong
- * colours do not change. */
+/* Projects points of a few frames into the training views and compares the image colours at these
+ * pixels. A coarse depth map of the nearest points of each view detects occluded points, which are
+ * ignored. Since the map misses some occlusions, results are medians, which are robust against a
+ * few wrong colours. */
 #include "train/camera_colours.h"
 
 #include "base/base.h"
@@ -9,20 +9,20 @@
 #include "train/train_frame.h"
 
 enum {
-    FRAMES = 3,    /* largest number of examined frames */
+    FRAMES = 3,    /* largest number of frames whose points are compared */
     POINTS = 4096, /* largest number of points of a frame whose colours are compared */
     CELLS = 64,    /* cells of the depth map along each axis */
     /* A point is used for the spread if it is visible to at least this many cameras. */
     LEAST_CAMERAS = 3,
-    /* A camera is used for the spread if at least this many such points are visible to it. */
+    /* A camera is used for the spread if at least this many of these points are visible to it. */
     LEAST_POINTS = 32,
     /* A point is used for the fit if it is visible to at least this many cameras. */
     FIT_CAMERAS = 3,
-    /* Gains and falloff are fitted if there are at least this many such points. */
+    /* Gains and falloffs are fitted if at least this many points are used for the fit. */
     FIT_POINTS = 200
 };
-/* Only values in this range are used for the fit: darker ones are noisy, brighter ones may be
- * clipped. */
+/* Only colour values in this range are used for the fit: darker ones are noisy, brighter ones may
+ * be clipped. */
 static const float darkest = 0.1f, brightest = 0.95f;
 /* Edge length of the cubes into which half_of() divides the scene, relative to the radius of the
  * ball that contains most points. */
@@ -36,13 +36,13 @@ struct colours {
     struct spin_photos *photos;
     struct spin_splats splats; /* splats of the current frame */
     size_t step, n_points;     /* the points are every step-th splat of the frame */
-    uint8_t *image;            /* the image of the current view */
-    /* [points][cameras] samples of the current frame: colour r g b, and r^2 of the pixel
-     * (spin_lens_r2()); NaN if the point is not visible. */
+    uint8_t *image;            /* [h][w][3] image of the current view */
+    /* [points][cameras] samples of the current frame: colour r g b in 0..1, and r^2 of the pixel
+     * (spin_lens_r2()). The colour is NaN if the point is not visible. */
     float (*seen)[4];
     int *lens; /* [cameras] index of the lens of each camera */
-    /* For each channel [cameras][FRAMES * POINTS]: how much the colour of a point in a camera,
-     * 0..1, deviates from the point's mean colour in all cameras. */
+    /* For each channel, [cameras][FRAMES * POINTS] deviations: colour of a point in a camera, 0..1,
+     * minus the point's mean colour in all cameras. */
     float *difference[3];
     size_t *n;     /* [cameras] number of deviations of each camera */
     float ball[3]; /* centre of the ball that contains most points */
@@ -152,7 +152,8 @@ static bool determines_gain(const float seen[4])
 }
 
 /* Returns the half of the scene, 0 or 1, to which a splat belongs. The scene is divided into cubes,
- * which belong to the halves alternately, as the squares of a chessboard do to the colours. */
+ * which are assigned to the halves alternately along each axis, like the colours of a chessboard.
+ */
 static int half_of(const struct colours *c, size_t splat)
 {
     const float *mean = c->splats.means + 3 * splat;
@@ -245,8 +246,8 @@ static spin_status sample_frame(struct colours *c, int frame)
     return add_fit_samples(c);
 }
 
-/* Returns the largest deviation of any camera in a channel, where the deviation is the absolute
- * value of the camera's median; -1 if no camera has enough points. */
+/* Returns the largest deviation of any camera in a channel, that is, the largest absolute value of
+ * the cameras' medians; -1 if no camera has enough points. */
 static double spread_of(struct colours *c, int rgb)
 {
     double most = -1;

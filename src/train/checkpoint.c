@@ -1,11 +1,12 @@
-/* Saves and loads the state of a training: an archive of arrays, with a header "state.json". */
+/* Saves and loads checkpoints. A checkpoint is an archive of arrays with a header "state.json". */
 #include "train/checkpoint.h"
 
 #include "base/base.h"
 
-enum { PORTION = 1 << 20 }; /* floats downloaded at a time */
-/* Upper bounds in bytes, for the estimate of a checkpoint's size: of state.json without its frames,
- * of what the archive needs for each array beside the values, and of each frame in state.json. */
+enum { PORTION = 1 << 20 }; /* number of floats downloaded at a time */
+/* Upper bounds, in bytes, for the estimate of a checkpoint's size. HEADER_BYTES: state.json without
+ * its entries for frames. PIECE_BYTES: the headers of an array in the archive. FRAME_BYTES: the
+ * entries of a frame in state.json. */
 enum { HEADER_BYTES = 4096, PIECE_BYTES = 512, FRAME_BYTES = 128 };
 
 double spin_checkpoint_seconds(const struct spin_checkpoint *c)
@@ -13,8 +14,8 @@ double spin_checkpoint_seconds(const struct spin_checkpoint *c)
     return c->before_s + spin_now_s() - c->start_s;
 }
 
-/* Fails if one of the n values v, which are the values [first, first + n) of an array, is not
- * finite. */
+/* Fails if one of the n values v is not finite. v is the range [first, first + n) of the array
+ * `name`. */
 static spin_status check_values(const struct spin_trainer *t, const char *name, size_t first,
                                 const float *v, size_t n)
 {
@@ -32,8 +33,8 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
                           name, first + i, (long long)t->iteration);
 }
 
-/* Fails if the hashes of the parameters differ between ranks. All ranks update the parameters
- * identically, so the hashes must be equal. */
+/* Compares the hashes of the parameters of all ranks, and fails if they differ: all ranks update
+ * their parameters identically. */
 static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 {
     SPIN_FREED uint64_t *all = NULL;
@@ -53,7 +54,8 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     return status;
 }
 
-/* Sets *bad to whether a parameter is not finite. The check runs on the device. */
+/* Sets *bad to true if a parameter is not finite, otherwise to false. The check runs on the device.
+ */
 static spin_status find_nonfinite(const struct spin_trainer *t,
                                   const struct spin_state_array *piece, size_t n_pieces, bool *bad)
 {
@@ -86,7 +88,7 @@ spin_status spin_check_parameters(struct spin_trainer *t)
     SPIN_TRY_OUT(find_nonfinite(t, piece, n_pieces, &bad));
     if (!bad && spin_n_ranks() == 1)
         goto out;
-    /* Download the values, to find the one that is not finite or to compare the ranks. */
+    /* Download the parameters, to find the array that is not finite, or to compare the ranks. */
     SPIN_TRY_OUT(spin_alloc(PORTION, sizeof(float), &block));
     for (size_t i = 0; i < n_pieces; i++) {
         if (!spin_state_is_parameter(&piece[i]))
@@ -130,9 +132,9 @@ spin_status spin_write_device_array(struct spin_trainer *t, struct spin_zip_writ
     return spin_zip_member_end(w);
 }
 
-/* Checks an array of 32-bit numbers of a frame. Tracks of splats must exist, must not occur twice,
- * and must be in the order that the frame's sizes state. Rows in the output must be a permutation.
- */
+/* Checks an array of kind TRACK or PLACE of a frame. The track of a splat must exist, must not
+ * occur twice, and must be of the kind that the frame's sizes prescribe for the row of the splat.
+ * The rows in the output must be a permutation. */
 static spin_status check_numbers(const struct spin_trainer *t, const struct spin_state_array *piece,
                                  const uint32_t *number)
 {
@@ -234,11 +236,12 @@ static spin_status write_state(struct spin_checkpoint *c, struct spin_trainer *t
 {
     SPIN_LEAVES(spin_zip_writer_abandon) struct spin_zip_writer w = {0};
 
-    /* A resume has read this file, so it counts as an input; allow replacing it nevertheless. */
+    /* After a resume, this file is one of the inputs, which must not be overwritten; exempt it from
+     * this rule. */
     spin_inputs_own(c->path);
     spin_reserve_set(&c->reserve, c->path, 0);
     SPIN_TRY(spin_zip_writer_open(c->path, true, &w));
-    /* Wait until the file is on disk: hours of work must survive a power failure. */
+    /* Sync the file to disk, so that hours of work survive a power failure. */
     w.out.sync = true;
     SPIN_TRY(write_text(&w, "state.json", header));
     SPIN_TRY(save_pieces(c, t, &w));
@@ -297,8 +300,9 @@ spin_status spin_checkpoint_bytes(const struct spin_checkpoint *c, struct spin_t
     return SPIN_OK;
 }
 
-/* Checks the last steps of lazy Adam: they are used as indices into a table of the rates of all
- * steps so far, so they must not exceed `iteration`. */
+/* Checks the array "table/last" of lazy Adam, the last step of each line: its values are used as
+ * indices into a table of the learning rates of all steps so far, so they must not exceed
+ * `iteration`. */
 static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)
@@ -309,9 +313,9 @@ static spin_status check_last(const float *last, size_t n, int64_t iteration)
     return SPIN_OK;
 }
 
-/* Checks an array and copies it to the trainer, to host or device memory. `values` is scratch:
- * floats and 32-bit integers have the same size. Statistics are copied on rank 0 only: the next
- * all-reduce adds up those of all ranks and must count them once. */
+/* Checks an array and copies it to the trainer, to host or device memory. `values` is scratch for
+ * floats or 32-bit integers, which have the same size. Statistics are copied on rank 0 only, since
+ * the next all-reduce sums them over all ranks. */
 static spin_status load_piece(struct spin_trainer *t, const struct spin_state_array *piece,
                               const struct spin_array *a, void *values)
 {
@@ -354,8 +358,8 @@ static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trai
     return SPIN_OK;
 }
 
-/* Removes the members that earlier versions recorded for options that are constants now, if they
- * have the values of these constants. */
+/* Removes the members of options that only earlier versions had and that are constants in this
+ * version, if they have the values of these constants. */
 static void remove_former_options(spin_json *j)
 {
     static const struct {
@@ -439,7 +443,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     return SPIN_OK;
 }
 
-/* Reads a count from state.json; fails if it is negative or above `most`. */
+/* Reads a count from state.json; fails if it is missing, negative or above `most`. */
 static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
 {
     int64_t n;
@@ -586,7 +590,7 @@ spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
     return SPIN_OK;
 }
 
-/* The names of parameters, such as "table/p", end in p; those of other arrays do not. */
+/* Only the names of parameter arrays, such as "table/p", end in p. */
 bool spin_state_is_parameter(const struct spin_state_array *array)
 {
     return array->name[strlen(array->name) - 1] == 'p';
@@ -608,8 +612,8 @@ struct spin_average spin_average_of(double share, int64_t until, int64_t iterati
                                  .every = (iterations - first + MOMENTS - 1) / MOMENTS};
 }
 
-/* Returns how many of the iterations up to `iteration` are averaged: one in every a->every, chosen
- * so that the last iteration of the training is one of them. */
+/* Returns how many of the iterations up to `iteration` are averaged. One iteration in a->every is
+ * averaged, counted back from the last iteration of the training, which is averaged too. */
 static int count_by(const struct spin_average *a, int64_t iterations, int64_t iteration)
 {
     int64_t left = iterations - iteration;

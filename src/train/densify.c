@@ -1,6 +1,5 @@
-/* Clones, splits and prunes points. Points are processed in order, and each random number is
- * computed from its index instead of drawn from a sequence, so the result depends only on the
- * statistics and the seed. */
+/* Clones, splits and prunes points. Points are processed in order, and random numbers are a
+ * function of the seed and an index, so the result depends only on the statistics and the seed. */
 #include "train/densify.h"
 
 #include <math.h>
@@ -14,10 +13,10 @@
 #include "base/base.h"
 #include "model/residual.h"
 
-enum { STREAM_SPLIT = 32 }; /* stream of random numbers, see math/rng.h */
+enum { STREAM_SPLIT = 32 }; /* stream of the random generator, see math/rng.h */
 enum { KEEP, CLONE, SPLIT };
 
-/* Ln 1.6: the scale of a child is that of its parent / 1.6. */
+/* ln 1.6: the scales of a child are those of its parent divided by 1.6. */
 static const float log_shrink = 0.47000363f;
 
 /* ---- Choosing points ------------------------------------------------------------------------- */
@@ -75,9 +74,8 @@ static int compare_wishes(const void *a, const void *b)
     return (x->point > y->point) - (x->point < y->point);
 }
 
-/* Limits the number of marked points, since each clone and each split adds one point. If max_points
- * allows fewer new points than are marked, only those with the largest mean gradients stay marked.
- */
+/* Each clone and each split adds one point. If max_points allows fewer new points than are marked,
+ * removes the marks of the points with the smallest mean gradients. */
 static spin_status respect_cap(const struct spin_densify_options *o,
                                const struct spin_refine_cloud *c, size_t marked, uint8_t *mark)
 {
@@ -103,7 +101,7 @@ static spin_status respect_cap(const struct spin_densify_options *o,
 
 enum { SH_ROW = 3 * SPIN_REFINE_SH };
 
-/* Adds a point with the parameters of its parent, and with moments and statistics of zero. */
+/* Adds a point with the parameters of its parent. Its Adam moments and its statistics are zero. */
 static struct spin_refine_point *add_point(struct spin_refine_cloud *c, size_t parent)
 {
     struct spin_refine_point *p = &c->point[c->n];
@@ -143,10 +141,11 @@ static void add_child(struct spin_refine_cloud *c, size_t parent, const float no
     shift_point(p, along);
 }
 
-/* With long_axis, each half of a split point is shifted along the point's longest axis by
- * half_offset times the scale of that axis. The scale of this axis is multiplied by half_long, the
- * other two scales by half_other, and the opacity by half_opacity. Tuned on the clips "court" and
- * "basketball" (docs/results.md). */
+/* With long_axis, the two halves of a split point are shifted along the longest axis of the point,
+ * in opposite directions, by half_offset times the scale of that axis. In each half, the scale of
+ * that axis is multiplied by half_long, the other two scales by half_other, and the opacity by
+ * half_opacity. The constants were tuned on the clips "court" and "basketball" (docs/results.md).
+ */
 static const float half_offset = 0.6f, half_long = 0.5f, half_other = 0.85f, half_opacity = 0.6f;
 
 static void add_half(struct spin_refine_cloud *c, size_t parent, float side)
@@ -203,8 +202,8 @@ static spin_status add_children(const struct spin_densify_options *o, int iterat
     return SPIN_OK;
 }
 
-/* True if a point is not pruned. Unlike 3DGS, this prunes points with values that are not finite,
- * since such values would spread through the training of the network. */
+/* False if a point is to be pruned. Unlike 3DGS, points with values that are not finite are pruned
+ * too, since such values would spread to all parameters of the network during training. */
 static bool is_kept(const struct spin_refine_cloud *c, size_t i, float prune_opacity)
 {
     const struct spin_refine_row *p = &c->point[i].p;
@@ -219,9 +218,9 @@ static bool is_kept(const struct spin_refine_cloud *c, size_t i, float prune_opa
     return spin_opacity_of(p->logit_opacity) >= prune_opacity;
 }
 
-/* Removes the points that were split, which are marked SPLIT (only the first n_marked points have
- * marks), and the points that is_kept() rejects; clears the statistics of the others. Returns the
- * number of points that is_kept() rejected. */
+/* Removes points with the mark SPLIT, which have been replaced by their children, and points that
+ * is_kept() rejects; clears the statistics of all other points. Only the first n_marked points have
+ * marks. Returns the number of points that is_kept() rejected. */
 static size_t remove_points(struct spin_refine_cloud *c, const uint8_t *mark, size_t n_marked,
                             double prune_opacity)
 {
@@ -287,12 +286,15 @@ struct change {
     struct spin_trainer *t;
     const struct spin_densify_options *o;
     int iteration;
-    /* The densified tracks, sorted by kind: dynamic, varying, static, backdrop. */
+    /* Before change_tracks(): empty. After it: the densified tracks, sorted by kind: dynamic,
+     * varying, static, backdrop. */
     struct spin_refine_cloud tracks;
     size_t n_before, n_moving, n_varying;
-    /* [n_before] row of each old track's splat in the current frame, or SPIN_NO_TRACK. */
+    /* [n_before] for each track before the densification: the row of its splat in the current
+     * frame, or SPIN_NO_TRACK if it has none there. */
     uint32_t *row;
-    /* Splats of the current frame, before and after; the memory is reused for the next frame. */
+    /* Splats of the current frame before and after the densification; the memory is reused for each
+     * frame. */
     struct spin_refine_cloud before, after;
 };
 
@@ -303,8 +305,8 @@ static struct spin_refine_row *row_of_part(struct spin_refine_point *p, int part
     return part == 0 ? &p->p : part == 1 ? &p->m : &p->v;
 }
 
-/* Copies values and moments of the tracks from the cloud's rows to the groups of the device (up),
- * or back. */
+/* Copies values and moments of the tracks from the rows of a cloud to the groups on the device
+ * (model/residual.h) if `up` is true, from the device to the cloud otherwise. */
 static spin_status copy_tracks(struct spin_device *d, const struct spin_param *param,
                                struct spin_refine_cloud *cloud, bool up)
 {
@@ -333,7 +335,7 @@ static spin_status copy_tracks(struct spin_device *d, const struct spin_param *p
     return SPIN_OK;
 }
 
-/* The statistics and the tracks of a frame's splats, in host memory. */
+/* Densification statistics and track of each splat of a frame, in host memory. */
 struct seen_frame {
     float *gradient;
     uint32_t *seen, *track;
@@ -355,7 +357,7 @@ static spin_status fetch_seen(struct spin_trainer *t, int f, struct seen_frame *
                             : d->op->download(d, out->track, frame->track, n * sizeof *out->track);
 }
 
-/* Adds the statistics of all splats of a track to those of the track, in all frames. */
+/* Adds the statistics of the splats of all frames to those of their tracks. */
 static spin_status add_statistics(struct change *c)
 {
     spin_status status = SPIN_OK;
@@ -375,8 +377,9 @@ static spin_status add_statistics(struct change *c)
     return SPIN_OK;
 }
 
-/* Returns the kind of the old track `origin`: 0 dynamic, 1 varying, 2 static, 3 backdrop. A track
- * that it was split or cloned into has the same kind. */
+/* Returns the kind of a track, given by its index before the densification: 0 dynamic, 1 varying, 2
+ * static, 3 backdrop. New tracks have the kind of the track from which they were split or cloned.
+ */
 static int kind_of(const struct spin_trainer *t, uint32_t origin)
 {
     return origin < t->n_moving                   ? 0
@@ -405,7 +408,7 @@ static spin_status sort_tracks(struct change *c)
 }
 
 /* Returns how many splats a frame may have in addition to `others` splats, as a value of
- * max_points: 0 if there is no limit; at least 1 otherwise. */
+ * max_points: 0 if there is no limit, otherwise at least 1, since 0 would mean no limit. */
 static size_t remaining_budget(const struct change *c, size_t others)
 {
     size_t most = c->o->max_points;
@@ -441,17 +444,18 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
-/* The new splats of a frame. The cloud contains only the first of them, which own values. */
+/* The splats of a frame after the densification. The cloud contains only those that own values,
+ * which are the first ones. */
 struct rows {
     struct spin_refine_cloud *cloud;
     uint32_t *track;  /* [n] track of each splat, or SPIN_NO_TRACK */
-    uint32_t *origin; /* [n] row that each splat had before, or NEW_ROW */
+    uint32_t *origin; /* [n] row of each splat before the densification, or NEW_ROW */
     struct spin_frame_size size;
 };
 static const uint32_t NEW_ROW = UINT32_MAX;
 
-/* Sets c->row for a frame with n splats. Returns the number of splats that the new tracks have in
- * this frame. */
+/* Sets c->row for a frame with n splats. Returns the number of splats with a track that this frame
+ * has after the densification. */
 static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t n)
 {
     size_t n_tracked = 0;
@@ -465,7 +469,7 @@ static size_t find_rows(struct change *c, const struct seen_frame *seen, size_t 
     return n_tracked;
 }
 
-/* Densifies the splats without a track of frame f: sets c->after to the result. */
+/* Densifies the splats of frame f that have no track, and sets c->after to the result. */
 static spin_status change_free(struct change *c, int f, const struct seen_frame *seen,
                                size_t n_free, size_t n_tracked, struct spin_densify_change *sum)
 {
@@ -492,7 +496,8 @@ static spin_status change_free(struct change *c, int f, const struct seen_frame 
     return SPIN_OK;
 }
 
-/* Adds a splat of track k to the cloud, with the values of the splat that was in `row` before. */
+/* Adds a splat of track k to the cloud, with the values that row `row` of the frame had before the
+ * densification. */
 static void add_own(const struct change *c, size_t k, uint32_t row, struct rows *rows)
 {
     struct spin_refine_point *p = &rows->cloud->point[rows->cloud->n++];
@@ -504,8 +509,7 @@ static void add_own(const struct change *c, size_t k, uint32_t row, struct rows 
     rows->size.n_residual += k < c->n_varying;
 }
 
-/* Appends the splats of the new tracks, in the order of the tracks, to the splats without a track.
- */
+/* Appends the splats of all tracks, in the order of the tracks, to the splats without a track. */
 static spin_status add_tracked(const struct change *c, struct rows *rows)
 {
     size_t n_free = rows->cloud->n, most = n_free + c->tracks.n, n = n_free;
@@ -535,14 +539,14 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
     return SPIN_OK;
 }
 
-/* Replaces *permutation, the rows of a frame's splats in the output. Splats that existed before
- * keep their order there, without gaps; new splats get the rows after them. */
+/* Replaces *permutation, the rows of a frame's splats in the output. Kept splats keep their order
+ * in the output, and gaps of removed splats are closed; new splats get the last rows. */
 static spin_status update_permutation(const struct rows *rows, size_t n_before,
                                       uint32_t **permutation)
 {
     size_t n = rows->size.n, n_kept = 0;
-    /* row_at [n_before]: for each row of the output before the change, the row that its splat now
-     * has in `rows`, or NEW_ROW if the splat was removed. */
+    /* row_at [n_before]: for each row of the output before the densification, the present row of
+     * its splat in `rows`, or NEW_ROW if the splat was removed. */
     uint32_t *to, *row_at;
 
     SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, (void **)&to));
@@ -562,9 +566,10 @@ static spin_status update_permutation(const struct rows *rows, size_t n_before,
     return SPIN_OK;
 }
 
-/* Returns in *turn [n_pos][4] the turns (see turns.h) of the frame's splats after densification: a
- * kept splat keeps its turn, an added one gets that of its parent, and one without a track gets the
- * identity. If the frame has no turns, *turn is left unchanged. The caller frees it. */
+/* Sets *turn [n_pos][4] to the turns of the frame's splats after the densification, that is, the
+ * rotations since the reference frame of their track: a kept splat keeps its turn, a new splat gets
+ * that of its parent, and splats without a track get the identity. If the frame has no turns, *turn
+ * is left unchanged. The caller frees *turn. */
 static spin_status inherit_turns(const struct change *c, const struct spin_train_frame *frame,
                                  const struct rows *rows, float **turn)
 {

@@ -1,4 +1,4 @@
-/* Builds fingerprints, which are texts, and keys, which are hashes of texts. */
+/* Computes fingerprints, which are JSON texts, and keys, which are hashes of such texts. */
 #include "train/key.h"
 
 #include <inttypes.h>
@@ -67,7 +67,7 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     spin_json *j = network ? spin_field_to_json(&plan->field, true) : spin_json_object();
     spin_json *frames = spin_json_array();
 
-    if (network) { /* with the input, these members determine the scene transform */
+    if (network) { /* these members and the input determine the scene transform */
         spin_json_set_integer(j, "normalise", o->normalise);
         spin_json_set(j, "options", spin_settings_network(plan));
         spin_json_set_string(j, "device", device->op->name);

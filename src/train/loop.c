@@ -23,7 +23,7 @@ static spin_status measure_clip(const struct spin_loop *l, struct spin_quality *
 {
     struct spin_trainer *t = l->trainer;
     struct spin_player live;
-    /* A copy of the plan's lenses, which gets the current falloffs. */
+    /* A copy of the plan's lenses, which receives the current falloffs of the training. */
     struct spin_lenses lenses = l->plan->lenses;
     float SPIN_DEV *table = spin_trainer_take_table(t);
     char label[40];
@@ -110,7 +110,8 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
     return l;
 }
 
-/* True if the iteration gathers statistics: only if a densification is still to come. */
+/* True if the iteration gathers densification statistics, that is, if a densification follows in
+ * this or a later iteration. */
 static bool gathers_at(const struct spin_loop *l, int64_t iteration)
 {
     return l->trainer->tracked && l->schedule.every > 0 && iteration < l->schedule.until;
@@ -136,10 +137,10 @@ static spin_status densify_clip(const struct spin_loop *l, struct spin_densify_c
     return SPIN_OK;
 }
 
-/* Runs one iteration. After success the trainer can be saved. If the iteration densifies a single
- * frame, it skips the Adam step. 3DGS skips it too, because its densification replaces the
- * parameters and thereby loses their gradients. All values are checked before a densification,
- * since it would silently prune splats with values that are not finite. */
+/* Runs one iteration. After SPIN_OK, the trainer can be saved in a checkpoint. An iteration that
+ * densifies a single frame skips the Adam step, as 3DGS does, where densification replaces the
+ * parameters and discards their gradients. All parameters are checked before a densification, which
+ * would silently prune splats with values that are not finite. */
 static spin_status run_iteration(const struct spin_loop *l, const struct spin_sampler *sampler,
                                  struct spin_steps *steps)
 {
@@ -265,8 +266,9 @@ static void log_seconds(const struct spin_steps *steps)
 
 static bool is_due(int64_t iteration, int every) { return every > 0 && iteration % every == 0; }
 
-/* Makes all ranks decide alike. *stop: whether any rank has received a signal to stop. *save:
- * whether the time of the last checkpoint is long enough ago, by the clock of rank 0. */
+/* Computes two decisions that must be the same on all ranks. *stop: true if any rank has received a
+ * signal to stop. *save: true if the last checkpoint is older than save_seconds, by the clock of
+ * rank 0. */
 static spin_status agree_on_stop(const struct spin_loop *l, bool *stop, bool *save)
 {
     struct wish {
@@ -288,8 +290,8 @@ static spin_status agree_on_stop(const struct spin_loop *l, bool *stop, bool *sa
     return status;
 }
 
-/* Saves a checkpoint. Since the training can finish without one, failing to write it, as on a full
- * disk, gives only a warning. */
+/* Saves a checkpoint during the training. The training can finish without a checkpoint, so a
+ * failure to write it, for example on a full disk, is only a warning. */
 static spin_status save_on_the_way(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;
@@ -303,8 +305,8 @@ static spin_status save_on_the_way(const struct spin_loop *l)
     return SPIN_OK;
 }
 
-/* After a signal, saves a checkpoint and fails with SPIN_E_CANCELLED; otherwise saves a checkpoint
- * if it is time for one. *tried: whether it tried to save a checkpoint. */
+/* After a signal to stop, saves a checkpoint and fails with SPIN_E_CANCELLED; otherwise saves a
+ * checkpoint if one is due. *tried: true if it tried to save one, also if saving failed. */
 static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 {
     bool last = l->trainer->iteration == l->plan->o->iterations, stop, save;
@@ -324,8 +326,9 @@ static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 
 /* ---- Disk space ------------------------------------------------------------------------------ */
 
-/* Returns the expected growth of the checkpoint by the next densification: twice the last growth,
- * but at least an eighth of the current size `state`. Records the size and the growth in *c. */
+/* Returns the expected growth of the checkpoint, in bytes, up to the next densification: twice the
+ * last growth, but at least an eighth of the current size `state`. Records the size and the growth
+ * in *c. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
 {
     bool first = c->bytes == 0;
@@ -351,10 +354,10 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
                      spin_text_bytes(bytes, need), grows ? " as it grows" : "");
 }
 
-/* Reserves disk space for the next checkpoint, so that other programs cannot use it up. If the next
- * densification may make the checkpoint too large for the disk, the training stops now, while its
- * checkpoint still fits. After the last densification, once a checkpoint is saved, space for the
- * output is sufficient. */
+/* Reserves disk space for the next checkpoint, so that other programs cannot fill the disk
+ * meanwhile. If the checkpoint might not fit on the disk after the next densification, stops the
+ * training now, while the present checkpoint still fits. After the last densification, once a
+ * checkpoint is saved, it suffices to reserve space for the output. */
 static spin_status reserve_space(const struct spin_loop *l)
 {
     struct spin_checkpoint *c = l->checkpoint;
@@ -415,7 +418,7 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
     struct spin_progress progress;
     double *smooth = &l->checkpoint->loss;
     bool tried;
-    spin_status status = SPIN_OK; /* remains if the checkpoint is of the last iteration */
+    spin_status status = SPIN_OK; /* returned if no iterations remain */
 
     SPIN_TRY(ensure_space(l));
     spin_progress_begin(&progress, "retraining", "it", l->trainer->iteration, o->iterations);
@@ -423,7 +426,7 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
         SPIN_TRY_OUT(spin_loop_step(l, sampler, steps));
         SPIN_TRY_OUT(check_visibility(l, steps));
         *smooth = *smooth > 0 ? 0.98 * *smooth + 0.02 * v->loss : v->loss;
-        if (l->plan->report->test.valid) /* true after the first evaluation (--eval-every) */
+        if (l->plan->report->test.valid) /* after the first evaluation (--eval-every) */
             spin_progress_set(&progress, l->trainer->iteration, "loss %.4f, test PSNR %.2f dB",
                               *smooth, l->plan->report->test.psnr);
         else

@@ -1,4 +1,4 @@
-/* The table of training options: defaults, presets, limits, JSON. */
+/* Defaults, presets, limits and JSON of the training options, by the table in options.def. */
 #include "train/options.h"
 
 #include "base/base.h"
@@ -10,20 +10,21 @@ enum preset { QUICK, BEST, OF_PAPER, OF_SHORT, PRESETS }; /* in the order of SPI
 struct row {
     enum type type;
     const char *field, *argument;
-    size_t offset, n; /* offset of the field, and its number of values */
+    size_t offset, n; /* offset of the field in the options, and number of its values */
     double min, max;  /* 0, 0: no limit */
     struct {
         double value[PRESETS][4]; /* [preset][number] */
         const char *name[PRESETS];
     } fallback;
     struct {
-        size_t when;     /* 0: never; 1: always; else: if the field at this offset differs from the
-                            paper's */
+        /* When the JSON contains the option. 0: never; 1: always; other values are the offset of a
+         * field: if this field differs from its value in the preset "paper". */
+        size_t when;
         const char *key; /* NULL: the field's name */
     } in_json[2];        /* [spin_options_of] */
 };
 
-/* Kinds that only the command line distinguishes. */
+/* Kinds of options.def that differ only on the command line have the same type here. */
 #define FLAG BOOL
 #define SWITCH BOOL
 #define GRID INT
@@ -37,7 +38,8 @@ struct row {
 #define C_DOUBLE double
 #define C(type) C_##type
 #define FIELD(field) (((struct spin_retrain_options *)NULL)->field)
-/* Number of values of a field. Does not compile for a field of another type. */
+/* Number of values of a field. Does not compile if the field is neither of type c nor an array of
+ * it. */
 #define COUNT(c, field) sizeof FIELD(field) / sizeof(_Generic(FIELD(field), c : (c)0, c * : (c)0))
 
 #define NEVER .when = 0
@@ -75,7 +77,8 @@ static const struct row *const end = rows + sizeof rows / sizeof *rows;
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-/* The i-th name in "a|b|c", and its length; NULL if there are fewer names. */
+/* Returns the i-th name in a list like "a|b|c" and sets *length to its length; NULL if the list is
+ * shorter. */
 static const char *name_at(const char *names, size_t i, size_t *length)
 {
     for (;; names++) {
@@ -88,7 +91,8 @@ static const char *name_at(const char *names, size_t i, size_t *length)
     }
 }
 
-/* Index of a name in "a|b|c"; SIZE_MAX if the list does not contain it. */
+/* Returns the index of a name in a list like "a|b|c"; SIZE_MAX if the list does not contain the
+ * name. */
 static size_t index_of_name(const char *name, const char *names)
 {
     const char *found;
@@ -180,7 +184,8 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
     return SPIN_OK;
 }
 
-/* Default iterations, tuned on several clips: a constant, and more for each frame. */
+/* Constants of the default numbers of iterations, tuned on several clips. A clip has
+ * CLIP_ITERATIONS plus FRAME_ITERATIONS for each frame. */
 enum {
     CLIP_ITERATIONS = 1500,
     FRAME_ITERATIONS = 100,
@@ -189,8 +194,8 @@ enum {
     DENSIFICATIONS = 20
 };
 
-/* One iteration over `share` images replaces `share` iterations over one: its mean gradient is less
- * noisy, which allows larger rates. */
+/* Multiplies learning rates by sqrt(share). One iteration over `share` images replaces `share`
+ * iterations over one image; its mean gradient is less noisy, which allows larger rates. */
 static void scale_rates(struct spin_retrain_options *o, int share)
 {
     double *rate[] = {&o->lr_table,    &o->lr_head_factor,  &o->lr_position, &o->lr_exposure,
@@ -200,7 +205,7 @@ static void scale_rates(struct spin_retrain_options *o, int share)
         *rate[i] *= sqrt(share);
 }
 
-/* Images of an iteration; by default one for each rank. */
+/* Returns the number of images per iteration; the default is one for each rank. */
 static int batch_of(const struct spin_retrain_options *o)
 {
     return o->batch > 0 ? o->batch : spin_n_ranks();
@@ -215,7 +220,7 @@ int spin_options_most_iterations(size_t n_images, size_t n_positions)
 
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most_iterations)
 {
-    /* Number of iterations of one rank that one iteration of all ranks replaces. */
+    /* One iteration of all ranks replaces this number of iterations of a single rank. */
     int share = o->batch > 0 ? 1 : spin_n_ranks();
 
     o->batch = batch_of(o);
@@ -231,7 +236,7 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most
         o->track_iterations = o->iterations;
     if (o->densify_every < 0)
         o->densify_every = o->track_iterations / DENSIFICATIONS;
-    /* 4D splats are not densified, and learn in all iterations. */
+    /* 4D splats are not densified, and are trained in all iterations. */
     if (o->method == SPIN_METHOD_4D) {
         o->tracks = false;
         o->track_iterations = o->iterations;
@@ -241,7 +246,7 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most
 
 /* ---- Limits ---------------------------------------------------------------------------------- */
 
-/* True if this is the default of some preset. */
+/* True if `value` is the default of any preset. */
 static bool is_fallback(const struct row *row, size_t i, double value)
 {
     for (int preset = 0; preset < PRESETS; preset++)
@@ -301,7 +306,8 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
         spin_json_set(j, key, array);
     } else if (row->type == BOOL) {
         spin_json_set_bool(j, key, value != 0);
-    } else if (row->type == INT || row->type == UINT64) { /* limits keep a UINT64 below 2^53 */
+        /* The limits of UINT64 options are below 2^53. */
+    } else if (row->type == INT || row->type == UINT64) {
         spin_json_set_integer(j, key, (int64_t)value);
     } else if (row->type == ENUM) {
         const char *name = name_at(row->argument, (size_t)value, &length);

@@ -1,37 +1,41 @@
-/* Least squares of logarithms. The unknowns are a log colour for each point, eliminated by
- * subtracting the point's weighted mean; a log gain for each camera; and two coefficients for each
- * lens: a r^2 + b r^4 = log(1 + c1 r^2 + c2 r^4). Conjugate gradients solve the system. This is
- * repeated a few times, with lower weights for samples that have large residuals.
+/* Linear least squares on logarithms of colour values. The unknowns are a log colour for each
+ * point, which is eliminated by subtracting the weighted mean of the point's samples; a log gain
+ * for each camera; and two coefficients a and b for each lens, where a r^2 + b r^4 approximates the
+ * log falloff, log(1 + c1 r^2 + c2 r^4). Conjugate gradients solve the normal equations. The fit is
+ * repeated a few times, with lower weights for samples with large residuals.
  *
- * The fit explains every difference between views by gains and falloffs, including differences that
- * have other causes: view-dependent light, smoke, points at the wrong depth. It is therefore
- * accepted only if a fit to one half of the scene predicts the samples of the other half. */
+ * The fit attributes all differences between views to gains and falloffs, even those with other
+ * causes: view-dependent light, smoke, points at the wrong depth. It is therefore accepted only if
+ * a fit to one half of the scene predicts the samples of the other half. */
 #include "train/photometric_fit.h"
 
 #include "base/base.h"
 
 enum { ROUNDS = 6, STEPS = 100, GRID = 64 };
-/* A sample with this residual, a difference of logarithms, has weight 1/2. */
+/* Residual, a difference of logarithms, at which a sample has the weight 1/2. */
 static const double outlier = 0.05;
 
-/* A falloff is accepted under three conditions. First: after the means of points and of cameras are
- * subtracted, r^2 of its samples has at least this standard deviation. */
+/* A falloff is accepted under three conditions. First, the standard deviation of r^2 over the
+ * samples of its lens, after subtracting the means of points and of cameras, is at least this
+ * value. */
 static const double least_deviation = 0.1;
-/* Second condition for a falloff: from the image centre to the corner, the brightness stays between
- * `darkest` and `brightest`, and rises outwards by at most most_rise after its minimum. */
+/* Second condition for a falloff: from the image centre to the corner, it stays between `darkest`
+ * and `brightest`, and beyond its minimum it rises by at most most_rise. */
 static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
-/* Third condition for a falloff, and the first for gains: held-out points fit better with them than
- * without, and the mean improvement is more than this many of its standard errors. */
+/* Third condition for a falloff, and first condition for gains: the loss of held-out points is
+ * lower with the falloff or gains than without, by more than this many standard errors of the mean
+ * difference. */
 static const double least_errors = 3;
-/* Gains must also reduce the loss of held-out points by at least this share, since some gain always
- * fits slightly better where views differ for other reasons, such as smoke. */
+/* Second condition for gains: they reduce the loss of held-out points by at least this share. If
+ * views differ for other reasons, such as smoke, there is always a gain that reduces it slightly.
+ */
 static const double least_explained = 0.05;
 
 struct fit {
     const struct spin_photometric_sample *sample;
     size_t n, n_unknown;
     int n_cameras, n_lenses;
-    const bool *falls;             /* [lenses] whether the falloff of each lens is fitted */
+    const bool *falls;             /* [lenses] true if the falloff of the lens is fitted */
     double *y, *weight, *residual; /* [n] log value, weight and residual of each sample */
     double *x, *r, *p, *q;         /* [n_unknown] solution; vectors of the conjugate gradients */
 };
@@ -48,7 +52,7 @@ static double r2_of(const struct fit *f, size_t i)
     return f->falls[f->sample[i].lens] ? (double)f->sample[i].r2 : 0;
 }
 
-/* Returns the predicted log value of sample i for the unknowns x, without the log colour of its
+/* Returns the predicted log value of sample i for the unknowns x, minus the log colour of its
  * point. */
 static double value_of(const struct fit *f, double *x, size_t i)
 {
@@ -66,7 +70,8 @@ static size_t end_of_point(const struct fit *f, size_t i)
     return end;
 }
 
-/* Subtracts from each value of v [n] the weighted mean of the values of the same point. */
+/* Subtracts from each value of v [n] the weighted mean of the values of all samples of the same
+ * point. */
 static void subtract_point_means(const struct fit *f, double *v)
 {
     for (size_t i = 0, end; i < f->n; i = end) {
@@ -82,7 +87,8 @@ static void subtract_point_means(const struct fit *f, double *v)
     }
 }
 
-/* out [n_unknown] = J^T W v [n], where J is the Jacobian of the predictions and W the weights. */
+/* out [n_unknown] = J^T W v, with the Jacobian J of the predictions by the unknowns, the diagonal
+ * matrix W of the weights, and v [n]. */
 static void multiply_transposed(const struct fit *f, const double *v, double *out)
 {
     memset(out, 0, f->n_unknown * sizeof *out);
@@ -113,8 +119,8 @@ static double dot(const struct fit *f, const double *a, const double *b)
     return sum;
 }
 
-/* Solves the normal equations for f->x by conjugate gradients. They start from x = 0, so unknowns
- * without samples stay 0. */
+/* Solves the normal equations for f->x by conjugate gradients. The initial x is 0, so unknowns
+ * without samples remain 0. */
 static void solve_normal(struct fit *f)
 {
     double squares, before, first;
@@ -197,7 +203,7 @@ static void store_channel(const struct fit *f, int rgb, float *exposure)
                        &exposure[6 * k + 3 + rgb]);
 }
 
-/* Allocates the arrays of a fit. The caller calls close_fit(), also after a failure. */
+/* Allocates the arrays of a fit. The caller must call close_fit(), also after a failure. */
 static spin_status open_fit(struct fit *f, const struct spin_photometric_sample *sample, size_t n,
                             int n_cameras, int n_lenses, const bool *falls)
 {
@@ -251,8 +257,8 @@ static spin_status fit_gains_and_falloffs(const struct spin_photometric_sample *
 
 /* ---- Accepting a fit ------------------------------------------------------------------------- */
 
-/* Returns the standard deviation of r^2 over the samples of a lens, after the means of points and
- * of cameras are subtracted. camera: scratch for two values per camera. */
+/* Returns the standard deviation of r^2 over the samples of a lens, after subtracting the means of
+ * points and of cameras. camera: scratch for two values per camera. */
 static double deviation_of(struct fit *f, int lens, double *camera)
 {
     double *v = f->residual, squares = 0;
@@ -280,8 +286,7 @@ static double deviation_of(struct fit *f, int lens, double *camera)
     return n ? sqrt(squares / (double)n) : 0;
 }
 
-/* True if the falloff is like that of a real lens from the centre to the corner, where r^2 is
- * `corner`: it stays between `darkest` and `brightest`, and rises outwards by at most most_rise. */
+/* Checks the second condition for a falloff, see `darkest`. corner: r^2 at the image corner. */
 static bool is_plausible(const float *falloff, double corner)
 {
     for (int rgb = 0; rgb < 3; rgb++) {
@@ -299,8 +304,8 @@ static bool is_plausible(const float *falloff, double corner)
     return true;
 }
 
-/* loss [n] += the Cauchy loss of each sample of h in a channel, predicted with the unknowns x,
- * which were fitted to other samples. x NULL: all unknowns are 0. */
+/* loss [n] += the Cauchy loss of each sample of h in a channel, where x predicts the samples. x
+ * contains unknowns that were fitted to other samples; x NULL means that all unknowns are 0. */
 static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
 {
     start_channel(h, rgb);
@@ -309,14 +314,15 @@ static void add_loss(struct fit *h, const double *x, int rgb, double *loss)
     else
         memset(h->x, 0, h->n_unknown * sizeof *h->x);
     update_weights(h);
-    update_weights(h); /* computes the points' means again, now with low weights for outliers */
+    /* The second call subtracts point means in which outliers have low weights. */
+    update_weights(h);
     for (size_t i = 0; i < h->n; i++)
         loss[i] -= log(h->weight[i]);
 }
 
-/* loss [n] += the loss of each sample, summed over the channels, predicted by a fit to the other
- * half of the scene or, with `fits` false, without gains and falloffs. The first `first` samples
- * are those of half 0, the others those of half 1. `falls`: the falloffs to fit. */
+/* loss [n] += the loss of each sample, summed over the channels. If `fits` is true, a fit to the
+ * other half of the scene predicts the sample, otherwise gains and falloffs are 0. The samples of
+ * half 0 come first; their number is `first`. falls [lenses]: the falloffs to fit. */
 static spin_status add_held_out_loss(const struct spin_photometric_sample *sample, size_t n,
                                      size_t first, int n_cameras, int n_lenses, const bool *falls,
                                      bool fits, double *loss)
@@ -347,9 +353,9 @@ static double sum_of(const double *v, size_t n)
     return sum;
 }
 
-/* Returns how far `loss` is below `other`. The difference other - loss is summed over the samples
- * of each point; the result is the mean of these sums over the points, divided by the standard
- * error of this mean. */
+/* Returns by how many standard errors `loss` is below `other`: other - loss is summed over the
+ * samples of each point, and the mean of these sums over all points is divided by its standard
+ * error. */
 static double errors_below(const struct spin_photometric_sample *sample, size_t n,
                            const double *loss, const double *other)
 {
@@ -368,8 +374,8 @@ static double errors_below(const struct spin_photometric_sample *sample, size_t 
     return mean / sqrt((squares / points - mean * mean) / points);
 }
 
-/* Copies the samples to `out`: those of half 0, then those of half 1. Returns the number of samples
- * of half 0. */
+/* Copies the samples of half 0 to `out`, followed by the samples of half 1. Returns the number of
+ * samples of half 0. */
 static size_t split_halves(const struct spin_photometric_sample *sample, size_t n,
                            struct spin_photometric_sample *out)
 {
@@ -384,10 +390,10 @@ static size_t split_halves(const struct spin_photometric_sample *sample, size_t 
     return first;
 }
 
-/* Sets `falls` to the lenses whose falloff the samples determine (least_deviation). Then fits gains
- * and these falloffs, and removes from `falls` those that are not plausible (is_plausible()), until
- * none is removed. *why: SPIN_PHOTOMETRIC_SEEN if a falloff remains, otherwise why there is none.
- */
+/* Sets falls [lenses] to true for lenses whose samples determine the falloff (least_deviation).
+ * Then fits gains and these falloffs, clears the entries of implausible falloffs (is_plausible()),
+ * and repeats this until all fitted falloffs are plausible. *why: SPIN_PHOTOMETRIC_SEEN if any
+ * falloff remains, otherwise the reason for rejection. */
 static spin_status fit_sane(const struct spin_photometric_sample *sample, size_t n, int n_cameras,
                             int n_lenses, const double *corner, bool *falls, float *exposure,
                             enum spin_photometric_why *why)
@@ -422,7 +428,8 @@ spin_status spin_photometric_choose(const struct spin_photometric_sample *sample
 {
     SPIN_FREED struct spin_photometric_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
-    /* [lenses] whether the falloff of each lens is fitted, followed by [lenses] all false. */
+    /* [2 lenses]: the first half is true for lenses whose falloff is fitted, the second half is
+     * `none`. */
     SPIN_FREED bool *falls = NULL;
     const bool *none;
     double *gains, *falloff;

@@ -1,4 +1,4 @@
-/* Loads the images and masks for training, checks their files and computes their digests. */
+/* Loads the images, masks and mattes of a run, checks the files and computes digests. */
 #include "train/photos.h"
 
 #include "base/base.h"
@@ -35,7 +35,8 @@ spin_status spin_photos_choose_alpha(struct spin_photos *photos, struct spin_pla
     bool *choice = &plan->report->options.learn_alpha;
     enum spin_surroundings surroundings;
 
-    /* The background of an image has no exposure, so changing it would falsify what is learned. */
+    /* The exposure of a camera does not affect a random background, so training over one would bias
+     * the learned exposures. */
     if (plan->o->learn_exposure == SPIN_EXPOSURE_ON)
         *choice = false;
     if (!*choice)
@@ -105,9 +106,9 @@ static void add_camera(uint64_t *hash, const struct spin_view *view)
 
 /* ---- Checking the files ---------------------------------------------------------------------- */
 
-/* Checks that the image of a view exists and has the size of the view, by the header of the file.
- * Sets *hash to the digest of the image and the camera and, if the data set has masks of dynamic
- * pixels that are used, of the mask. With `hash` NULL it computes no digest. */
+/* Reads the header of a view's image file and checks that the size of the image is that of the
+ * view. Sets *hash to a digest of the image, the camera and, if masks of dynamic pixels are read
+ * from files, the mask. hash may be NULL. */
 static spin_status check_view(const struct spin_photos *photos, const struct spin_plan *plan,
                               size_t index, uint64_t *hash)
 {
@@ -131,8 +132,8 @@ static spin_status check_view(const struct spin_photos *photos, const struct spi
     return SPIN_OK;
 }
 
-/* Sets `view` to the views of a camera whose images are compared to find dynamic pixels, and
- * returns their number; 0 if dynamic pixels are not found by comparing images. */
+/* Sets view [SPIN_MOVING_ROWS] to the views of a camera whose images are compared to find dynamic
+ * pixels, and returns the number of these views; 0 if dynamic pixels are not found in this way. */
 static size_t median_views(const struct spin_photos *photos, const struct spin_plan *plan,
                            int camera, size_t *view)
 {
@@ -184,7 +185,7 @@ uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_
 
 /* ---- Views of an iteration ------------------------------------------------------------------- */
 
-/* Streams of random numbers, see math/rng.h. */
+/* Streams of the random generator, see math/rng.h. */
 enum { STREAM_SHUFFLE = 16, STREAM_FRAME = 33, STREAM_BACKGROUND = 34 };
 
 static void shuffle(const struct spin_sampler *s, uint64_t key, uint32_t *list, size_t n)
@@ -210,10 +211,10 @@ static spin_status find_image(struct spin_sampler *s, size_t view, uint32_t *ima
                : spin_photos_put(s->photos, s->plan, view, &s->images, *image);
 }
 
-/* Sets s->sequence to the order of an epoch: a permutation of all pairs of a frame and a training
- * camera. With views_per_frame V above 1, the pairs of each frame are permuted and cut into groups
- * of at most V pairs, and then the groups of all frames are permuted. The order depends only on the
- * seed and the epoch. */
+/* Sets s->sequence to the order of an epoch: a random permutation of all pairs of a frame and a
+ * training view. If views_per_frame is V > 1, the pairs of each frame are permuted and divided into
+ * groups of at most V pairs, and then the groups of all frames are permuted, so that the pairs of a
+ * group stay together. The order depends only on the seed and the epoch. */
 static void plan_epoch(struct spin_sampler *s, int64_t epoch)
 {
     size_t n = s->plan->n_train, v = (size_t)s->plan->o->views_per_frame, n_groups = 0;
@@ -230,8 +231,8 @@ static void plan_epoch(struct spin_sampler *s, int64_t epoch)
     }
     memcpy(views, s->sequence, n * sizeof *views);
     shuffle(s, 2 * (uint64_t)epoch, views, n);
-    /* Sort by frame, in a stable way, so that the pairs of each frame are consecutive and keep
-     * their shuffled order. */
+    /* Sort by frame with a stable sort, so that the pairs of a frame are consecutive and keep their
+     * shuffled order. */
     for (size_t f = 0, k = 0; f < (size_t)s->plan->clip.n_frames; f++) {
         size_t first = k;
 
@@ -252,7 +253,7 @@ static void plan_epoch(struct spin_sampler *s, int64_t epoch)
     }
 }
 
-/* Draws a random background for pixels of known alpha. */
+/* Draws the random background of item k, if the image has a matte. */
 static void change_background(struct spin_sampler *s, int64_t iteration, size_t k)
 {
     struct spin_train_item *item = &s->items[k];
@@ -295,9 +296,10 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
     return SPIN_OK;
 }
 
-/* Returns the number of images that the store can hold. On a GPU this is as many as fit in half of
- * its free memory, but at least a batch and at most all. On the CPU it is a batch, since the image
- * cache holds more in the same memory. For a single frame it is all its images. */
+/* Returns the number of slots of the sampler's image store. On a GPU: as many images as fit into
+ * half of the free memory, but at least a batch and at most all images. On the CPU: a batch, since
+ * the image cache in host memory already keeps images. For a single frame: all images of the frame.
+ */
 static size_t images_kept(const struct spin_photos *photos, const struct spin_plan *plan)
 {
     size_t batch = (size_t)plan->o->batch, most;
@@ -363,8 +365,8 @@ spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_ph
     return plan->n_test > 0 ? spin_metrics_run(&m, out) : SPIN_OK;
 }
 
-/* With --method 4d, makes the player of the input render the falloffs that were learned with the
- * input. */
+/* With --method 4d, applies the falloffs of the input, which the earlier training learned, to the
+ * renders of the player. */
 static spin_status set_lenses(const struct spin_plan *plan, struct spin_player *input,
                               struct spin_lenses *lenses)
 {
@@ -392,7 +394,7 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
                                    trained ? "evaluating the clip" : "evaluating the source", out);
 }
 
-/* Writes the preview of one view as a PNG. With `source` NULL it does not show the source. */
+/* Writes the preview of one view as a PNG; source NULL: without the image of the source. */
 static spin_status preview_view(struct spin_plan *plan, struct spin_photos *photos,
                                 struct spin_player *shown, struct spin_player *source,
                                 const struct spin_pair *pair, const char *label)
@@ -448,9 +450,10 @@ spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *
 
 /* ---- Splats that no training camera sees ----------------------------------------------------- */
 
-static const float unseen_logit = 1.5f; /* opacity 0.8, for splats of a source of points */
+static const float unseen_logit = 1.5f; /* opacity 0.8, for a source without attributes */
 
-/* Sets out [n_train] to the training cameras of a frame, and returns their number. */
+/* Sets the first values of out [n_train] to the training cameras of a frame, and returns their
+ * number. */
 static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_camera **out)
 {
     size_t n = 0;
@@ -461,7 +464,7 @@ static size_t cameras_of(const struct spin_plan *plan, int f, const struct spin_
     return n;
 }
 
-/* True if the point `place` is visible to at least one of the n cameras. */
+/* True if the point `place` is visible in at least one of the n cameras. */
 static bool is_seen(const struct spin_camera *const *camera, size_t n, const float place[3])
 {
     double p[3];

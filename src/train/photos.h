@@ -1,5 +1,5 @@
-/* The training and test images of a run, with masks of dynamic pixels. Decoded images are cached as
- * far as memory allows. Not thread-safe. */
+/* The training and test images of a run, with masks of dynamic pixels. Decoded images are cached
+ * within a memory budget. Not thread-safe. */
 #pragma once
 
 #include "eval/dynamic_mask.h"
@@ -12,32 +12,33 @@
 
 struct spin_photos {
     struct spin_image_cache cache;
-    /* Masks of dynamic pixels; used only if these have another weight (spin_plan_is_weighted()). */
+    /* Masks of dynamic pixels; used only if --dynamic-weight is not 1 (spin_plan_is_weighted()). */
     struct spin_dynamic_mask dynamic;
     struct spin_mattes mattes; /* used if --learn-alpha is auto and the images show a subject */
-    /* Scratch: an image [max pixels][3], followed by a mask of one bit per pixel or a matte. */
+    /* Scratch for an image [max pixels][3], followed by a mask of one bit per pixel. */
     uint8_t *image;
-    uint64_t *digest; /* [views] digest of each training image */
+    uint64_t *digest; /* [views] digest of each view; 0 if it is not used */
 };
 
-/* Zero it first; close it also after a failure. */
+/* Zero the struct before the call, and close it also after a failure. */
 spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan *plan);
 void spin_photos_close(struct spin_photos *photos);
-/* Checks every image that the run will need, without decoding it, so that a missing or truncated
- * image is reported before the training starts. Computes the digests of the training images. */
+/* Checks all image files that the run needs, without decoding them, so that a missing or truncated
+ * file is reported before the training starts. Computes the digests of the training views. */
 spin_status spin_photos_check_images(struct spin_photos *photos, const struct spin_plan *plan);
-/* Returns a digest of the images, masks and cameras that a frame is trained on or, with frame -1,
- * of those of all frames. Results of an earlier run are reused only if it had the same digest. */
+/* Returns a digest of the training images of a frame, with their masks and cameras; frame -1 means
+ * all frames. Results of an earlier run are reused only if the digest is the same. */
 uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_plan *plan,
                             int frame);
-/* Chooses whether the alpha of the training images is learned, and opens their mattes. Exposures
- * must have been chosen. */
+/* Decides whether to learn alpha, and if so, opens the mattes of the training images.
+ * --learn-exposure auto must have been resolved before, since alpha is not learned together with
+ * exposures. */
 spin_status spin_photos_choose_alpha(struct spin_photos *photos, struct spin_plan *plan);
-/* Reserves device memory for n images with their masks and mattes. */
+/* Reserves device memory for n images, with masks and mattes if they are used. */
 spin_status spin_photos_open_store(const struct spin_photos *photos, const struct spin_plan *plan,
                                    struct spin_device *device, size_t n,
                                    struct spin_image_store *store);
-/* Copies the image of a view, with its mask and matte, into a store as image `number`. */
+/* Uploads the image of a view, with its mask and matte, to slot `number` of a store. */
 spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *plan, size_t view,
                             struct spin_image_store *store, uint32_t number);
 
@@ -48,26 +49,27 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
 struct spin_sampler {
     const struct spin_plan *plan;
     struct spin_photos *photos;
-    /* [n_train] indices of the plan's training pairs, in the order of this epoch; then scratch of
-     * [2 n_train]. */
+    /* [n_train] indices of the plan's training pairs, in the order of the current epoch, followed
+     * by [2 n_train] of scratch. */
     uint32_t *sequence;
-    int64_t epoch; /* epoch of the current sequence; -1 if there is none yet */
+    int64_t epoch; /* epoch of `sequence`; -1 before the first epoch */
     uint64_t seed;
-    /* Images on the device, found by their view. Holds as many as fit, but at least a batch. */
+    /* Cache of images on the device, with the index of the view as the key: as many as fit, but at
+     * least a batch. */
     struct spin_image_store images;
-    struct spin_train_item *items;  /* [batch] images of this iteration */
+    struct spin_train_item *items;  /* [batch] images of the current iteration */
     const struct spin_pair **pairs; /* [batch] frame and view of each item */
 };
 
-/* Opens a sampler for the plan's device. The sampler of a single frame loads all its images now,
- * since frames are then trained in parallel and spin_photos is not thread-safe. Zero the sampler
- * first; close it also after a failure. */
+/* Opens a sampler for the plan's device. The sampler of a single frame loads all images of the
+ * frame at once, since several frames are trained in parallel and spin_photos is not thread-safe.
+ * Zero *sampler before the call, and close it also after a failure. */
 spin_status spin_sampler_open(struct spin_sampler *sampler, const struct spin_plan *plan,
                               struct spin_photos *photos);
 void spin_sampler_close(struct spin_sampler *sampler);
-/* Chooses the views of an iteration, numbered from 0, and loads those of their images that this
- * rank renders. The choice depends only on the seed and the iteration. If the batch size does not
- * divide the number of pairs, the pairs that remain at the end of an epoch are not used in it. */
+/* Chooses the views of an iteration, counted from 0, and loads the images of the views that this
+ * rank renders. The choice depends only on the seed and the iteration. If the number of pairs is
+ * not a multiple of the batch size, the last pairs of an epoch are not used in that epoch. */
 spin_status spin_sampler_batch(struct spin_sampler *sampler, int64_t iteration);
 
 /* ---- Test views ------------------------------------------------------------------------------ */
@@ -80,26 +82,26 @@ spin_status spin_sampler_batch(struct spin_sampler *sampler, int64_t iteration);
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const size_t *live_counts,
                                     const char *what, struct spin_quality *out);
-/* Measures the quality of the splats that the training starts from: with --method 4d the clip that
- * an earlier training wrote to the bundle, with other methods the source. If the source is needed
- * and the bundle lacks some of its attributes, nothing is measured and out->valid is false. */
+/* Measures the quality of the splats before the training: with --method 4d, of the retrained clip
+ * in the bundle; with other methods, of the source. If the source lacks attributes, nothing is
+ * measured and out->valid is false. */
 spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_photos *photos,
                                           struct spin_device *device, struct spin_quality *out);
-/* Writes one PNG for each test camera, of the middle frame of the clip. It shows side by side: the
- * captured image, the source if the bundle has all its attributes, and the image rendered by
- * `shown`. File names end in `label`. Does nothing without --preview. A failure to write is handled
- * by spin_plan_beside(). */
+/* Writes one PNG of the middle frame of the clip for each test camera, with three images side by
+ * side: the captured image, the source (omitted if it lacks attributes), and the render of `shown`.
+ * File names end in `label`. Does nothing without --preview. A failure to write is only a warning,
+ * see spin_plan_beside(). */
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label);
 
 /* ---- Splats that no training camera sees ----------------------------------------------------- */
 
-/* Sets the initial values of splats that are not visible to any training camera. */
+/* Initial values of splats that are not visible in any training view. */
 
-/* Changes the points of `cloud`, which are the initial values of frame f, made from the splats s as
- * faint points, since training makes them opaque. Training never changes splats that are not
- * visible to any training camera: they would stay faint and leave holes in other views. Such splats
- * get the attributes of the source or, if the source consists of points, a high opacity. All other
- * points of the cloud are marked as seen. */
+/* Changes points of `cloud`, the initial values of frame f, which were made from the splats s with
+ * an opacity of 0.1. Training raises this opacity, but never changes splats that are not visible in
+ * any training view: they would remain faint and leave holes in other views. This function gives
+ * such splats the attributes of the source or, if the source consists of points, an opacity of 0.8.
+ * It sets the member `seen` of all other points to 1. */
 spin_status spin_show_unseen(const struct spin_plan *plan, const struct spin_splats *s, int f,
                              struct spin_refine_cloud *cloud);
