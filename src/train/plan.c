@@ -1,5 +1,5 @@
-/* Makes the plan of a retraining from its options: opens the clip, derives the sizes of arrays, and
- * estimates memory and (for --dry-run) time. */
+/* Makes the plan of a retraining from its options: opens the clip, computes the sizes of arrays,
+ * and estimates memory and, for --dry-run, time. */
 #include "train/plan.h"
 
 #include "base/base.h"
@@ -8,8 +8,8 @@
 #include "train/options.h"
 #include "train/train_frame.h"
 
-/* Memory in bytes of the program without its data. OpenImageIO, which loads images other than PNG
- * and JPEG, needs 130 MB more, which are not counted. */
+/* Memory of the program without its data, in bytes. The additional 130 MB of OpenImageIO, which
+ * loads images other than PNG and JPEG, are not included. */
 static const size_t program_bytes = 24 << 20;
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -61,7 +61,8 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
     return SPIN_OK;
 }
 
-/* Sets plan->camera to the ids of the training cameras, in ascending order and each only once. */
+/* Sets plan->camera to the ids of the training cameras, in ascending order and without duplicates.
+ */
 static spin_status list_cameras(struct spin_plan *plan)
 {
     SPIN_TRY(spin_alloc(plan->n_train + 1, sizeof *plan->camera, (void **)&plan->camera));
@@ -96,8 +97,8 @@ bool spin_plan_has_residual(const struct spin_plan *plan)
     return plan->o->residual != SPIN_RESIDUAL_OFF || plan->o->tracks;
 }
 
-/* A single frame is first densified after 500 iterations, as in 3DGS, but at the latest after a
- * fifth of its iterations. A clip is densified only as long as static tracks learn. */
+/* Densification of a single frame starts after 500 iterations, as in 3DGS, or after a fifth of its
+ * iterations if that is earlier. A clip is densified only while static tracks are trained. */
 struct spin_schedule spin_plan_schedule(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -120,7 +121,7 @@ bool spin_plan_densifies(const struct spin_plan *plan)
 
 struct spin_frame_size spin_plan_frame_size(const struct spin_plan *plan, size_t n)
 {
-    /* With --method 4d the rows, which are tracks, store all values. */
+    /* With --method 4d, tracks store all values. */
     size_t own = plan->o->method == SPIN_METHOD_4D ? 0 : n;
 
     return (struct spin_frame_size){n, own, own, spin_plan_has_residual(plan) ? own : 0};
@@ -147,11 +148,10 @@ static void measure_images(struct spin_plan *plan)
     }
 }
 
-/* Computes the extent for cameras that are all at one position, as if they formed a ring around the
- * points, at the distance of the first training camera from the median of the points. The extent
- * is 1.1 times this distance. If the camera is among the points, the distance may be too small; the
- * extent is at least 1.1 times the radius of the ball around the median that contains 90 % of the
- * points. */
+/* Computes the extent if all cameras are at one position: 1.1 times the distance of the first
+ * training camera from the median of the points, as if the cameras formed a ring around the points.
+ * This distance is too small if the camera is among the points, so the extent is at least 1.1 times
+ * the radius of the ball around the median that contains 90 % of the points. */
 static spin_status measure_one_place(struct spin_plan *plan, double *extent)
 {
     struct spin_camera_f32 cam =
@@ -174,9 +174,9 @@ static spin_status measure_one_place(struct spin_plan *plan, double *extent)
     return SPIN_OK;
 }
 
-/* Sets the extent of the training cameras, by which 3DGS scales its position rate and its
- * thresholds. If all cameras are at one position, spin_views_extent() is 0, and the extent is
- * derived from the points instead. */
+/* Sets plan->extent, by which 3DGS scales the learning rate of positions and the thresholds of
+ * densification. If all cameras are at one position, spin_views_extent() is 0, and the extent is
+ * computed from the points instead. */
 static spin_status plan_extent(struct spin_plan *plan)
 {
     double one_place;
@@ -196,7 +196,7 @@ static spin_status plan_extent(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-enum { BASE_RESOLUTION = 8 }; /* cells of the coarsest level along x, y, z and t */
+enum { BASE_RESOLUTION = 8 }; /* resolution of the coarsest level along x, y, z and t */
 
 /* Computes the layout of the network from the options. */
 static spin_status plan_field(struct spin_plan *plan)
@@ -227,14 +227,14 @@ static spin_status plan_field(struct spin_plan *plan)
 
 /* ---- Derived settings ------------------------------------------------------------------------ */
 
-/* Returns for how many frames an iteration evaluates the splats. */
+/* Returns the number of frames whose splats an iteration evaluates. */
 static int decodings(const struct spin_retrain_options *o)
 {
     return (o->batch + o->views_per_frame - 1) / o->views_per_frame;
 }
 
-/* Warns if an iteration has fewer images than there are ranks: the images are divided among the
- * ranks, so some ranks are then idle. */
+/* Warns if an iteration has fewer images than there are ranks: since the images are divided among
+ * the ranks, some ranks are then idle. */
 static void warn_idle_ranks(const struct spin_retrain_options *o)
 {
     int n = spin_n_ranks();
@@ -351,8 +351,8 @@ void spin_plan_close_frame(struct spin_plan *plan)
     free(plan->exposure);
 }
 
-/* In a training with a Polyak average, learning rates fall to this share of their peak. Tuned
- * together with the average on the clips "court" and "basketball" (docs/results.md). */
+/* With a Polyak average, learning rates decay to this share of their peak. Tuned together with the
+ * default of --average, on the clips "court" and "basketball" (docs/results.md). */
 static const double averaged_floor = 0.2;
 
 static bool averages(const struct spin_plan *plan)
@@ -448,8 +448,9 @@ out:
                              : SIZE_MAX;
 }
 
-/* Returns by which factor densification multiplies the number of splats: towards one splat for each
- * pixel, but by a tenth to a half. Sources of a few thousand splats grow more. */
+/* Returns the estimated factor by which densification multiplies the number of splats: the factor
+ * that yields one splat per pixel, clamped to 1.1..1.5. Sources with only a few thousand splats
+ * grow by more. */
 static double guess_growth(const struct spin_plan *plan)
 {
     return spin_plan_densifies(plan)
@@ -457,7 +458,7 @@ static double guess_growth(const struct spin_plan *plan)
                : 1;
 }
 
-/* Returns the sizes of a frame at the end of the training, if tracks were found. */
+/* Estimates the sizes of a frame at the end of the training; tracks must have been found. */
 static struct spin_frame_size grown_size(const struct spin_plan *plan, int f)
 {
     struct spin_frame_size size = plan->sizes[f];
@@ -470,9 +471,9 @@ static struct spin_frame_size grown_size(const struct spin_plan *plan, int f)
     return size;
 }
 
-/* Opens and closes everything that a training allocates, on a device that only counts the memory.
- * Before the tracks are known, the count is an upper bound: it assumes that all splats own their
- * values and that there are as many tracks as splats. */
+/* Opens and closes all objects of a training, on a device that only counts allocated memory. Before
+ * tracks are found, the count is an upper bound: it assumes that all splats own their values and
+ * that there are as many tracks as splats. */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
                                  size_t *n_averaged)
 {
@@ -509,9 +510,9 @@ out:
     return status;
 }
 
-/* Returns the bytes of scratch memory that the device allocates by itself (src/device/cuda):
- * gradients for each level of the hash grid; on a GPU also activations of a chunk of splats,
- * positions and keys for sorting, and fixed-point sums. */
+/* Returns the size in bytes of the scratch memory inside the device (src/device): gradients for
+ * each level of the hash grid; on a GPU also activations for a chunk of splats, positions and keys
+ * for sorting, and fixed-point sums. */
 static size_t scratch_bytes(const struct spin_plan *plan)
 {
     const struct spin_device *d = plan->device;
@@ -530,7 +531,7 @@ static size_t scratch_bytes(const struct spin_plan *plan)
     return bytes + (network && d->deterministic ? plan->field.n_table * sizeof(uint64_t) : 0);
 }
 
-/* Estimates the memory of the clip's training, in bytes: *of_device on the device, *of_host on the
+/* Estimates the memory for training the clip, in bytes: *of_device on the device, *of_host on the
  * host. */
 static void training_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
 {
@@ -542,7 +543,7 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
 
     spin_device_count(&c, d);
     *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
-    *of_device = SIZE_MAX / 4; /* remains if counting fails: more memory than any device has */
+    *of_device = SIZE_MAX / 4; /* result if open_training() fails: more than any device has */
     if (open_training(plan, &c.device, &n_averaged) != SPIN_OK)
         return;
     *of_host += n_averaged * sizeof(float);
@@ -550,10 +551,10 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
                  (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
 }
 
-/* Sets the budget of the image cache in host memory, in bytes: a third of `available`, but at most
- * what `needed` leaves of it, and at least `held`, the bytes already cached. Images that exceed the
- * budget are decoded again for each use. Returns the size that the cache will reach: the budget or,
- * if smaller, the size of all images. */
+/* Sets the budget of the image cache in host memory: a third of `available`, but at most available
+ * - needed, and at least `held`, the size of the images already cached. Images beyond the budget
+ * are decoded again for each use. Returns the size that the cache will reach: the budget or, if
+ * smaller, the size of all images. All sizes are in bytes. */
 static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t needed, size_t held)
 {
     size_t all = 0, most = available / 3;
@@ -572,9 +573,10 @@ static size_t plan_pixels(struct spin_plan *plan, size_t available, size_t neede
     return all < plan->pixels_budget ? all : plan->pixels_budget;
 }
 
-/* Returns the bytes that a rank contributes to the all-reduces of an iteration: the gradients of
- * the network and of the values that frames own or, with --method 4d, of the 4D splats. Assumes
- * that no splats share values through a track. */
+/* Returns the size in bytes of the gradients that a rank contributes to the all-reduces of an
+ * iteration: those of the network, and those of the values of splats or, with --method 4d, of 4D
+ * splats. The result is an upper bound, which assumes that no splats share values through a track.
+ */
 static double step_bytes(const struct spin_plan *plan)
 {
     double own = spin_plan_has_residual(plan) ? SPIN_TRACK : 3;
@@ -587,8 +589,9 @@ static double step_bytes(const struct spin_plan *plan)
 }
 
 /* Estimates the memory of the run for the report. On a GPU, device memory and host memory must both
- * be sufficient; the report describes host memory if only host memory is short, otherwise device
- * memory. held: bytes of decoded images that are already cached. */
+ * be sufficient; the report contains the numbers of host memory if only host memory is
+ * insufficient, otherwise those of device memory. held: size in bytes of the decoded images that
+ * are already cached. */
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
@@ -616,15 +619,15 @@ static void plan_memory(struct spin_plan *plan, size_t held)
     }
 }
 
-/* True if the memory is known to be insufficient. False if it is unknown, in which case
+/* True if the memory is insufficient; false also if the available memory is unknown, that is, if
  * bytes_available is 0. */
 static bool is_short(const struct spin_retrain_report *report)
 {
     return report->bytes_available > 0 && report->bytes_needed > report->bytes_available;
 }
 
-/* True if a run with these options, on the first n_frames frames only, would fit into the memory.
- */
+/* True if a run with the options o on the first n_frames frames would fit into the available
+ * memory. */
 static bool fits_memory(const struct spin_plan *plan, const struct spin_retrain_options *o,
                         int n_frames)
 {
@@ -642,8 +645,8 @@ static bool fits_memory(const struct spin_plan *plan, const struct spin_retrain_
     return report.bytes_available > 0 && !is_short(&report);
 }
 
-/* Writes to `text` those options of a trial that differ from the options of the run, in the syntax
- * of the command line. */
+/* Writes to text [n] the options of a trial that differ from those of the run, in the syntax of the
+ * command line. */
 static void name_trial(const struct spin_plan *plan, const struct spin_retrain_options *o,
                        int n_frames, char *text, size_t n)
 {
@@ -662,9 +665,9 @@ static void name_trial(const struct spin_plan *plan, const struct spin_retrain_o
     memmove(text, text + 1, strlen(text)); /* remove the blank before the first option */
 }
 
-/* Searches for options with which the run fits into the memory, and sets report->fitting to the
- * first ones found. It tries a smaller table and batch first, then smaller images, then fewer
- * frames. */
+/* If the memory is insufficient, searches for options with which the run would fit, and sets
+ * report->fitting to the first ones found. Tries smaller hash tables and batches first, then
+ * smaller images, then fewer frames. */
 static void find_fitting(const struct spin_plan *plan)
 {
     struct spin_retrain_options o = *plan->o;
@@ -707,9 +710,9 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
                      free_bytes, report->fitting);
 }
 
-/* Returns the seconds of refinement on one thread. The constants are seconds of the rasteriser and
- * the host for a splat, and of the rasteriser and the loss for a pixel. Splats that densification
- * adds are ignored. */
+/* Estimates the seconds of refinement on one thread; splats that densification adds are ignored.
+ * splat: seconds per splat, of rasteriser and host. pixel: seconds per pixel, of rasteriser and
+ * loss. */
 static double guess_refining(const struct spin_plan *plan)
 {
     double splat = 0.6e-6, pixel = 0.25e-6;
@@ -718,10 +721,10 @@ static double guess_refining(const struct spin_plan *plan)
            (plan->clip.n_mean * splat + (double)plan->max_pixels * pixel);
 }
 
-/* Returns the seconds of an iteration on one thread of a server core. The constants are seconds for
- * these units of work. network: an evaluation of a splat. raster: a splat in a view. pixel:
- * rasteriser and loss of a pixel. adam: a value of the hash table. values: a value of a splat or
- * track. */
+/* Estimates the seconds of an iteration on one thread of a server CPU. The constants are seconds
+ * per unit of work. network: forward and backward pass of one splat. raster: one splat in one view.
+ * pixel: rasteriser and loss of one pixel. adam: one value of the hash table. values: the residual
+ * values of one splat. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -736,9 +739,9 @@ static double guess_iteration(const struct spin_plan *plan)
     return seconds;
 }
 
-/* Returns the seconds that the training of the clip spends outside of iterations. splat: loading
- * and writing a splat of a frame. tested: drawing a splat or pixel of a test view and measuring it,
- * which is done before and after the training and after every `eval_every` iterations. */
+/* Estimates the seconds outside of iterations, on one thread. splat: seconds to load and write one
+ * splat of a frame. tested: seconds per splat and per pixel to render and measure a test view. Test
+ * views are measured before and after the training, and every `eval_every` iterations. */
 static double guess_frames(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -750,7 +753,8 @@ static double guess_frames(const struct spin_plan *plan)
            tests * (double)plan->n_test * tested * (plan->clip.n_mean + (double)plan->max_pixels);
 }
 
-/* Returns the seconds of the whole run; NaN on a GPU, for which no constants have been measured. */
+/* Estimates the seconds of the whole run; NaN on a GPU, for which the constants were not measured.
+ */
 static double guess_seconds(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
@@ -813,8 +817,8 @@ static spin_status open_clip(struct spin_plan *plan)
     return plan_extent(plan);
 }
 
-/* Sets the paths of the files that an unfinished run leaves: checkpoint, clip for viewing, folder
- * of refined frames. */
+/* Sets the paths of the files of an unfinished run: checkpoint, bundle for viewing, and folder of
+ * refined frames. */
 static spin_status name_parts(struct spin_plan *plan)
 {
     const char *output = plan->o->output ? plan->o->output : "";

@@ -2,10 +2,10 @@
  * or, with --residual source, from all their attributes. With --method frames the refined frames
  * are the result.
  *
- * Frames are independent, so several are refined at a time, each on its share of the threads. The
- * results do not depend on the number of threads. A finished frame is stored in a cache
- * (frame_cache.h) under a key that identifies its inputs and options. If the input contains a
- * refined frame with the same key, that is reused. */
+ * Frames are independent, so several frames are refined at a time, each on a part of the threads.
+ * The results do not depend on the number of threads. Finished frames are stored in a cache with a
+ * key that identifies their inputs and options. If the input contains a refined frame with the same
+ * key, it is used instead of refining the frame again. */
 #include "train/refinement.h"
 
 #include <ctype.h>
@@ -25,7 +25,7 @@ static bool is_per_frame(const struct spin_plan *plan)
     return plan->o->method == SPIN_METHOD_FRAMES;
 }
 
-/* True if all attributes of refined frames are needed, false if only positions and colours are. */
+/* True if all attributes of refined frames are needed, false if positions and colours suffice. */
 static bool needs_whole(const struct spin_plan *plan)
 {
     return is_per_frame(plan) || plan->o->residual == SPIN_RESIDUAL_SOURCE;
@@ -68,8 +68,8 @@ void spin_refinement_close(struct spin_refinement *refinement)
 
 /* ---- Frames refined before ------------------------------------------------------------------- */
 
-/* True if the input contains the refined frame f under the key of this run, with all required
- * columns. In this case, records that the frame is reused, and its number of splats. */
+/* True if the input contains the refined frame f with the key of this run and with all required
+ * columns. Then sets from_input and the number of splats of the frame. */
 static bool input_has(struct spin_refinement *r, const struct spin_plan *plan, int f)
 {
     const struct spin_bundle *bundle = &plan->clip.bundle;
@@ -99,8 +99,8 @@ static spin_status read_columns(const struct spin_refinement *r, struct spin_pla
                                 out);
 }
 
-/* Refined frames have the column rgb only in the output of a network's training. Where it is
- * missing, it is computed from the first SH coefficient. */
+/* The column rgb exists only in refined frames of the input, if a training with a network wrote
+ * them. If it is missing, it is computed from the first SH coefficient. */
 spin_status spin_refinement_read(struct spin_refinement *r, struct spin_plan *plan, int f,
                                  unsigned columns, struct spin_splats *out)
 {
@@ -133,14 +133,14 @@ struct stage {
     int *todo, n_todo;
     /* Frames that any rank refines. */
     int *all, n_all;
-    int first;   /* index in `todo` of the first of the frames that are being refined */
-    int n_hands; /* number of frames that are refined at a time */
-    struct spin_device *hand; /* [n_hands] devices, each of which refines one frame at a time */
-    /* Protects all members below, and the use of files, images, progress display and log. */
+    int first;                /* index in `todo` of the first frame of the current run_tasks() */
+    int n_hands;              /* number of frames that are refined at a time */
+    struct spin_device *hand; /* [n_hands] devices, one for each frame that is refined at a time */
+    /* Protects all members below, and access to files, images, progress display and log. */
     pthread_mutex_t lock;
     struct spin_progress progress;
-    int64_t done; /* number of iterations that the progress display shows as done */
-    /* Number of iterations done, and how many of them rendered no visible splat. */
+    int64_t done; /* number of finished iterations in the progress display */
+    /* Number of iterations of finished frames, and number of these without a visible splat. */
     int64_t drawn, blind;
     double start_s;
     spin_status status; /* status of the first frame that failed; SPIN_OK if none has failed */
@@ -187,11 +187,11 @@ static spin_status load_start(struct job *job)
     if (degree > 0)
         SPIN_TRY(
             spin_refine_add_sh(degree, spin_plan_starts_from_source(plan) ? s : NULL, &job->cloud));
-    spin_refine_prune(&job->cloud, 0); /* removes only splats with values that are not finite */
+    spin_refine_prune(&job->cloud, 0); /* removes only non-finite splats */
     return SPIN_OK;
 }
 
-/* Makes the plan of the frame, loads its images, and computes its initial splats. */
+/* Makes the plan of the frame, loads the images of the frame, and computes its initial splats. */
 static spin_status load_job(struct job *job, struct spin_device *device)
 {
     struct stage *stage = job->stage;
@@ -218,8 +218,8 @@ static void show_progress(const struct job *job)
     pthread_mutex_unlock(&stage->lock);
 }
 
-/* Trains the splats of job->cloud, which gets the result. Ends early if the frame has no splats
- * left. */
+/* Trains the splats of job->cloud and stores the result in job->cloud. Stops early if densification
+ * has removed all splats of the frame. */
 static spin_status train_cloud(struct job *job, struct spin_device *device)
 {
     size_t n = job->cloud.n;
@@ -305,8 +305,8 @@ static void refine_task(void *context, int task)
 
 /* ---- All frames ------------------------------------------------------------------------------ */
 
-/* Sets *found to whether frame f is in the cache; if it is, records its number of splats and the
- * SIMD path that refined it. */
+/* Sets *found to whether frame f is in the cache; if it is, records its number of splats, and the
+ * SIMD path of the device that refined it. */
 static spin_status find_cached(struct stage *stage, int f, bool *found)
 {
     struct spin_refinement *r = stage->refinement;
@@ -321,8 +321,8 @@ static spin_status find_cached(struct stage *stage, int f, bool *found)
     return SPIN_OK;
 }
 
-/* Lists the frames that are neither in the input nor in the cache: in stage->all those of all
- * ranks, in stage->todo those that this rank refines. */
+/* Lists the frames to refine, that is, those that are neither in the input nor in the cache: all of
+ * them in stage->all, those of this rank in stage->todo. */
 static spin_status list_todo(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
@@ -341,12 +341,13 @@ static spin_status list_todo(struct stage *stage)
             stage->todo[stage->n_todo++] = f;
         stage->all[stage->n_all++] = f;
     }
-    /* No rank may store a frame in the cache before all ranks have searched the cache for it. */
+    /* Wait until all ranks have searched the cache, since a rank that searches later would find
+     * frames that others have just added. */
     return spin_ranks_agree(SPIN_OK);
 }
 
 /* Waits until all ranks have refined their frames, adds the statistics of the other ranks to those
- * of this rank, and finds the frames of the other ranks in the cache. */
+ * of this rank, and looks up the frames of the other ranks in the cache. */
 static spin_status join_ranks(struct stage *stage)
 {
     struct work {
@@ -380,8 +381,8 @@ static spin_status join_ranks(struct stage *stage)
     return spin_ranks_agree(status);
 }
 
-/* Opens the devices that refine frames at the same time: n of them, or fewer if there are fewer
- * threads or the memory is insufficient; only one on a GPU. */
+/* Opens the devices that refine frames at the same time: n devices, but not more than there are
+ * threads, and not more than fit into half of the memory; only one device on a GPU. */
 static spin_status open_devices(struct stage *stage, int n, int n_threads)
 {
     struct spin_plan *plan = stage->plan;
@@ -429,8 +430,8 @@ out:
     return status;
 }
 
-/* Refines all frames of stage->todo: first as many as are a multiple of the number of threads, each
- * on one thread; then the remaining ones, each on several threads. */
+/* Refines all frames of stage->todo. With T threads and n frames, the first n - n % T frames are
+ * refined on one thread each, and the remaining n % T frames on several threads each. */
 static spin_status refine_all(struct stage *stage)
 {
     struct spin_pool *pool = NULL;
@@ -447,7 +448,7 @@ static spin_status refine_all(struct stage *stage)
     return SPIN_OK;
 }
 
-/* True if all refined frames have all attributes, which frames from the input may lack. */
+/* True if all refined frames have all attributes; refined frames of the input may lack some. */
 static bool has_all_attributes(const struct stage *stage)
 {
     bool input = !(whole & ~stage->plan->clip.bundle.refined.columns);
@@ -475,7 +476,7 @@ static spin_status open_shown(struct stage *stage, struct spin_player *shown)
     return spin_player_set_lenses(shown, &stage->plan->lenses);
 }
 
-/* Measures the quality of the test views in the refined frames, and writes previews. */
+/* Renders the refined frames in the test views, measures their quality, and writes previews. */
 static spin_status measure_frames(struct stage *stage)
 {
     struct spin_plan *plan = stage->plan;
@@ -501,8 +502,8 @@ static spin_status measure_frames(struct stage *stage)
     return status;
 }
 
-/* Warns if there were iterations without a visible splat, which learned nothing. Fails if no
- * iteration of any frame had a visible splat. */
+/* Warns if any iteration had no visible splat, since it learned nothing. Fails if all iterations of
+ * all frames had none. */
 static spin_status check_visibility(const struct stage *stage)
 {
     if (stage->blind == 0)
@@ -517,8 +518,8 @@ static spin_status check_visibility(const struct stage *stage)
     return SPIN_OK;
 }
 
-/* Updates the numbers of splats and the memory in the plan, and the budget of the image cache.
- * Images that are already cached stay in the cache. */
+/* Updates the numbers of splats and the estimated memory in the plan, and the budget of the image
+ * cache. Cached images are kept. */
 static spin_status recount(const struct stage *stage)
 {
     struct spin_image_cache *cache = &stage->photos->cache;
@@ -560,7 +561,7 @@ spin_status spin_refinement_run(struct spin_refinement *refinement, struct spin_
     plan->report->refine_seconds = spin_now_s() - stage.start_s;
     plan->report->seconds_per_iteration =
         plan->report->refine_seconds / stage.n_all / plan->o->refine;
-    if (stage.n_all == 0) /* all frames were found in the input or the cache */
+    if (stage.n_all == 0) /* all frames were in the input or in the cache */
         plan->report->seconds_per_iteration = plan->report->loss_last = NAN;
     if (status == SPIN_OK)
         status = recount(&stage);
@@ -622,7 +623,7 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
     meta.columns = held;
     meta.sh_degree = splats->sh_degree;
     SPIN_TRY(spin_bundle_writer_open(path, true, true, &w));
-    w.zip.n_threads = 1; /* other threads write other frames at the same time */
+    w.zip.n_threads = 1; /* since several threads write frames at the same time */
     SPIN_TRY(spin_bundle_write_frame(&w, 0, held, 0, splats));
     extra = spin_json_object();
     spin_json_set_string(extra, "key", key);
@@ -630,7 +631,7 @@ spin_status spin_frame_cache_put(const char *folder, int index, const char *key,
     return spin_bundle_writer_finish(&w, &meta, extra);
 }
 
-/* Opens the bundle of a cached frame. SPIN_E_USAGE if its key is not `key`. */
+/* Opens the bundle of a cached frame. SPIN_E_USAGE if the bundle has another key. */
 static spin_status open_frame(const char *path, const char *key, struct spin_bundle *out)
 {
     const char *text;
@@ -677,8 +678,8 @@ spin_status spin_frame_cache_get(const char *folder, int index, const char *key,
     return spin_bundle_frame(&bundle, 0, columns, out);
 }
 
-/* True for the name of a cached frame, "00012.spin", and for a temporary file that a killed run has
- * left, "00012.spin.tmp.*". */
+/* True for names of cached frames, such as "00012.spin", and of temporary files that a killed run
+ * left, such as "00012.spin.tmp.*". */
 static bool is_ours(const char *name)
 {
     size_t digits = 0;

@@ -1,6 +1,6 @@
-/* Cuts a trained clip into rows. Reads the frames once, in the order of their times, and for each
- * track extends its current segment until a splat does not fit. A splat without a track is a
- * segment of one frame. */
+/* Divides the tracks of a trained clip into rows. Reads the frames once, in the order of their
+ * times, and extends the current segment of each track until a splat does not fit, which begins a
+ * new segment. A splat without a track is a segment of one frame. */
 #include "train/rows_4d.h"
 
 #include "base/base.h"
@@ -9,10 +9,11 @@
 const double spin_rows_4d_least_weight = 0.01;
 
 /* Largest deviation of a splat's position from the row of its segment, in units of the geometric
- * mean of the row's scales. Tuned on the clip "court" (docs/results.md), as is the next table. */
+ * mean of the row's scales. This and the next constants were tuned on the clip "court"
+ * (docs/results.md). */
 static const float place_tolerance = 0.5f;
-/* Largest deviations of the other values of a splat from the row of its segment: log scale,
- * rotation, first SH coefficient and logit opacity. `first` and `width` locate these values in a
+/* Largest deviations of a splat's log scale, rotation, first SH coefficient and logit opacity from
+ * the row of its segment. `first` and `width` are the position and the number of these values in a
  * row of SPIN_TRACK floats. */
 static const struct {
     size_t first, width;
@@ -21,15 +22,16 @@ static const struct {
 enum { ATTRIBUTE_GROUPS = sizeof attribute_group / sizeof *attribute_group };
 
 /* The standard deviation of a segment's Gaussian window is bell_of_span times the duration of the
- * segment, plus bell_of_frame times the interval between frames. Tuned on the clip "court". */
+ * segment plus bell_of_frame times the interval between frames. */
 static const double bell_of_span = 0.3, bell_of_frame = 0.25;
 
-/* A segment of a track that is not static has at most this many frames. */
+/* Largest number of frames of a segment, except in static tracks. */
 enum { MOST_FRAMES = 8 };
 
 /* The current segment of a track. */
 struct piece {
-    int first, n; /* first frame, and number of frames; n 0: the track has no current segment */
+    /* First frame, and number of frames; n is 0 if the track has no current segment. */
+    int first, n;
     float value[MOST_FRAMES][SPIN_TRACK];
 };
 
@@ -45,8 +47,8 @@ struct cut {
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* Converts a segment to a row. Its positions become the straight line that fits them best, as a
- * position and a velocity; of the other values it takes the mean. */
+/* Converts a segment to a row. A straight line, that is, a position and a velocity, is fitted to
+ * the positions by least squares; the other values are averaged. */
 static void fit_row(const struct cut *c, const struct piece *p, float row[SPIN_TRACK],
                     float motion[SPIN_MOTION])
 {
@@ -71,7 +73,7 @@ static void fit_row(const struct cut *c, const struct piece *p, float row[SPIN_T
     motion[3] = (float)middle;
 }
 
-/* True if all splats of a segment deviate from its row by no more than the tolerances. */
+/* True if the deviations of all splats of a segment from its row are within the tolerances. */
 static bool fits_row(const struct cut *c, const struct piece *p)
 {
     float row[SPIN_TRACK], motion[SPIN_MOTION];
@@ -106,10 +108,10 @@ static spin_status reserve_row(struct spin_rows_4d *rows)
                            (void **)&rows->motion);
 }
 
-/* Moves the window of a segment that contains the first or the last frame of the clip. There is no
- * other segment beyond that end with which to cross-fade, so the centre of the window moves halfway
- * towards the end, and the window gets wider. Returns the duration that the Gaussian window must
- * cover. */
+/* Adapts the Gaussian window of a segment that contains the first or the last frame of the clip:
+ * since no segment beyond that end cross-fades with this one, moves the centre of the window
+ * halfway to the end and makes the window wider. Returns the duration of the window; for other
+ * segments, that is the duration of the segment. */
 static double move_to_end(const struct cut *c, const struct piece *p, float *row, float *motion)
 {
     int last = p->first + p->n - 1, n = c->rows->n_frames;
@@ -124,7 +126,7 @@ static double move_to_end(const struct cut *c, const struct piece *p, float *row
     return 1.5 * span;
 }
 
-/* Ends a segment and adds its row. The window of a segment that consists of all frames is constant.
+/* Ends a segment and adds its row. If the segment consists of all frames, its window is constant.
  */
 static spin_status end_piece(struct cut *c, struct piece *p)
 {
@@ -153,8 +155,8 @@ static spin_status end_piece(struct cut *c, struct piece *p)
 }
 
 /* Adds a splat of frame f to the current segment of a track. If the splat does not fit, ends the
- * segment and begins another one with this splat. still: the track is static, so its splats have
- * the same values in all frames. */
+ * segment and begins a new one with this splat. still: true if the track is static, so that its
+ * splats have the same values in all frames. */
 static spin_status grow_piece(struct cut *c, struct piece *p, int f, bool still,
                               const float value[SPIN_TRACK])
 {
@@ -218,7 +220,7 @@ static spin_status cut_frame(struct cut *c, int f)
     return SPIN_OK;
 }
 
-/* Sets rows->of and rows->counts to the rows that are drawn in each frame. */
+/* Sets rows->of and rows->counts, the rows that are rendered in each frame. */
 static spin_status list_frames(struct cut *c)
 {
     struct spin_rows_4d *rows = c->rows;
@@ -259,7 +261,7 @@ static spin_status check_input(const struct cut *c)
     return SPIN_OK;
 }
 
-/* Sets the numbers of splats in the plan to the numbers of rows that are drawn in each frame. */
+/* Sets the numbers of splats in the plan to the numbers of rows that are rendered in each frame. */
 static void set_counts(struct spin_plan *plan, const struct spin_rows_4d *rows)
 {
     plan->n_rows = rows->n;
@@ -317,8 +319,8 @@ void spin_rows_4d_close(struct spin_rows_4d *rows)
 
 /* ---- Training -------------------------------------------------------------------------------- */
 
-/* Reads the three numbers of an array that a retraining has written for a camera; a missing number
- * is 0. */
+/* Reads an array of three numbers, such as the log gains of a camera, to `to` [3]. Numbers that are
+ * missing or not finite leave their value unchanged. */
 static void read_three(const spin_json *array, float *to)
 {
     for (size_t c = 0; c < 3; c++) {
@@ -356,8 +358,8 @@ spin_status spin_rows_4d_photometric(struct spin_plan *plan)
     return SPIN_OK;
 }
 
-/* Makes each row a track of the trainer, and the rows that are drawn in a frame the splats of this
- * frame, in the same order. */
+/* Each row becomes a track of the trainer. The splats of a frame are the rows that are rendered in
+ * it, in the same order. */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *t, struct spin_frames *frames)
 {
@@ -387,8 +389,8 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
 
 /* ---- The result ------------------------------------------------------------------------------ */
 
-/* Sets 4D splat i of *out: converts the values of track i, of n, from the trainer's groups, and its
- * motion to the unit of time of the clip. */
+/* Sets 4D splat i of *out to track i of the trainer: copies its values from the groups of n tracks
+ * (model/residual.h), and converts its motion to the unit of time of the clip. */
 static void set_row(const struct spin_field *field, size_t n, size_t i, const float *groups,
                     const float *motion, struct spin_splats_4d *out)
 {

@@ -1,8 +1,7 @@
-/* Runs one iteration. The frames and views of the batch are processed in groups, each with as many
- * as the device handles at once. Gradients of parameters that all frames share accumulate over all
- * groups. Adam updates the values that a frame owns when the group of the frame is done. With
- * several ranks, it updates them after the all-reduce, since each rank renders only its part of the
- * items. */
+/* Runs one iteration. The frames and views of the batch are processed in groups, as many at a time
+ * as the device supports. Gradients of shared parameters accumulate over all groups. The values
+ * that a frame owns get their Adam step at the end of the group of the frame or, with several
+ * ranks, after the all-reduce, since each rank renders only its part of the items. */
 #include "train/step.h"
 
 #include <fcntl.h>
@@ -28,10 +27,10 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
 
 /* ---- Drawing --------------------------------------------------------------------------------- */
 
-/* Computes the losses of the images that the raster has just rendered and writes them to rows of
- * t->values (spin_device_ops.loss). Stores their gradient with respect to the rendered images,
- * multiplied by the weight of each view, in the raster, and adds that with respect to the exposure
- * to the gradient of the exposure parameters. */
+/* Computes the losses of the images that the raster has just rendered, one row of t->values per
+ * view (spin_device_ops.loss). Sets t->raster.d_image to the gradient of the weighted losses with
+ * respect to the rendered images, and adds the gradient with respect to the exposure parameters to
+ * theirs. */
 static void add_loss(struct spin_trainer *t, const struct spin_images *images,
                      const struct spin_view_batch *views)
 {
@@ -46,8 +45,8 @@ static void add_loss(struct spin_trainer *t, const struct spin_images *images,
         d->op->exposure_back(d, views, e->param.p, drawn, t->raster.d_image, e->param.g);
 }
 
-/* Renders the views, adds the gradients of their losses to d_attr and d_pos, and empties the batch
- * of views. */
+/* Renders the views, adds the gradients of the losses to d_attr and d_pos, and clears the batch of
+ * views. */
 static spin_status draw_views(struct spin_trainer *t, const struct batch *b,
                               const struct spin_frame_batch *frames, struct spin_view_batch *views)
 {
@@ -84,7 +83,7 @@ static void add_item(struct spin_trainer *t, const struct batch *b, int item, in
     t->drawn[t->n_drawn++] = item;
 }
 
-/* Renders those views of the frames that belong to this rank. first[f]: the first item that shows
+/* Renders the views of `frames` that this rank has to render. first[f]: the first item that shows
  * frame f of `frames`. */
 static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                struct spin_frame_batch *frames)
@@ -110,7 +109,7 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     struct spin_frame_of_batch *to = &frames->frame[frames->n_frames++];
     const struct spin_train_frame *frame = &t->frame[number];
     bool residual = frame->residual && t->rates.residual[SPIN_HEAD_SCALE] > 0;
-    /* While the SH degree is 0, the coefficients beyond the first are zero and need no gradient. */
+    /* While the SH degree is 0, coefficients beyond the first are zero and need no gradient. */
     bool sh = frame->sh && spin_trainer_sh_degree(t) > 0;
 
     *to = (struct spin_frame_of_batch){
@@ -141,7 +140,8 @@ static void add_frame(const struct spin_trainer *t, int number, struct spin_fram
     frames->n += frame->size.n;
 }
 
-/* Adds the values of tracks to those of the frames' splats, where there are tracks. */
+/* Computes t->means and t->residual of `frames` by adding the values of the tracks to those of the
+ * splats. Does nothing without tracks. */
 static void add_tracks(struct spin_trainer *t, const struct spin_frame_batch *frames)
 {
     struct spin_tracks_f32 tracks = {t->n_tracks, t->tracks.p, t->tracks.g, t->motion};
@@ -185,9 +185,9 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     t->device->op->adam(t->device, n_groups, group);
 }
 
-/* Copies the gradients of the values that a frame owns between the frame's buffers and its part of
- * t->own_grad, which starts at `at` and which is summed over ranks: to `at` if `put` is true, back
- * to the buffers otherwise. Returns the number of floats copied. */
+/* Copies the gradients of the values that a frame owns between the frame's buffers and `at`, its
+ * part of the buffer t->own_grad of the all-reduce: from the frame to `at` if `put` is true,
+ * otherwise from `at` to the frame. Returns the number of floats copied. */
 static size_t copy_own_gradients(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
                                  const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
 {
@@ -216,22 +216,22 @@ static bool seen_before(const struct spin_trainer *t, const struct batch *b, int
     return false;
 }
 
-/* True if item i is the first that shows its frame, among the items of a rank or, with rank -1,
- * among all items. False if the frame has no splats. */
+/* True if item i is the first item that shows its frame, among the items of a rank or, with rank
+ * -1, among all items. Always false if the frame has no splats. */
 static bool is_first_of_frame(const struct spin_trainer *t, const struct batch *b, int i, int rank)
 {
     return (rank < 0 || rank_of(t, b, i) == rank) && !seen_before(t, b, i, rank) &&
            t->frame[b->items[i].frame].size.n > 0;
 }
 
-/* Returns the number of floats that a frame has in t->own_grad. */
+/* Returns the size of a frame's part of t->own_grad, in floats. */
 static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_size *size)
 {
     return 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual + t->sh_width * size->n;
 }
 
-/* Returns where the gradients of an item's frame begin in t->own_grad: after those of all frames
- * that earlier items show. */
+/* Returns the begin of the part of t->own_grad that belongs to an item's frame. Parts are in the
+ * order in which items first show the frames. */
 static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
     float SPIN_DEV *at = t->own_grad;
@@ -242,8 +242,8 @@ static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct ba
     return at;
 }
 
-/* With several ranks, all-reduces all gradients, and then makes an Adam step of the values that
- * frames own. */
+/* With several ranks, all-reduces all gradients, then makes an Adam step of the values that frames
+ * own. Does nothing with a single rank. */
 static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 {
     const struct spin_param *param[] = {&t->table, &t->heads, &t->tracks, &t->exposures.param};
@@ -274,8 +274,8 @@ static spin_status sum_gradients(struct spin_trainer *t, const struct batch *b)
 
 /* ---- The iteration --------------------------------------------------------------------------- */
 
-/* Processes n frames. `first` lists an item for each of them: the first item of this rank that
- * shows the frame. Further items that show the frame may be anywhere in the batch. */
+/* Processes n frames. first [n] is the first item of this rank that shows each frame; further items
+ * of the frame need not be adjacent to it. */
 static spin_status process_frames(struct spin_trainer *t, const struct batch *b, const int *first,
                                   int n)
 {
@@ -291,8 +291,8 @@ static spin_status process_frames(struct spin_trainer *t, const struct batch *b,
     spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
     d->op->zero(d, t->field_eval.d_attr, frames.n * spin_attr_width(&frames) * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
-    /* Adam clears the gradients that it uses. In these cases it uses only a part of them, or a
-     * copy, so they must be cleared here. */
+    /* An Adam step clears the gradients that it reads. With tracks it reads only a part of them,
+     * and with several ranks it reads copies, so they must be cleared here. */
     if (t->n_tracks > 0 || (t->n_ranks > 1 && t->residuals))
         d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
     if (t->n_ranks > 1 && t->sh_width > 0)
@@ -312,8 +312,8 @@ static spin_status process_frames(struct spin_trainer *t, const struct batch *b,
     return SPIN_OK;
 }
 
-/* Processes all frames that items of this rank show, in groups, in the order of the first items
- * that show them. */
+/* Processes the frames that the items of this rank show, in groups, in the order in which items
+ * first show them. */
 static spin_status process_groups(struct spin_trainer *t, const struct batch *b)
 {
     int at_once = spin_trainer_frames_at_once(t), first[SPIN_MAX_FRAMES], n = 0;
@@ -330,8 +330,8 @@ static spin_status process_groups(struct spin_trainer *t, const struct batch *b)
     return n > 0 ? process_frames(t, b, first, n) : SPIN_OK;
 }
 
-/* Describes the parameters of the network in `group` for an Adam step, and returns the number of
- * groups. With lazy Adam the table has no group: its step is queued here. */
+/* Sets group[] to the parameter groups of the network for an Adam step, and returns the number of
+ * groups. With lazy Adam, the table has no group, and its step is queued here. */
 static int step_network(struct spin_trainer *t, struct spin_param_group *group)
 {
     const size_t *offset = t->field.heads.offset;
@@ -350,8 +350,9 @@ static int step_network(struct spin_trainer *t, struct spin_param_group *group)
     return n;
 }
 
-/* Describes the values [first, end) of the tracks in `group` for an Adam step and returns 1. With
- * rate 0 the values must not change: it clears their gradient and returns 0. */
+/* Sets *group to the values [first, end) of the tracks for an Adam step, and returns 1, the number
+ * of groups. If rate is 0, the values must not change: only clears their gradient, and returns 0.
+ */
 static int step_part(const struct spin_trainer *t, size_t first, size_t end, double rate,
                      struct spin_param_group *group)
 {
@@ -362,11 +363,11 @@ static int step_part(const struct spin_trainer *t, size_t first, size_t end, dou
     return rate > 0;
 }
 
-/* Describes the values [first, first + width * n_tracks) of the tracks, `width` of each track, in
- * `group` for an Adam step, and returns the number of groups. lr0 is their peak rate; with 0 they
- * do not change. The rate of dynamic tracks is `share` times that of others. Dynamic tracks learn
- * in all iterations, as the values of frames do, since fewer images show them than static tracks.
- * The values of the last `frozen` tracks do not change. */
+/* Sets group[] to the values [first, first + width * n_tracks) of the tracks, `width` per track,
+ * for an Adam step, and returns the number of groups. lr0 is the peak learning rate; if it is 0,
+ * the values do not change. The rate of dynamic tracks is `share` times that of other tracks.
+ * Dynamic tracks are trained in all iterations, like the values of frames, since they are visible
+ * in fewer images than static tracks. The values of the last `frozen` tracks do not change. */
 static int step_values(const struct spin_trainer *t, size_t first, size_t width, double lr0,
                        double share, size_t frozen, struct spin_param_group *group)
 {
@@ -387,8 +388,8 @@ static int step_values(const struct spin_trainer *t, size_t first, size_t width,
 
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
-    /* The displacements of dynamic tracks have half the rate, since their splats also have
-     * positions, which are trained as well. */
+    /* The displacements of dynamic tracks have half the rate, since the positions of their splats
+     * are trained too. */
     int n = step_values(t, 0, 3, t->rates.displacement, 0.5, 0, group);
     size_t first = 3 * t->n_tracks;
 
@@ -406,7 +407,8 @@ static void step_shared(struct spin_trainer *t)
     struct spin_device *d = t->device;
     const struct spin_param *exposure = &t->exposures.param;
     size_t n_exposure = t->rates.lenses_stay ? SPIN_EXPOSURE * t->exposures.n_cameras : exposure->n;
-    /* Groups of the table, the heads, the tracks (dynamic and other ones), and the exposures. */
+    /* At most one group for the table, SPIN_HEADS for the heads, 2 SPIN_HEADS + 2 for the tracks,
+     * and one for the exposures. */
     struct spin_param_group group[3 * SPIN_HEADS + 4];
     int n = 0;
 
@@ -424,7 +426,8 @@ static void step_shared(struct spin_trainer *t)
     spin_exposures_centre(&t->exposures, d);
 }
 
-/* Downloads the losses, computes their means over the n items, and sums these over ranks. */
+/* Downloads the losses, divides them by the number n of items of all ranks, and sums them over all
+ * items by an all-reduce. */
 static spin_status read_values(struct spin_trainer *t, int n, struct spin_train_values *values)
 {
     double sum[4] = {0};
@@ -470,7 +473,7 @@ spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *
 
 /* ---- Log ------------------------------------------------------------------------------------- */
 
-/* True for a character device, such as a terminal, to which the log may be written without --force.
+/* True for a character device, such as a terminal, to which a log may be written without --force.
  * False for a FIFO, which could block the training. */
 static bool is_device(const char *path)
 {
@@ -479,8 +482,8 @@ static bool is_device(const char *path)
     return stat(path, &st) == 0 && S_ISCHR(st.st_mode);
 }
 
-/* True if the file is empty or begins with a line of this log, as log_step() and evaluate_clip() in
- * loop.c write them. */
+/* True if the file is empty or begins with a log line of spin-retrain, as written by log_step() and
+ * evaluate_clip() in loop.c. */
 static bool is_log(const char *path)
 {
     static const char *const begin[] = {"{\"iteration\":", "{\"refine\":"};
