@@ -34,7 +34,7 @@ static spin_status fail_memory(size_t bytes)
 
 static spin_status fail_size(size_t count, size_t size)
 {
-    return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu times %zu bytes", count, size);
+    return spin_fail(SPIN_E_MEMORY, "not enough memory for %zu elements of %zu bytes", count, size);
 }
 
 /* Round `bytes` up to a multiple of `unit`, a power of two; returns false on overflow. */

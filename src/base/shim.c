@@ -247,8 +247,9 @@ spin_status spin_library_load(struct spin_library *library)
     if (!*library->why)
         return SPIN_OK;
     if (!library->tried)
-        return spin_fail(SPIN_E_MEMORY, "no memory to load the library '%s' for %s: %s",
-                         library->file, library->user, library->why);
+        return spin_fail(SPIN_E_MEMORY,
+                         "%s needs the library '%s': not enough memory to load it: %s",
+                         library->user, library->file, library->why);
     return spin_unsupported("%s needs the library '%s': %s", library->user, library->file,
                             library->why);
 }

@@ -225,7 +225,8 @@ static int compare_bundles(void)
 
     if (options.images || options.log)
         return spin_args_misuse(
-            &command, "--images and --log exclude --table, --figures and several bundles");
+            &command,
+            "--images and --log cannot be combined with --table, --figures or several bundles");
     if (table && spin_args.json)
         return spin_args_misuse(&command, "--table and --json exclude each other");
     if (!spin_args_begin(&command, &code) ||

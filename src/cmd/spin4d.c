@@ -141,13 +141,13 @@ static const char text[] =
     "{{#retrain}}{{#test}}held-out views: {{before.psnr %.2f}} dB before, {{psnr %.2f}} dB "
     "after\n{{/}}{{/}}"
     "{{#rows}}{{#test}}as 4D splats: {{psnr %.2f}} dB\n{{/}}{{/}}"
-    "{{#eval}}against renders from held-out places: {{psnr %.2f}} dB"
-    "{{#psnr_dynamic}}, {{psnr_dynamic %.2f}} dB where they move{{/}}\n"
-    "{{#flicker_images}}flicker where they are static: {{flicker_images %.3f}}/255 before, "
+    "{{#eval}}against renders from held-out viewpoints: {{psnr %.2f}} dB"
+    "{{#psnr_dynamic}}, {{psnr_dynamic %.2f}} dB in dynamic regions{{/}}\n"
+    "{{#flicker_images}}flicker in static regions: {{flicker_images %.3f}}/255 before, "
     "{{flicker %.3f}}/255 after\n{{/}}{{/}}"
     "{{output}}: {{export.frames %N frame}} as {{to}}, {{export.splats_mean %N splat}} each"
     "{{#export.bytes}}, {{export.bytes %B}}{{/}}\n"
-    "{{bundle}}: the clip itself, for spin4d eval and spin4d export\n"
+    "{{bundle}}: the bundle, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 
 /* Replaces this process by spin-`name` from the folder of this program, or from PATH if that folder

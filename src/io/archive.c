@@ -94,13 +94,15 @@ static spin_status check_name(const struct job *job, char *name)
     for (char *c = name; *c; c++)
         *c = *c == '\\' ? '/' : *c;
     if (strlen(name) > LONGEST_NAME || *name == '/' || strchr(name, ':'))
-        return spin_malformed("'%s': the name '%.80s' is absolute or too long", job->archive, name);
+        return spin_malformed("cannot unpack '%s': the member name '%.80s' is absolute or too long",
+                              job->archive, name);
     for (const char *part = name; *part;) {
         size_t n = strcspn(part, "/");
 
         if (n == 2 && strncmp(part, "..", 2) == 0)
-            return spin_malformed("'%s': the name '%.80s' leads out of the archive", job->archive,
-                                  name);
+            return spin_malformed(
+                "cannot unpack '%s': the member name '%.80s' leads out of the archive",
+                job->archive, name);
         part += n + (part[n] == '/');
     }
     return SPIN_OK;
@@ -125,8 +127,9 @@ static spin_status place_member(struct job *job, const char *member, bool is_fol
     if (spin_cancelled())
         return spin_fail_cancelled();
     if (++job->n > MOST_MEMBERS)
-        return spin_unsupported("'%s' has more than %d members: unpack it yourself", job->archive,
-                                MOST_MEMBERS);
+        return spin_unsupported(
+            "cannot unpack '%s': it has more than %d members; unpack it yourself", job->archive,
+            MOST_MEMBERS);
     SPIN_TRY(spin_strdup(member, &name));
     SPIN_TRY(check_name(job, name));
     if (is_needless(name))
@@ -137,7 +140,8 @@ static spin_status place_member(struct job *job, const char *member, bool is_fol
     SPIN_TRY(spin_path_folder(file, &folder));
     SPIN_TRY(spin_folder_make(folder));
     if (spin_path_is_taken(file))
-        return spin_malformed("'%s' has several members of the name '%.80s'", job->archive, name);
+        return spin_malformed("cannot unpack '%s': it has several members named '%.80s'",
+                              job->archive, name);
     *path = file;
     file = NULL;
     return SPIN_OK;
@@ -152,9 +156,10 @@ static spin_status unpack_zip(struct job *job)
     for (size_t i = 0; i < zip.n; i++)
         sum += zip.member[i].size < job->limit ? zip.member[i].size : job->limit + 1;
     if (sum > job->limit)
-        return spin_malformed("'%s' contains more than %llu bytes, far more than its own size "
-                              "suggests: unpack it yourself if you trust it",
-                              job->archive, (unsigned long long)job->limit);
+        return spin_malformed(
+            "cannot unpack '%s': it contains more than %llu bytes, far more than its "
+            "own size suggests; if you trust it, unpack it yourself",
+            job->archive, (unsigned long long)job->limit);
     for (size_t i = 0; i < zip.n; i++) {
         const struct spin_zip_member *member = &zip.member[i];
         const unsigned char *data;

@@ -15,7 +15,8 @@ spin_status spin_drawn_image_read(const char *path, const float background[3], i
                                   int *height, uint8_t **rgb)
 {
     if (!draw_image)
-        return spin_unsupported("cannot draw the image '%s' in this command", path);
+        return spin_unsupported("cannot read the image '%s': this command does not render images",
+                                path);
     return draw_image(path, background, width, height, rgb);
 }
 
@@ -30,7 +31,8 @@ spin_status spin_drawn_image_check(const char *path, int *width, int *height,
     SPIN_TRY(spin_strdup(path, &bundle));
     *strstr(bundle, SPIN_DRAWN_MARK) = '\0';
     if (stat(bundle, &st) != 0)
-        return spin_not_found("the images are drawn from '%s', which does not exist", bundle);
+        return spin_not_found(
+            "cannot render the images of the data set: bundle '%s' does not exist", bundle);
     spin_hash(&hash, path, strlen(path));
     digest->size = (uint64_t)st.st_size;
     digest->crc = (uint32_t)(hash ^ hash >> 32);

@@ -79,7 +79,7 @@ spin_status spin_deflate(struct spin_pool *pool, const struct spin_deflate *job,
     spin_pool_run(pool, (int)n_blocks, deflate_block, &g);
     for (size_t i = 0; i < n_blocks; i++) {
         if (g.n_packed[i] == 0)
-            status = spin_fail(SPIN_E_MEMORY, "not enough memory to deflate");
+            status = spin_fail(SPIN_E_MEMORY, "not enough memory to compress data");
         memmove(end, g.slots + i * g.slot, g.n_packed[i]);
         end += g.n_packed[i];
     }
@@ -123,7 +123,7 @@ static spin_status inflate_all(int window_bits, const char *name, const void *da
 
     *n = 0;
     if (inflateInit2(&z, window_bits) != Z_OK)
-        return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to decompress data");
     while (result == Z_OK && *n < n_out) {
         size_t n_in = size < UINT32_MAX / 2 ? size : UINT32_MAX / 2;
         size_t n_room = n_out - *n < UINT32_MAX / 2 ? n_out - *n : UINT32_MAX / 2;
@@ -139,7 +139,7 @@ static spin_status inflate_all(int window_bits, const char *name, const void *da
     }
     inflateEnd(&z);
     if (result == Z_MEM_ERROR)
-        return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to decompress data");
     if (result != Z_STREAM_END && *n < n_out)
         return spin_malformed("the %s is damaged or cut short after %zu decompressed bytes", name,
                               *n);
@@ -164,7 +164,8 @@ spin_status spin_zlib_write(const void *data, size_t n, unsigned char **out, siz
     SPIN_TRY(spin_alloc(size, 1, (void **)out));
     failed = compress2(*out, &size, data, (uLong)n, Z_DEFAULT_COMPRESSION);
     *n_out = size;
-    return failed ? spin_fail(SPIN_E_MEMORY, "no memory to compress %zu bytes", n) : SPIN_OK;
+    return failed ? spin_fail(SPIN_E_MEMORY, "not enough memory to compress %zu bytes", n)
+                  : SPIN_OK;
 }
 
 uint32_t spin_gzip_length(const void *data, size_t size)

@@ -169,7 +169,7 @@ static spin_status check_exists(const char *path)
     if (!spin_path_exists(path))
         return spin_not_found("image '%s' does not exist", path);
     if (spin_path_is_folder(path))
-        return spin_fail(SPIN_E_IO, "image '%s' is a folder", path);
+        return spin_fail(SPIN_E_IO, "cannot read image '%s': it is a folder", path);
     return SPIN_OK;
 }
 

@@ -100,9 +100,9 @@ void check_spec(const OIIO::ImageSpec &spec, int64_t max_pixels)
     if (spec.width < 1 || spec.height < 1 || spec.nchannels < 1 || spec.depth > 1 || spec.deep)
         fail("not a two-dimensional image");
     if (static_cast<int64_t>(spec.width) > max_pixels / spec.height)
-        throw failure{SPIN_IMAGE_TOO_LARGE, std::to_string(spec.width) + " x " +
-                                                std::to_string(spec.height) +
-                                                " pixels exceed the limit"};
+        throw failure{SPIN_IMAGE_TOO_LARGE,
+                      std::to_string(spec.width) + " x " + std::to_string(spec.height) +
+                          " pixels exceed the limit of " + std::to_string(max_pixels)};
 }
 
 /* Composite a value 0..255, with alpha 0..255, over a background 0..1. */

@@ -47,7 +47,8 @@ static bool prepare_pixels(struct picture *p)
     if (p->sizes)
         return false;
     if (p->width > p->most / p->height) {
-        snprintf(p->why, p->n_why, "%d x %d pixels exceed the limit", p->width, p->height);
+        snprintf(p->why, p->n_why, "%d x %d pixels exceed the limit of %lld", p->width, p->height,
+                 (long long)p->most);
         p->result = SPIN_IMAGE_TOO_LARGE;
         return false;
     }

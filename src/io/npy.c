@@ -106,8 +106,8 @@ static spin_status read_dtype(const struct text *t, const char *descr, struct sp
         out->big_endian = order == '>' && out->item_size > 1;
         return SPIN_OK;
     }
-    return spin_unsupported("array '%s' has dtype '%s', which is not a plain number", t->what,
-                            descr);
+    return spin_unsupported("array '%s' has dtype '%s', expected a plain number type such as '<f4'",
+                            t->what, descr);
 }
 
 static spin_status read_descr(struct text *t, struct spin_array *out)

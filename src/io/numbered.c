@@ -330,11 +330,12 @@ static spin_status fail_mixed(const struct reader *r, size_t a, size_t b)
     const struct spin_name_parts *fewer = &r->parts[a], *more = &r->parts[b];
 
     if (fewer->n_numbers == 0)
-        return spin_malformed("'%s' has no frame number in its name, but '%s' has: a folder must "
-                              "contain the frames of one clip only; --pattern selects its files",
-                              fewer->name, more->name);
-    return spin_malformed("'%s' has other numbers in its name than '%s', so that the frame number "
-                          "is unclear: choose it with --pattern, such as --pattern 'frame_%%04d*'",
+        return spin_malformed(
+            "'%s' has no frame number in its name, but '%s' has one: remove the files "
+            "that are not frames, or select the frames with --pattern",
+            fewer->name, more->name);
+    return spin_malformed("cannot find the frame number: '%s' has other numbers in its name than "
+                          "'%s'; choose a number with --pattern, such as --pattern 'frame_%%04d*'",
                           fewer->name, more->name);
 }
 
@@ -400,8 +401,8 @@ static spin_status fail_two(const struct reader *r, const struct field *a, const
 
     write_pattern(r, a, first, sizeof first);
     write_pattern(r, b, second, sizeof second);
-    return spin_malformed("the frame number in names such as '%s' may be that of '%s' or that of "
-                          "'%s': choose one with --pattern",
+    return spin_malformed("cannot find the frame number in names such as '%s': it may be that of "
+                          "'%s' or that of '%s'; choose one of these with --pattern",
                           r->parts[0].name, first, second);
 }
 
@@ -417,8 +418,9 @@ static spin_status fail_same(const struct reader *r, const struct field *f)
             skipped++;
         if (group_of(r, a) == group_of(r, b) &&
             spin_compare_values(value_of(r, a, f->index), value_of(r, b, f->index)) == 0)
-            return spin_malformed("'%s' and '%s' are both frame %.*s", r->parts[a].name,
-                                  r->parts[b].name, x->n - skipped, text + skipped);
+            return spin_malformed("'%s' and '%s' are both frame %.*s: rename one of the files",
+                                  r->parts[a].name, r->parts[b].name, x->n - skipped,
+                                  text + skipped);
     }
     return SPIN_OK;
 }
@@ -428,9 +430,11 @@ static spin_status fail_never(const struct reader *r, const struct field *f)
     char pattern[256];
 
     write_pattern(r, f, pattern, sizeof pattern);
-    return spin_malformed("the number that differs between names such as '%s' is a score, a count "
-                          "or an iteration, not a frame number: if it is, give --pattern '%s'",
-                          r->parts[0].name, pattern);
+    return spin_malformed(
+        "cannot find a frame number in names such as '%s': the number that varies "
+        "seems to be a score, a count or an iteration; to use it, give "
+        "--pattern '%s'",
+        r->parts[0].name, pattern);
 }
 
 static bool same_order(const struct reader *r, const struct field *a, const struct field *b)
@@ -582,7 +586,7 @@ static spin_status take_number(const char *name, const char *at, struct spin_nam
     while (first + 1 < out->n_numbers && name + out->number[first].at + out->number[first].n <= at)
         first++;
     if (out->n_numbers == 0)
-        return spin_malformed("'%s' has no number", name);
+        return spin_malformed("'%s' has no frame number in its name", name);
     out->number[0] = out->number[first];
     out->number[0].value = (struct spin_name_value){.negative = *at == '-'};
     out->number[0].value.part[1] = strtoull(at + (*at == '-'), NULL, 10);
@@ -616,8 +620,8 @@ static spin_status find_matches(const struct spin_numbering *names, struct match
         out->index[out->n++] = i;
     }
     if (out->n == 0 && names->n > 0)
-        return spin_not_found("no name matches --pattern '%s'; the first is '%s'", names->pattern,
-                              names->name[0]);
+        return spin_not_found("no file name matches --pattern '%s'; the first name is '%s'",
+                              names->pattern, names->name[0]);
     return SPIN_OK;
 }
 

@@ -74,7 +74,7 @@ spin_status spin_output_check_distinct(const char *const *path, int n)
             SPIN_TRY(resolve_folder(path[i], &a));
             SPIN_TRY(resolve_folder(path[k], &b));
             if (strcmp(a, b) == 0)
-                return spin_misuse("two outputs would be '%s': give them different names", path[i]);
+                return spin_misuse("two outputs would be '%s': give them different paths", path[i]);
         }
     return SPIN_OK;
 }
@@ -370,7 +370,7 @@ spin_status spin_output_folder_list(struct spin_output_folder *x, const char *fo
     SPIN_TRY(spin_path_join(x->path, SPIN_SEQUENCE, &path));
     text = spin_json_text(root, true);
     if (!text)
-        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
+        return spin_fail(SPIN_E_MEMORY, "cannot write '%s': not enough memory", path);
     return spin_out_whole(path, text, strlen(text), sync);
 }
 

@@ -53,7 +53,7 @@ spin_status spin_pattern_path(const struct spin_pattern *p, const char *folder, 
 
     if (snprintf(name, sizeof name, p->zeros ? "%.*s%0*d%s" : "%.*s%*d%s", p->n_before, p->text,
                  p->width, number, p->after) >= (int)sizeof name)
-        return spin_misuse("--pattern: the file name is too long: '%.40s...'", name);
+        return spin_misuse("--pattern: the resulting file name is too long: '%.40s...'", name);
     return spin_path_join(folder, name, out);
 }
 

@@ -76,7 +76,7 @@ static void free_machine(struct machine *m)
 
 static spin_status fail_at(const struct machine *m, spin_status code, const char *why)
 {
-    return spin_fail(code, "cannot read '%s': error in its pickle at byte %zu: %s", m->what,
+    return spin_fail(code, "cannot read '%s': its pickle is not valid at byte %zu: %s", m->what,
                      (size_t)(m->op - m->start), why);
 }
 
@@ -435,8 +435,9 @@ static spin_status keep_storages(struct machine *m, struct spin_pickle *out)
             m->storage[n++] = *s;
         else if (s->kind != last->kind || s->item_size != last->item_size ||
                  s->count != last->count)
-            return spin_malformed("cannot read '%s': storage '%s' has two types or counts", m->what,
-                                  s->key);
+            return spin_malformed(
+                "cannot read '%s': storage '%s' occurs with different types or sizes", m->what,
+                s->key);
     }
     SPIN_TRY(allocate_value(m, n * sizeof *out->storage, &block));
     out->storage = memcpy(block, m->storage, n * sizeof *out->storage);
@@ -699,7 +700,7 @@ static spin_status op_persistent_id(struct machine *m)
     type = node_of(id->item[1])->id;
     if (!count_of(id->item[4], &count) ||
         __builtin_mul_overflow(count, (uint64_t)globals[type].item_size, &bytes))
-        return fail_malformed(m, "a storage with an impossible count");
+        return fail_malformed(m, "a storage whose count of elements is not valid");
     SPIN_TRY(
         room_for(m, (void **)&m->storage, m->n_storages, &m->storage_capacity, sizeof *m->storage));
     row = &m->storage[m->n_storages++];
@@ -736,7 +737,7 @@ static spin_status check_tensor(const struct machine *m, struct spin_array *t)
             return fail_malformed(m, "a tensor whose size overflows");
     }
     if (last >= t->storage_count)
-        return fail_malformed(m, "a tensor that reaches beyond its storage");
+        return fail_malformed(m, "a tensor that extends beyond its storage");
     if (t->count > t->storage_count && t->count > MAX_REPEATED)
         return fail_malformed(m, "a tensor that repeats its elements too often");
     return SPIN_OK;
@@ -763,7 +764,7 @@ static spin_status make_tensor(struct machine *m, const struct spin_value *args)
     t = &node->v.tensor;
     *t = args->item[0]->tensor;
     if (__builtin_add_overflow(t->offset, offset, &t->offset))
-        return fail_malformed(m, "a tensor that reaches beyond its storage");
+        return fail_malformed(m, "a tensor that extends beyond its storage");
     t->n_dims = (int)sizes->n;
     for (size_t i = 0; i < sizes->n; i++) {
         if (!count_of(sizes->item[i], &t->shape[i]) || !count_of(strides->item[i], &value))
@@ -787,8 +788,8 @@ static spin_status make_dtype(struct machine *m, const struct spin_value *args)
     if (!code)
         return fail_malformed(m, "a numpy dtype without a name");
     if (!spin_array_set_type(&type, code))
-        return spin_unsupported("cannot read '%s': numpy dtype '%s' is not a plain number", m->what,
-                                printable(code, strlen(code), name));
+        return spin_unsupported("cannot read '%s': numpy dtype '%s' is not a plain number type",
+                                m->what, printable(code, strlen(code), name));
     SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, DTYPE, &node));
     node->v.text = "numpy.dtype";
     node->v.tensor = type;
@@ -1149,7 +1150,7 @@ static spin_status read_bytes(struct machine *m, int n_length, const unsigned ch
 
     SPIN_TRY(read_uint(m, n_length, &length));
     if (length > (uint64_t)(m->end - m->p))
-        return fail_malformed(m, "a length beyond its end");
+        return fail_malformed(m, "a length that extends beyond its end");
     *p = m->p;
     *n = (size_t)length;
     m->p += length;
@@ -1223,7 +1224,7 @@ static spin_status op_proto(struct machine *m)
 
     SPIN_TRY(read_uint(m, 1, &version));
     if (version < 2 || version > 5)
-        return fail_at(m, SPIN_E_UNSUPPORTED, "its protocol is not 2 to 5");
+        return fail_at(m, SPIN_E_UNSUPPORTED, "its protocol version is not between 2 and 5");
     return SPIN_OK;
 }
 
@@ -1233,7 +1234,7 @@ static spin_status op_frame(struct machine *m)
 
     SPIN_TRY(read_uint(m, 8, &length));
     if (length > (uint64_t)(m->end - m->p))
-        return fail_malformed(m, "a length beyond its end");
+        return fail_malformed(m, "a length that extends beyond its end");
     return SPIN_OK;
 }
 

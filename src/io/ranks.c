@@ -143,8 +143,10 @@ spin_status spin_ranks_begin(void)
     /* Processes that are to cooperate must not continue separately: each would do all the work and
      * overwrite the files of the others. */
     if (n_ranks == 1)
-        return spin_unsupported("cannot join the other processes: MPI reports only one, so "
-                                "spin-mpi.so was built with another MPI than that of mpirun");
+        return spin_unsupported(
+            "cannot join the other processes: MPI reports a single process, because "
+            "spin-mpi.so was built with another MPI than that of mpirun; use "
+            "the same one for both");
     if (own_rank > 0)
         spin_log_set_level(-1);
     spin_log_set_sink(record_warning);

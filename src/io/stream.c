@@ -16,7 +16,7 @@ static spin_status begin_member(struct spin_stream *s)
         return SPIN_OK;
     free(s->inflater);
     s->inflater = NULL;
-    return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
+    return spin_fail(SPIN_E_MEMORY, "not enough memory to decompress data");
 }
 
 static void end_member(struct spin_stream *s)
@@ -61,7 +61,7 @@ static spin_status inflate_some(struct spin_stream *s, unsigned char *out, size_
     *got = (size_t)(z->next_out - out);
     s->at = (size_t)(z->next_in - s->map.data);
     if (result == Z_MEM_ERROR)
-        return spin_fail(SPIN_E_MEMORY, "not enough memory to inflate");
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to decompress data");
     if (result == Z_STREAM_END)
         end_member(s);
     else if (result != Z_OK || (*got == 0 && s->at == s->map.size))
@@ -97,8 +97,9 @@ spin_status spin_stream_read(struct spin_stream *s, void *out, size_t n, size_t 
     }
     s->n_out += *got;
     if (s->n_out > s->limit)
-        return spin_malformed("'%s' contains more than %llu bytes, far more than its own size "
-                              "suggests: unpack it yourself if you trust it",
-                              s->path, (unsigned long long)s->limit);
+        return spin_malformed(
+            "cannot unpack '%s': it contains more than %llu bytes, far more than its "
+            "own size suggests; if you trust it, unpack it yourself",
+            s->path, (unsigned long long)s->limit);
     return SPIN_OK;
 }

@@ -98,8 +98,8 @@ static spin_status read_contents(struct spin_tar *tar, uint64_t size, char **out
 
     *out = NULL;
     if (size > LONGEST_HEADER)
-        return spin_malformed("'%s' has a header of %llu bytes", tar->stream->path,
-                              (unsigned long long)size);
+        return spin_malformed("cannot unpack '%s': it has a damaged header of %llu bytes",
+                              tar->stream->path, (unsigned long long)size);
     SPIN_TRY(spin_alloc(padded + 1, 1, (void **)out));
     SPIN_TRY(read_exactly(tar, *out, padded));
     (*out)[size] = '\0';
@@ -116,26 +116,28 @@ static spin_status parse_record(const struct spin_tar *tar, char *record, size_t
     char *value = memchr(record, '=', n), *end;
 
     if (!value)
-        return spin_malformed("'%s' has a damaged pax header", tar->stream->path);
+        return spin_malformed("cannot unpack '%s': it has a damaged pax header", tar->stream->path);
     *value++ = '\0';
     n -= (size_t)(value - record);
     value[n] = '\0';
     if (strncmp(record, "GNU.sparse.", 11) == 0)
-        return spin_unsupported("'%s' contains a sparse file: unpack it yourself",
+        return spin_unsupported("cannot unpack '%s': it contains a sparse file; unpack it yourself",
                                 tar->stream->path);
     if (strcmp(record, "path") == 0) {
         free(out->name);
         SPIN_TRY(spin_strdup(value, &out->name));
         return strlen(value) == n
                    ? SPIN_OK
-                   : spin_malformed("'%s' has a name with a zero byte", tar->stream->path);
+                   : spin_malformed("cannot unpack '%s': a member name contains a zero byte",
+                                    tar->stream->path);
     }
     if (strcmp(record, "size") == 0) {
         errno = 0;
         out->size = strtoull(value, &end, 10);
         out->has_size = *value >= '0' && *value <= '9' && *end == '\0' && errno == 0;
         if (!out->has_size)
-            return spin_malformed("'%s' has a damaged pax header", tar->stream->path);
+            return spin_malformed("cannot unpack '%s': it has a damaged pax header",
+                                  tar->stream->path);
     }
     return SPIN_OK;
 }
@@ -148,7 +150,8 @@ static spin_status parse_pax(const struct spin_tar *tar, char *text, size_t n, s
         size_t head = (size_t)(end - (text + at)) + 1;
 
         if (*end != ' ' || length <= head || length > n - at || text[at + length - 1] != '\n')
-            return spin_malformed("'%s' has a damaged pax header", tar->stream->path);
+            return spin_malformed("cannot unpack '%s': it has a damaged pax header",
+                                  tar->stream->path);
         SPIN_TRY(parse_record(tar, text + at + head, length - head - 1, out));
         at += length;
     }
@@ -201,8 +204,9 @@ static spin_status set_name(struct spin_tar *tar, const unsigned char *block, st
         SPIN_TRY(spin_strdup(text, &extra->name));
     }
     if (strlen(extra->name) > LONGEST_NAME)
-        return spin_malformed("'%s' has a member with a name of %zu bytes", tar->stream->path,
-                              strlen(extra->name));
+        return spin_malformed(
+            "cannot unpack '%s': a member name has %zu bytes, expected at most %d",
+            tar->stream->path, strlen(extra->name), LONGEST_NAME);
     tar->name = extra->name;
     extra->name = NULL;
     return SPIN_OK;
@@ -216,8 +220,9 @@ static spin_status check_type(const struct spin_tar *tar, char type)
 
     if (type == '0' || type == '\0' || type == '7' || type == '5')
         return SPIN_OK;
-    return spin_unsupported("'%s': '%s' is %s: unpack the archive yourself if you trust it",
-                            tar->stream->path, tar->name, what);
+    return spin_unsupported(
+        "cannot unpack '%s': member '%s' is %s; if you trust it, unpack it yourself",
+        tar->stream->path, tar->name, what);
 }
 
 spin_status spin_tar_next(struct spin_tar *tar)
@@ -235,7 +240,7 @@ spin_status spin_tar_next(struct spin_tar *tar)
             return SPIN_OK;
         type = (char)block[TYPE];
         if (!parse_number(block + SIZE, N_SIZE, &tar->size))
-            return spin_malformed("'%s' has a damaged header", tar->stream->path);
+            return spin_malformed("cannot unpack '%s': it has a damaged header", tar->stream->path);
         if (!type || !strchr("xgLK", type))
             break;
         SPIN_TRY(read_extra(tar, type, tar->size, &extra));

@@ -187,7 +187,8 @@ static spin_status check_container(struct spin_torch_file *f, bool *big_endian)
     SPIN_TRY(read_word(f, "version", word));
     version = strtol(word, &end, 10);
     if (word[0] && (end == word || *end || version < 1 || version > 10))
-        return spin_unsupported("cannot read '%s': its version is not between 1 and 10", f->path);
+        return spin_unsupported("cannot read '%s': its format version is not between 1 and 10",
+                                f->path);
     SPIN_TRY(read_word(f, "byteorder", word));
     *big_endian = strcmp(word, "big") == 0;
     if (word[0] && !*big_endian && strcmp(word, "little") != 0)

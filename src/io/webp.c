@@ -82,7 +82,9 @@ static spin_status check_written(const struct sink *sink, const uint8_t *rgba, i
                  : spin_fail(SPIN_E_IO, "libwebp wrote %dx%d pixels instead of %dx%d", w, h, width,
                              height));
     if (memcmp(rgba, again, n) != 0)
-        return spin_fail(SPIN_E_IO, "libwebp did not write the pixels losslessly");
+        return spin_fail(
+            SPIN_E_IO,
+            "libwebp wrote pixels that differ from the image; the encoding must be lossless");
     return SPIN_OK;
 }
 
@@ -154,14 +156,14 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
     if (size < 12 || memcmp(file, "RIFF", 4) != 0 || memcmp(file + 8, "WEBP", 4) != 0)
         return spin_malformed("not a WebP image");
     if ((uint64_t)word_at(file + 4) + 8 != size)
-        return spin_malformed("a WebP image of %zu bytes whose header states %llu bytes", size,
-                              (unsigned long long)word_at(file + 4) + 8);
+        return spin_malformed("the WebP image has %zu bytes, but its header states %llu bytes",
+                              size, (unsigned long long)word_at(file + 4) + 8);
     for (size_t at = 12; at < size;) {
         const uint8_t *chunk = file + at;
         size_t left = size - at, n = left < 8 ? SIZE_MAX : word_at(chunk + 4);
 
         if (left < 8 || n > left - 8 || (n & 1 && n == left - 8))
-            return spin_malformed("a WebP image that is cut short");
+            return spin_malformed("the WebP image is cut short");
         if (memcmp(chunk, "VP8X", 4) == 0 && at == 12 && n == 10) {
             wide = (word_at(chunk + 12) & 0xffffff) + 1;
             high = (word_at(chunk + 14) >> 8) + 1;
@@ -171,13 +173,13 @@ spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *h
             *height = (int)(word_at(chunk + 9) >> 14 & 0x3fff) + 1;
         } else if (memcmp(chunk, "VP8", 3) == 0 || memcmp(chunk, "AL", 2) == 0 ||
                    memcmp(chunk, "AN", 2) == 0) {
-            return spin_malformed("a WebP image with chunk '%.4s', expected only VP8L",
+            return spin_malformed("the WebP image has a chunk '%.4s', expected only VP8L",
                                   (const char *)chunk);
         }
         at += 8 + n + (n & 1);
     }
     if (*width == 0 || (wide > 0 && ((int)wide != *width || (int)high != *height)))
-        return spin_malformed("a WebP file that is not one lossless image");
+        return spin_malformed("the WebP file does not contain exactly one lossless image");
     return SPIN_OK;
 }
 
@@ -212,5 +214,5 @@ spin_status spin_webp_read(const void *data, size_t size, int width, int height,
     if (code == VP8_STATUS_OUT_OF_MEMORY)
         return spin_fail(SPIN_E_MEMORY, "not enough memory to decode a WebP image of %dx%d pixels",
                          width, height);
-    return code == VP8_STATUS_OK ? SPIN_OK : spin_malformed("a damaged WebP image");
+    return code == VP8_STATUS_OK ? SPIN_OK : spin_malformed("the WebP image is damaged");
 }

@@ -182,7 +182,8 @@ static spin_status read_entry(const char *path, const struct directory *dir, con
     if (!read_zip64_extra(p + CENTRAL_BYTES + n_name, n_extra, m))
         return fail_member(SPIN_E_MALFORMED, path, name, "lacks its zip64 sizes");
     if (m->method == METHOD_STORED && m->size != m->packed_size)
-        return fail_member(SPIN_E_MALFORMED, path, name, "is stored but has two different sizes");
+        return fail_member(SPIN_E_MALFORMED, path, name,
+                           "is stored, but its compressed and uncompressed sizes differ");
 
     /* Header, name and data of each member must end before the directory. */
     if (m->header_offset > dir->offset || dir->offset - m->header_offset < LOCAL_BYTES + n_name)
@@ -351,12 +352,13 @@ static spin_status find_data(const struct spin_zip *zip, const struct spin_zip_m
 
     if (left < LOCAL_BYTES || u32(p) != SIG_LOCAL)
         return fail_member(SPIN_E_MALFORMED, zip->path, m->name,
-                           "has no header where it should be");
+                           "has no header at the offset that the directory states");
     head = (uint64_t)LOCAL_BYTES + u16(p + 26) + u16(p + 28);
     if (head > left || m->packed_size > left - head)
         return fail_member(SPIN_E_MALFORMED, zip->path, m->name, "is cut short");
     if (u16(p + 26) != n_name || memcmp(p + LOCAL_BYTES, m->name, n_name) != 0)
-        return fail_member(SPIN_E_MALFORMED, zip->path, m->name, "has another name in its header");
+        return fail_member(SPIN_E_MALFORMED, zip->path, m->name,
+                           "has a different name in its own header");
     *data = p + head;
     return SPIN_OK;
 }
@@ -438,9 +440,9 @@ static spin_status read_deflated(const struct spin_zip *zip, const struct spin_z
 
     if (m->size > SIZE_MAX ||
         (m->size > deflate_slack && (m->size - deflate_slack) / deflate_ratio > m->packed_size))
-        return spin_malformed("cannot read '%s': member '%s' of %llu compressed bytes cannot have "
-                              "%llu uncompressed ones",
-                              zip->path, m->name, (unsigned long long)m->packed_size,
+        return spin_malformed("cannot read '%s': %llu compressed bytes of member '%s' cannot "
+                              "expand to %llu bytes",
+                              zip->path, (unsigned long long)m->packed_size, m->name,
                               (unsigned long long)m->size);
     if (m->size > limit)
         return spin_unsupported(

@@ -40,7 +40,7 @@ spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_ou
     if (is_error(n))
         return spin_malformed("damaged zstd data: %s", error_name(n));
     if (n != n_out)
-        return spin_malformed("zstd data of %zu bytes, expected %zu", n, n_out);
+        return spin_malformed("zstd data expand to %zu bytes, expected %zu", n, n_out);
     return SPIN_OK;
 }
 
@@ -57,7 +57,7 @@ spin_status spin_zstd_write(const void *data, size_t size, int level, unsigned c
     }
     *n_out = compress(*out, *n_room, data, size, level);
     if (is_error(*n_out))
-        return spin_fail(SPIN_E_MEMORY, "not enough memory for zstd of %zu bytes: %s", size,
-                         error_name(*n_out));
+        return spin_fail(SPIN_E_MEMORY, "not enough memory to compress %zu bytes with zstd: %s",
+                         size, error_name(*n_out));
     return SPIN_OK;
 }

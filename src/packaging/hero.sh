@@ -14,7 +14,7 @@ trap 'rm -rf "$work"' EXIT
 
 command -v ffmpeg >/dev/null || { echo "hero: ffmpeg not found (Debian: ffmpeg)" >&2; exit 1; }
 "$bin/spin-export" -q "$bundle" --to images --panels before,after --no-labels --size ${width}x$height -o "$work/pictures" || exit 1
-[ -n "$(ls "$work/pictures/cam_${camera}"_* 2>/dev/null)" ] || { echo "hero: camera $camera is not held out" >&2; exit 1; }
+[ -n "$(ls "$work/pictures/cam_${camera}"_* 2>/dev/null)" ] || { echo "hero: camera $camera is not a held-out camera of the bundle" >&2; exit 1; }
 # The line is at X = (0.5 - 0.5 cos(2 pi T / seconds)) W, white and two pixels wide.
 at="W*(0.5-0.5*cos(2*PI*T/$seconds))"
 ffmpeg -v error -y -stream_loop -1 -framerate $rate -pattern_type glob -i "$work/pictures/cam_${camera}_*.png" -t $seconds -filter_complex "

@@ -22,12 +22,12 @@ export CHROMIUM
 
 # shot PAGE OUT WIDTH HEIGHT [READY]: takes a screenshot once the expression READY is true
 shot() {
-    node "$here/screenshot.mjs" "file://$work/$1" "$docs/$2" "$3" "$4" "${5:-true}" || fail "$2 was not made"
+    node "$here/screenshot.mjs" "file://$work/$1" "$docs/$2" "$3" "$4" "${5:-true}" || fail "cannot create '$2'"
     echo "$2: $(wc -c <"$docs/$2") bytes"
 }
 # enlarge IMAGE OUT WIDTH HEIGHT [pixelated]: scales an image to this size; pixelated: unsmoothed
 enlarge() {
-    [ -e "$1" ] || fail "no $1 for $2"
+    [ -e "$1" ] || fail "cannot create '$2': '$1' does not exist"
     echo "<body style='margin:0'><img src='$1' style='display:block;width:$3px;height:$4px;image-rendering:${5:-auto}'>" >image.html
     shot image.html "$2" "$3" "$4" 'document.images[0].naturalWidth'
 }
@@ -56,7 +56,7 @@ psnr ${after.psnr.toFixed(2)}
 ssim ${after.ssim.toFixed(4)}
 psnr-dynamic ${after.psnr_dynamic.toFixed(2)}
 psnr-camera-0 ${after.cameras.find((c) => c.id === 0).psnr.toFixed(1)}
-megabytes ${(after.storage.file / 1e6).toFixed(2)}`);' >"$docs/pictures.txt" || fail "no figures"
+megabytes ${(after.storage.file / 1e6).toFixed(2)}`);' >"$docs/pictures.txt" || fail "cannot write the measured values to '$docs/pictures.txt'"
 cat "$docs/pictures.txt"
 for when in before after; do
     figure=$(node -p "JSON.parse(require('fs').readFileSync('$when.json')).psnr.toFixed(4)")
@@ -74,7 +74,7 @@ else
         fail "a command on court failed"
     enlarge big/cam_00_frame_00009.png before-after.jpg 1600 300
     if command -v ffmpeg >/dev/null; then
-        sh "$here/hero.sh" "$bin" big-better.spin "$docs/hero.webp" || fail "hero.webp was not made"
+        sh "$here/hero.sh" "$bin" big-better.spin "$docs/hero.webp" || fail "cannot create 'hero.webp'"
     else
         echo "pictures: hero.webp is unchanged: ffmpeg not found (Debian: ffmpeg)"
     fi

@@ -17,7 +17,7 @@ build() {
     name=$1
     shift
     echo "  WASM     $name"
-    (cd "$to/$name"-*/ && "$@") >"$to/$name.log" 2>&1 || fail "$name: see '$to/$name.log'"
+    (cd "$to/$name"-*/ && "$@") >"$to/$name.log" 2>&1 || fail "cannot build $name: see '$to/$name.log'"
 }
 
 by_cmake() {

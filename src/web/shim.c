@@ -49,8 +49,9 @@ spin_status spin_library_load(struct spin_library *library)
         while (i < n && strcmp(linked[i].name, f->name) != 0)
             i++;
         if (i == n)
-            return spin_unsupported("%s needs %s, which spin4d does not have in the browser",
-                                    library->user, f->name);
+            return spin_unsupported(
+                "%s needs the function %s, which spin4d does not contain in the browser",
+                library->user, f->name);
         *(void **)f->into = linked[i].function;
     }
     return SPIN_OK;

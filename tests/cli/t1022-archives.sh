@@ -143,10 +143,10 @@ hostile() { # NAME TEXT
 }
 hostile up.tar "'a/../../b.ply' leads out of the archive"
 hostile absolute.tar "'/b.ply' is absolute"
-hostile link.tar "'b.ply' is a link: unpack"
+hostile link.tar "'b.ply' is a link; if you trust it, unpack"
 hostile hard.tar "'b.ply' is a link"
 hostile device.tar "'b.ply' is a device"
-hostile twice.tar "several members of the name './b.ply'"
+hostile twice.tar "several members named './b.ply'"
 hostile both.tar "both.tar/b.ply': a file has that name"
 hostile cut.tar "is cut short"
 hostile boundary.tar "is cut short"
@@ -162,7 +162,7 @@ hostile pax-length.tar "damaged pax header"
 hostile pax-sparse.tar "a sparse file"
 hostile up.zip "'../a.ply' leads out"
 hostile drive.zip "'C:/a.ply' is absolute"
-hostile twice.zip "several members of the name 'a.ply'"
+hostile twice.zip "several members named 'a.ply'"
 hostile nothing.zip "cannot recognise '.*/nothing.zip/readme.txt'"
 
 # An error of an importer names the archive and the member.

@@ -235,7 +235,7 @@ static void test_tensors(void)
             "cpuK\x01tQ.",
             "", "a key that is a path");
     REFUSES("(" STORAGE("FloatStorage", "0", "\x01") STORAGE("HalfStorage", "0", "\x01") "t.",
-            "two types", "a storage of two types");
+            "different types", "a storage of two types");
 }
 
 static void test_arrays(void)

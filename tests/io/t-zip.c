@@ -377,7 +377,7 @@ static void lies(void)
     add_central(&b, &e);
     add_end(&b, "");
     save(&b, b.n);
-    fails(SPIN_E_MALFORMED, "no header where it should be", 0, "no local header");
+    fails(SPIN_E_MALFORMED, "no header at the offset", 0, "no local header");
 
     memset(&b, 0, sizeof b);
     e = f = stored();
