@@ -504,16 +504,17 @@ struct spin_device_ops {
 
     /* exposure() applies the exposure of each camera and the falloff of its lens to `image` and
      * writes the result to `out`, which may be `image` (math/exposure.h). The parameters are rows
-     * of SPIN_EXPOSURE floats: for a camera log gain r g b and offset r g b, for a lens c1 r g b
-     * and c2 r g b. exposure_back() is the adjoint: it updates d_image in place and adds to
-     * d_exposure. */
+     * of SPIN_EXPOSURE floats, in the order r, g, b: log gain [3] and offset [3] for a camera, c1
+     * [3] and c2 [3] for a lens. exposure_back() is the adjoint: it updates d_image in place and
+     * adds to d_exposure. */
     void (*exposure)(struct spin_device *d, const struct spin_view_batch *views,
                      const float SPIN_DEV *exposure, const float SPIN_DEV *image,
                      float SPIN_DEV *out);
     void (*exposure_back)(struct spin_device *d, const struct spin_view_batch *views,
                           const float SPIN_DEV *exposure, const float SPIN_DEV *image,
                           float SPIN_DEV *d_image, float SPIN_DEV *d_exposure);
-    /* Subtracts the mean of the first n rows from each of these rows. */
+    /* Subtracts the mean of the first n rows from each of these rows, so that the mean exposure
+     * stays neutral. */
     void (*exposure_centre)(struct spin_device *d, size_t n, float SPIN_DEV *exposure);
 
     /* ---- Optimiser ---- */

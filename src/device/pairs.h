@@ -1,5 +1,6 @@
-/* Finds the (splat, tile) pairs of one splat. There is one pair for each tile of a rectangle, row
- * by row. Pair k of a splat has the index first_intersection + k. */
+/* Finds the (splat, tile) pairs of one splat. There is one pair for each tile of the splat's
+ * rectangle; the pairs are ordered row by row. Pair k of a splat has the index first_intersection +
+ * k. */
 #pragma once
 
 #include "device/device.h"

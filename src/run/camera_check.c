@@ -148,8 +148,8 @@ static double median(double *values, size_t n)
     return n % 2 ? values[n / 2] : 0.5 * (values[n / 2 - 1] + values[n / 2]);
 }
 
-/* Computes, for share[which], its median over all views and the limit below which a view is an
- * outlier. */
+/* Computes the median of share[which] over all views, and the limit of this share below which a
+ * view is an outlier. */
 static void find_limit(const struct view_shares *view_shares, size_t n, int which, double *values,
                        double *middle, double *limit)
 {

@@ -51,12 +51,13 @@ struct convert {
     bool imports;
     /* true: if the call fails, `import` is deleted, since no training needs it */
     bool removes_import;
-    bool has_data; /* the user named a data set, or the one that the bundle `import` names exists */
-    bool is_trained; /* `import` was already retrained, with any method */
-    /* Whether `import` was trained with tracks, so that 4D splats can be made of its frames. */
+    /* true: the user named a data set, or the data set that the bundle `import` names exists */
+    bool has_data;
+    bool is_trained; /* true: `import` was already retrained, with any method */
+    /* true: `import` was trained with tracks, so that 4D splats can be made of its frames */
     bool is_tracks;
-    bool renders; /* the clip is retrained on renders of itself */
-    /* before that, the static splats of the clip are stored once, since its frames share no rows */
+    bool renders; /* true: the clip is retrained on renders of itself */
+    /* true: before that, the static splats are stored once, since the frames share no rows */
     bool settles;
     spin_json *report;
 };
@@ -124,8 +125,8 @@ static spin_status name_output(struct convert *c)
     return o->target ? name_for_target(c) : SPIN_OK;
 }
 
-/* Returns whether an exporter is to get 4D splats: if it accepts nothing else, or if it is 'tsog'
- * or '4dgs', since files of these two formats are far larger if they store frames. */
+/* Returns whether an exporter receives 4D splats: if it accepts nothing else, or if it is 'tsog' or
+ * '4dgs', since files of these two formats are far larger if they store frames. */
 static bool stores_4d(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -310,16 +311,16 @@ static spin_status import_run(struct convert *c)
     return import_without_data(c);
 }
 
-/* Returns whether to retrain. A clip that was already retrained is only retrained again to make 4D
- * splats from its frames, which requires that these were trained with tracks. */
+/* Returns whether to retrain. A clip that was already retrained is retrained again only to make 4D
+ * splats from its frames, which requires that the frames were trained with tracks. */
 static bool retrains(const struct convert *c)
 {
     return (c->has_data || c->renders) && !c->o->no_retrain &&
            (!c->is_trained || (c->tracks && c->is_tracks));
 }
 
-/* Returns whether to retrain the clip on renders of itself: by default if there is no data set and
- * the format stores 4D splats. */
+/* Returns whether to retrain the clip on renders of itself: with --data renders, and by default if
+ * there is no data set and the format stores 4D splats. */
 static bool retrains_on_renders(const struct convert *c, const struct spin_bundle *b)
 {
     bool fits = b->meta.n_frames > 1 && b->meta.four_d.n == 0 && !c->is_trained &&
@@ -329,7 +330,8 @@ static bool retrains_on_renders(const struct convert *c, const struct spin_bundl
            (asks_renders(c->o) || (!c->has_data && !c->o->data_from && c->tracks));
 }
 
-/* Opens the bundle, finds what it contains and checks that it can be processed. */
+/* Sets the members of *c that depend on the contents of the bundle `import`, and checks that the
+ * bundle can be processed. */
 static spin_status inspect_bundle(struct convert *c)
 {
     SPIN_LEAVES(spin_bundle_close) struct spin_bundle bundle = {0};
@@ -378,7 +380,7 @@ static const char *renders_from(const struct spin_convert_options *o)
     return asks_renders(o) ? o->data_from : NULL;
 }
 
-/* Stores the static rows of the clip once. */
+/* Writes c->settled, a copy of the clip whose static rows are stored once. */
 static spin_status settle_clip(struct convert *c)
 {
     struct spin_settled s;
@@ -425,7 +427,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     status = spin_retrain(&retrain, &text);
     if (status == SPIN_E_USAGE && retrain.resume && o->force) {
         retrain.resume = false;
-        spin_inputs_own(part); /* allow to overwrite it, although it was an input of the resume */
+        spin_inputs_own(part); /* may be overwritten, though the resume has read it */
         status = spin_retrain(&retrain, &text);
     }
     return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
@@ -584,7 +586,7 @@ spin_status spin_convert(const struct spin_convert_options *o, char **report)
     if (status == SPIN_OK)
         status = spin_json_finish(json_incref(c.report), report);
     else if (c.removes_import && spin_rank() == 0)
-        remove(c.import); /* the same call would import the run again */
+        remove(c.import); /* not needed, since the next call imports the run again */
     spin_json_free(c.report);
     free(c.output);
     free(c.bundle);

@@ -5,8 +5,8 @@
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
-    VIEWS = 32,    /* views per frame that determine weights if frames share no splats */
-    LOOKS = 400,   /* approximate number of views of all frames if frames share splats */
+    VIEWS = 32,    /* number of views for the weights of a frame, if frames share no splats */
+    LOOKS = 400,   /* approximate number of such views of all frames, if frames share splats */
     PICTURES = 16, /* number of views in which the loss is measured */
     AROUND = 8,    /* number of views that are placed if the clip has no cameras */
     SIDE = 400,    /* width and height of a placed view, in pixels */
@@ -294,7 +294,7 @@ static spin_status read_items(const struct spin_decimation *d, int f, size_t n, 
 
 /* ---- The choice of splats -------------------------------------------------------------------- */
 
-/* A row that takes part in the decimation, as an element of the sorted list. */
+/* An element of the sorted list: a row that takes part in the decimation. */
 struct entry {
     float weight;
     uint32_t item, set, row;
@@ -640,8 +640,8 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     SPIN_TRY(place_cameras(d));
     n_pictures = d->n_pairs > 0 ? n_pictures : (size_t)d->placed.n;
     *out = (struct spin_decimated){.by_views = d->n_pairs > 0};
-    /* If rows are shared by all frames but the filter may drop a row in some frames only, the
-     * counts are those of the whole clip, not per frame. */
+    /* If frames share their rows, but the filter may drop a row in some frames only, the splats are
+     * counted in the whole clip instead of per frame. */
     out->in_all = d->splats_4d || (d->n_sets == 1 && d->filter->varies);
     for (int s = 0; s < d->n_sets; s++) {
         out->before += (double)d->set[s].n_counted;

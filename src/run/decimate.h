@@ -1,12 +1,12 @@
 /* --decimate: drops the splats of a clip that contribute least.
  *
  * The weight of a splat in one frame is its contribution to an image (the sum over pixels of alpha
- * times transmittance); of several training views of the frame, the one with the largest
- * contribution counts. Without cameras, the weight is opacity times size. Each frame keeps the N
- * splats of largest weight, where N follows from the goal. Splats that several frames share (the
- * same row of all frames, a track, a 4D splat) are kept in all of them or dropped from all of them,
- * by their mean weight over those frames. If 4D splats are exported as such, the N rows with the
- * largest sum of weights over all frames are kept.
+ * times transmittance); the maximum over some training views of the frame is used. Without cameras,
+ * the weight is opacity times size. Each frame keeps the N splats of largest weight, where N
+ * follows from the goal. Splats that several frames share (the same row of all frames, a track, a
+ * 4D splat) are kept in all of these frames or in none, according to their mean weight over these
+ * frames. If 4D splats are exported as such, the N rows with the largest sum of weights over all
+ * frames are kept.
  *
  * Splats that the row filter drops for other reasons are not among the N splats. */
 #pragma once
@@ -25,7 +25,8 @@ enum spin_decimate_unit {
 struct spin_decimate_goal {
     enum spin_decimate_unit unit;
     /* In this unit: a number of splats per frame, a share from 0 to 1, the size of the whole output
-     * in bytes, or the PSNR in dB between images with all splats and with those kept. */
+     * in bytes, or the PSNR in dB between images with all splats and images with the kept splats
+     * only. */
     double amount;
 };
 /* Parses "5000", "50%", "2MB" (B, kB, MB, GB: powers of 1000) or "40dB". */
@@ -34,8 +35,7 @@ spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out
 /* The splats of one frame, or of all frames if frames share their rows. */
 struct spin_decimate_set {
     size_t n, n_counted, n_kept;
-    /* [n], the weight of each row; negative if the row does not take part since the row filter
-     * drops it. */
+    /* [n] the weight of each row; negative if the row filter drops the row */
     float *weight;
     unsigned char *keep; /* [n], 1 if the decimation keeps the row, else 0 */
 };
@@ -44,7 +44,7 @@ struct spin_decimation {
     /* Inputs, set and owned by the caller. */
     const struct spin_clip *clip;
     struct spin_player *frames;             /* reads the splats of the clip */
-    const struct spin_splats_4d *splats_4d; /* 4D splats to export as such, or NULL */
+    const struct spin_splats_4d *splats_4d; /* 4D splats to export; NULL: frames are exported */
     struct spin_row_filter *filter;         /* drops rows before the decimation */
     const float *background;
 
@@ -56,16 +56,17 @@ struct spin_decimation {
     /* [n_pairs] training views, or all views if there are no training views; sorted by frame */
     struct spin_pair *pairs;
     size_t n_pairs;
-    struct spin_viewpoints placed; /* cameras, if the clip has none and the loss is measured */
+    struct spin_viewpoints placed; /* cameras for measuring the loss, if the clip has none */
     struct spin_splats splats, part;
 };
 
-/* Computes all weights. The inputs above must be set. The caller closes d even if this fails. */
+/* Computes all weights. The inputs in *d must be set. The caller closes *d even if the call
+ * fails. */
 spin_status spin_decimation_open(struct spin_decimation *d);
 void spin_decimation_close(struct spin_decimation *d);
 /* Chooses the splats to keep: with SPIN_DECIMATE_SPLATS at most `amount` in each frame, or in the
- * clip if 4D splats are exported; with SPIN_DECIMATE_SHARE this share of the splats that the row
- * filter keeps, but at least one. */
+ * clip if 4D splats are exported; with SPIN_DECIMATE_SHARE the share `amount` of the splats that
+ * the row filter keeps, but at least one splat. */
 spin_status spin_decimation_choose(struct spin_decimation *d, enum spin_decimate_unit unit,
                                    double amount);
 /* Chooses the smallest share of splats whose images, compared with those of all splats, have a PSNR

@@ -22,7 +22,7 @@ struct eval {
     struct spin_lpips *lpips[SPIN_N_LPIPS];
     struct spin_device device;
     struct spin_player player, source;
-    struct spin_lenses lenses; /* lenses that the training of the measured splats has learned */
+    struct spin_lenses lenses; /* lenses that were learned with the measured splats */
     /* true: `source` is open, and renders the imported splats for a comparison */
     bool has_source;
     enum spin_splat_source from;
@@ -209,7 +209,7 @@ static spin_status write_report(struct eval *e, const struct spin_metrics *after
 
 /* ---- Measuring ------------------------------------------------------------------------------- */
 
-/* Adds up the numbers of splats that the ranks could not draw. */
+/* Counts the splats that could not be drawn, on all ranks together. */
 static spin_status sum_left_out(struct eval *e)
 {
     SPIN_FREED uint64_t *n = NULL;
@@ -278,7 +278,7 @@ static spin_status run_eval(struct eval *e)
         SPIN_TRY(spin_mattes_open(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &e->mattes,
                                   &surroundings));
         m.mattes = e->mattes.views ? &e->mattes : NULL;
-        /* Rendering over the opposite background too makes holes in the scene visible. If the
+        /* Rendering also over the opposite background makes holes in the scene visible. If the
          * images show a subject in front of a flat colour, the region around the subject would
          * count as a hole, unless the alpha of the images is known. */
         m.opposite = surroundings == SPIN_SURROUNDED_BY_SCENE || m.mattes;

@@ -36,11 +36,11 @@ struct export
     struct spin_scene_move move;
     struct spin_export_sound sound;
     struct spin_antialias_bake bake;
-    struct spin_export_options moved;  /* the options, with a shifted --crop */
+    struct spin_export_options moved;  /* the options, with --crop in coordinates of the bundle */
     struct spin_decimation decimation; /* set if --decimate is given */
     /* path of the current output: the final path, or a temporary one of --decimate */
     const char *output;
-    bool checks; /* whether the current output is read back and compared */
+    bool checks; /* true: the current output is read back and compared */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     int *source_index, *numbers;
@@ -112,8 +112,8 @@ static void report_rows(struct export *x)
     x->report->filtered = spin_row_filter_n_filtered(&x->filter);
 }
 
-/* Exports up to one frame per rank, from frame `first` on: each rank computes one of them, and rank
- * 0 writes them in order. */
+/* Exports up to one frame per rank, from frame `first` on: each rank computes one of these frames,
+ * and rank 0 writes them in order. */
 static spin_status write_round(struct export *x, int first, int n)
 {
     unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;

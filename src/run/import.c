@@ -44,7 +44,7 @@ struct import {
     /* Path of the run: o->input, a folder inside o->input, the folder of a pattern, or a path in
      * the temporary folder of an archive. */
     const char *input;
-    char *below; /* the allocated `input` if that is not o->input; else NULL */
+    char *below; /* allocated memory of `input`; NULL: `input` is o->input */
     struct spin_plugin_values values;
     const char **pairs;            /* the pairs of `values` if o->input is a pattern; else NULL */
     struct spin_unpacked unpacked; /* the contents of o->input if that is an archive */
@@ -69,7 +69,7 @@ struct import {
      * if the number is unknown or not needed. */
     int n_own;
     int *rows;  /* [n_frames] index of the data set frame that belongs to each frame */
-    int *index; /* [n_frames] index of each frame in the importer */
+    int *index; /* [n_frames] index of each frame, as argument of the importer's frame() */
     struct spin_column_stats describe;
     float low[3], high[3]; /* bounding box of the positions */
 
@@ -120,8 +120,8 @@ static void drop_data(struct import *im)
     im->meta.data_from[0] = '\0';
 }
 
-/* Adds the shift of the sequence to the placement and clears it, since the placement applies to
- * positions that include the shift. */
+/* Moves the shift of the sequence into the placement, which applies to positions that include the
+ * shift. */
 static void place_shift(struct import *im)
 {
     struct spin_placement *p = &im->placement;
@@ -138,8 +138,8 @@ static void place_shift(struct import *im)
     memset(shift, 0, sizeof im->sequence.shift);
 }
 
-/* Moves the splats of a run that nerfstudio centred and scaled to the cameras of the data set.
- * Without a data set, only a note mentions the transform. */
+/* Undoes the centring and scaling of nerfstudio, so that the splats fit the cameras of the data
+ * set. Without a data set, only a note mentions the transform. */
 static spin_status undo_centring(struct import *im)
 {
     SPIN_FREED char *path = NULL;
@@ -272,8 +272,9 @@ static void note_focal(struct import *im)
                   data);
 }
 
-/* Keeps the cameras of the data set in the first frame that is paired with it or, without a data
- * set, those of the run's cameras.json. Exports use them if the data set does not exist. */
+/* Keeps cameras in the bundle: those of the data set in the first paired frame or, without a data
+ * set, those of the run's cameras.json. Exports use the kept cameras if the data set does not
+ * exist. */
 static spin_status keep_cameras(struct import *im)
 {
     SPIN_FREED char *path = NULL;
@@ -318,9 +319,9 @@ static spin_status attach_data(struct import *im)
 
 /* ---- Which frames ---------------------------------------------------------------------------- */
 
-/* Warns if the sample times lie outside the time range of the training by more than a tenth of it.
- * A continuous method extrapolates there without an error. The margin allows for one or two frames
- * after the last one. */
+/* Warns if the sample times lie outside the time range of the training by more than a tenth of this
+ * range. A continuous method extrapolates there without an error. The margin allows for one or two
+ * frames after the last one. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {
@@ -380,7 +381,7 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
     return SPIN_OK;
 }
 
-/* Lists the frames of a method that stores frames. */
+/* Lists the frames of a run that stores frames. */
 static spin_status stored_frames(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;
@@ -872,7 +873,8 @@ static void report_recognition(struct import *im)
     spin_json_set_string(im->report, "recognised", text);
 }
 
-/* A list of the importer's notes, and a hint if there is a data set beside the run. */
+/* Returns a JSON list of the importer's notes, and of a hint if there is a data set beside the
+ * run. */
 static spin_json *notes_json(struct import *im)
 {
     char hint[600] = "", *text[] = {im->sequence.notes, hint};
@@ -988,8 +990,8 @@ static spin_status find_4d(struct import *im)
     return SPIN_OK;
 }
 
-/* Sets *out to the path of a file that matches a pattern such as "frame_%d/a.ply" below a folder.
- * The caller frees it. */
+/* Sets *out to the path of a file below `folder` that matches the pattern `rest`, such as
+ * "frame_%d/a.ply". The caller frees *out. */
 static spin_status find_match(const char *folder, const char *rest, char **out)
 {
     size_t n = strcspn(rest, "/"), n_names = 0;

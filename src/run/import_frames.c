@@ -97,8 +97,8 @@ static const spin_json *entry_of(const spin_json *frames, int number)
     return NULL;
 }
 
-/* Applies sequence.json to the frames, and returns whether it lists all of them. Pass 0 checks all
- * entries and pass 1 sets the values, so that either all values are set or none. */
+/* Applies sequence.json to the frames, and returns whether the file lists all frames. Pass 0 checks
+ * all entries and pass 1 sets the values, so that either all values are set or none. */
 static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame, int n, int *place,
                            struct spin_bundle_meta *meta)
 {

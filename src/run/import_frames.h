@@ -1,5 +1,5 @@
-/* Frame times of an import: how the frames of a data set map to the times of a continuous method,
- * and what sequence.json records beside frames written by spin-export. */
+/* Finds the frame times of an import: maps the frames of a data set to times of a continuous
+ * method, and reads sequence.json, which spin-export writes beside exported frames. */
 #pragma once
 
 #include "scene/bundle_meta.h"

@@ -67,7 +67,8 @@ static void divide_rigid(const struct rigid *a, const struct rigid *b, struct ri
     }
 }
 
-/* Divides *transform and *scale by those that transforms.json has applied to its poses. */
+/* Divides *transform and *scale by those that were already applied to the poses in
+ * transforms.json. */
 static spin_status remove_applied(const char *data, struct rigid *transform, double *scale)
 {
     SPIN_FREED char *path = NULL;

@@ -518,7 +518,7 @@ static spin_status open_trainer(struct run *r, bool resume)
     return spin_plan_open_trainer(p, &r->device, &size, &r->trainer);
 }
 
-static const double table_range = 1e-4;     /* values of the hash table are in -1e-4 to 1e-4 */
+static const double table_range = 1e-4;     /* the hash table is initialised with -1e-4 to 1e-4 */
 static const double initial_log_scale = -5; /* of the splats, for scenes in metres */
 
 /* Initialises the hash table and the heads of the network. */

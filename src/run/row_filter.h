@@ -16,7 +16,8 @@ struct spin_row_filter {
     const struct spin_export_options *o;
     const struct spin_clip *clip;
     /* Callbacks of --decimate, or NULL. They are called after all other reasons are set, and set
-     * the reason of further rows to drop. source: the rows are those of the imported frame. */
+     * the reason of further rows to drop. `source` states whether the rows are those of the
+     * imported frame. */
     spin_status (*drop)(void *context, int frame, const struct spin_splats *s, bool source,
                         unsigned char *reason);
     void (*drop_4d)(const void *context, unsigned char *reason);
@@ -57,11 +58,12 @@ void spin_row_filter_close(struct spin_row_filter *f);
 /* Resets the statistics. Called before the frames are written again. */
 void spin_row_filter_restart(struct spin_row_filter *f);
 
-/* Set f->reason for the rows of frame `frame` of the clip (0..n_frames-1), whose splats must have
- * all attribute columns; or f->reason_4d for 4D splats, in the first call only. --decimate is not
- * applied. The position of a 4D splat is tested in one frame only: of the frames that show the
- * splat, the one nearest to its own time. If no frame shows the splat, --crop tests its position at
- * its own time, and --min-views and --floaters do not apply. */
+/* spin_row_filter_apply() sets f->reason for the rows of frame `frame` of the clip (0..n_frames-1),
+ * whose splats must have all attribute columns. spin_row_filter_apply_4d() sets f->reason_4d for 4D
+ * splats, on the first call only. --decimate is not applied. The position of a 4D splat is tested
+ * in one frame only: of the frames that show the splat, the one nearest to its own time. If no
+ * frame shows the splat, --crop tests its position at its own time, and --min-views and --floaters
+ * do not apply. */
 spin_status spin_row_filter_apply(struct spin_row_filter *f, int frame,
                                   const struct spin_splats *s);
 spin_status spin_row_filter_apply_4d(struct spin_row_filter *f, const struct spin_splats_4d *s);

@@ -30,7 +30,7 @@ struct settling {
     int threshold;
     uint8_t *change;     /* [n_cameras][n_frames][plane], difference from the median over time */
     uint8_t **mark;      /* [n_frames][rows] 1: static; 2: static and stored in `base` */
-    double low[3], cell; /* grid of holes */
+    double low[3], cell; /* lowest corner and cell size of the grid of holes */
     int dim[3];
     uint8_t *taken; /* [cells] 1 if the cell or a neighbouring cell contains a static row, so that
                        it is no hole */
@@ -195,8 +195,8 @@ static void count_changes(const struct settling *s, const double pixel[3], int c
     }
 }
 
-/* Returns whether a splat of frame `own` is static, judged by its own frame and FRAMES evenly
- * spaced ones. */
+/* Returns whether a splat of frame `own` is static in its own frame and in FRAMES evenly spaced
+ * frames. */
 static bool is_static(const struct settling *s, const float at[3], int own)
 {
     int frame[FRAMES + 1] = {own}, changed[FRAMES + 1] = {0}, n = 1, seen = 0;
@@ -293,7 +293,7 @@ static size_t n_sh(const struct spin_splats *s)
     return 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
 }
 
-/* Copies row i of `from` to row k, and adds `larger` to its log scales. */
+/* Copies row i of `from` to row k, and adds `larger` to the log scales of the copy. */
 static void copy_row(const struct spin_splats *from, size_t i, float larger, struct spin_splats *to,
                      size_t k)
 {
@@ -408,8 +408,7 @@ static spin_status write_frames(struct settling *s, const double keep[2],
     return SPIN_OK;
 }
 
-/* Writes the bundle. Its description is that of the source, except for the rows and the data
- * set. */
+/* Writes the bundle. meta.json is that of the source, except for the rows and the data set. */
 static spin_status write_bundle(struct settling *s, const char *output, const double keep[2],
                                 bool force, struct spin_settled *settled)
 {

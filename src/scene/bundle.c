@@ -27,7 +27,7 @@ struct group {
     unsigned columns, static_columns;
     int sh_degree;
     bool antialias;
-    /* [n_frames] number of splats of each frame; NULL: meta.frame[].n contains it */
+    /* [n_frames] number of splats of each frame; NULL: see meta.frame[].n */
     const size_t *n;
 };
 

@@ -6,8 +6,8 @@
 #include "base/base.h"
 #include "scene/bundle.h"
 
-/* For arrays of this size in bytes or more, the CRC is not checked, since the check reads every
- * byte. */
+/* Arrays of this size in bytes or more are read without a check of their CRC, which would read
+ * every byte even if the caller needs only a few. */
 #define CRC_LIMIT (64u << 20)
 
 /* The words of frame 0 of a series. */

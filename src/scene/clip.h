@@ -66,8 +66,7 @@ struct spin_pair {
     int frame;   /* index of the frame in the clip, 0..n_frames - 1 */
     size_t view; /* index into views.view */
 };
-/* Lists the views of all frames of the clip that belong to the split, frame by frame; with
- * SPIN_SPLIT_OUTER, the test views outside the cone of the training cameras. The caller
- * frees *pairs. */
+/* Lists, frame by frame, the views of the clip that belong to the split. SPIN_SPLIT_OUTER selects
+ * the test views outside the cone of the training cameras. The caller frees *pairs. */
 spin_status spin_clip_pairs(const struct spin_clip *clip, enum spin_split split,
                             struct spin_pair **pairs, size_t *n);

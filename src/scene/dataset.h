@@ -24,7 +24,7 @@ spin_status spin_views_count_positions(const struct spin_views *views, size_t *n
  * width and height are halved and rounded. */
 spin_status spin_views_scale(struct spin_views *views, double image_scale);
 
-/* Moves all cameras by -shift, as the positions of the clip were (see struct
+/* Moves all cameras by -shift, as all positions of the clip were moved (see struct
  * spin_sequence_info). */
 void spin_views_shift(struct spin_views *views, const double shift[3]);
 

@@ -16,6 +16,7 @@ spin_status spin_kept_cameras_choose(const struct spin_views *views, int row,
  * empty. */
 spin_status spin_kept_cameras_find(const char *run, struct spin_views *out, char **path);
 
-/* Creates the value of "cameras" of meta.json, and reads it. */
+/* spin_kept_cameras_json() creates the value of "cameras" in meta.json, spin_kept_cameras_read()
+ * reads it. */
 spin_json *spin_kept_cameras_json(const struct spin_views *kept);
 spin_status spin_kept_cameras_read(const spin_json *list, struct spin_views *out);

@@ -18,7 +18,7 @@ struct spin_camera_cone {
 /* Measures the cone of all training cameras in all frames. Fails with SPIN_E_UNSUPPORTED if the
  * cameras do not look at a common point. */
 spin_status spin_camera_cone_open(const struct spin_views *views, struct spin_camera_cone *out);
-/* True if the camera is outside the cone by more than 3 degrees. */
+/* Returns whether the camera is outside the cone by more than 3 degrees. */
 bool spin_camera_cone_excludes(const struct spin_camera_cone *cone,
                                const struct spin_camera *camera);
 

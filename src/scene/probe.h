@@ -12,7 +12,7 @@ void spin_peek_free(struct spin_peek *peek);
  * highest score for `path`. If want_views is true, only importers of data sets are considered,
  * which have views(); otherwise only importers of runs, which have open(). Fails with
  * SPIN_E_NOT_RECOGNISED if the two highest scores are about equal; the message then names both
- * importers. It also fails so if no importer recognises the input; the message then names a
+ * importers. Fails in the same way if no importer recognises the input; the message then names a
  * subfolder that an importer recognises, if there is one. */
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out);

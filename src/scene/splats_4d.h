@@ -22,7 +22,7 @@ float spin_array_4d_per_unit(int k, enum spin_round_4d round);
 bool spin_array_4d_in(const struct spin_splats_4d *s, int k, unsigned parts);
 /* Returns the enum spin_splats_4d_part of the optional array with this name; 0 if there is none. */
 unsigned spin_array_4d_part(const char *name);
-/* Returns whether the spans match the rows, which is so after spin_splats_4d_finish(). */
+/* Returns whether the spans match the rows, which is true after spin_splats_4d_finish(). */
 bool spin_splats_4d_is_finished(const struct spin_splats_4d *s);
 /* Returns the set of optional arrays that *s has. */
 unsigned spin_splats_4d_parts(const struct spin_splats_4d *s);

@@ -4,5 +4,5 @@
 #include "io/json.h"
 
 /* Returns a copy of "options" in "trained" of meta.json. If no network was trained, the options of
- * the network are omitted. NULL if there are no options. */
+ * the network are omitted. Returns NULL if there are no options. */
 spin_json *spin_trained_options(const spin_json *trained);

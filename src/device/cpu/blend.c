@@ -1,6 +1,6 @@
-/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. The
- * formulas are those of math/blend.h, rewritten to process a vector of pixels of a row at a time;
- * tests/device/t-blend.c compares both implementations.
+/* Blends the splats of a tile front to back, and computes the gradients of the splats back to
+ * front. The formulas are those of math/blend.h, rewritten to process a vector of pixels of a row
+ * at a time; tests/device/t-blend.c compares both implementations.
  *
  * The (splat, tile) pairs of a tile are prepared in batches. A splat is blended only in the rows
  * where its alpha is large enough to contribute and, on SIMD paths with short vectors, only in the

@@ -46,8 +46,8 @@ static inline struct spin_pool *spin_cpu_pool(struct spin_device *d)
     return ((struct spin_cpu *)d->state)->pool;
 }
 
-/* A variable of this type adds the time from its definition to the end of its block to the time of
- * the operation `op`. */
+/* Scope guard: adds the time from its definition to the end of its scope to the time of operation
+ * `op`. */
 struct spin_cpu_clock {
     struct spin_device *d;
     int op;

@@ -1,6 +1,6 @@
-/* Adds up, for densification, the length of the gradient of the loss with respect to the screen
- * position of each splat. Compiled with -ffp-contract=off, so that every SIMD path gives the same
- * bits. */
+/* Updates the statistics for densification: for each splat, adds up the length of the gradient of
+ * the loss with respect to the splat's screen position. Compiled with -ffp-contract=off, so that
+ * every SIMD path gives the same bits. */
 #include <math.h>
 
 #include "device/cpu/cpu.h"

@@ -67,7 +67,7 @@ struct level {
     uint32_t step[4];
     uint32_t top[4]; /* last vertex of each axis */
     uint32_t n_rows, mask;
-    int hashed; /* 0: dense; 1: hashed, n_rows is a power of two; 2: hashed, another n_rows */
+    int hashed; /* 0: dense; 1: hashed, n_rows is a power of two; 2: hashed, any other n_rows */
     size_t first_row;
 };
 
@@ -441,8 +441,8 @@ static inline __attribute__((always_inline)) quad slopes(const quad v[CORNERS], 
     /* The three dot products, each over four features, are computed together. */
     pair_lo = SHUFFLE(gx, gy, 0, 4, 1, 5);
     pair_hi = SHUFFLE(gx, gy, 2, 6, 3, 7);
-    pair = pair_lo + pair_hi;                /* x0+x2 y0+y2 x1+x3 y1+y3 */
-    last = gz + SHUFFLE(gz, gz, 2, 3, 0, 1); /* z0+z2 z1+z3 .. */
+    pair = pair_lo + pair_hi;                /* lanes: x0+x2, y0+y2, x1+x3, y1+y3 */
+    last = gz + SHUFFLE(gz, gz, 2, 3, 0, 1); /* lanes: z0+z2, z1+z3, ... */
     sum = SHUFFLE(pair, last, 0, 1, 4, 4) + SHUFFLE(pair, last, 2, 3, 5, 5);
     return sum;
 }

@@ -30,8 +30,8 @@ enum { BLOCK = 96, TILE_ROWS = 6, MAX_TASKS = 32, PAD = 16 };
 
 #define ALWAYS_INLINE static inline __attribute__((always_inline))
 
-/* vec: a vector of LANES floats. vec_at: the same type in memory, at an address that need not be
- * aligned. */
+/* vec: a vector of LANES floats. vec_at: the same vector, for loads and stores at addresses that
+ * need not be aligned. */
 typedef float vec __attribute__((vector_size(LANES * 4)));
 typedef float vec_at __attribute__((vector_size(LANES * 4), aligned(4), may_alias));
 
@@ -144,8 +144,8 @@ static void multiply(const struct product *x)
     multiply_columns(x, of_width);
 }
 
-/* Like multiply(), for a matrix A that is stored transposed, so that the sum runs over its rows in
- * memory. */
+/* Like multiply(), for a matrix A that is stored transposed, so that sums run over the stored rows
+ * of A. */
 static void multiply_transposed(const struct product *x)
 {
     static column_fn *const of_width[] = {column_turned_1, column_turned_2, column_turned_3,
@@ -432,8 +432,8 @@ static void weights_back(const struct job *job, int h, int w, int m, const float
     multiply_transposed(&product);
 }
 
-/* Multiplies the gradient d by the slopes of the activation function, and adds its sum over the
- * rows to d_bias. */
+/* Multiplies the gradient d by the slopes of the activation function, and adds the sum of the
+ * products over the rows to d_bias. */
 static void through_activation(int m, size_t ld, float *restrict d, const float *restrict slope,
                                float *restrict d_bias)
 {

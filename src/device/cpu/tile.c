@@ -37,7 +37,7 @@ struct sorted {
     size_t n;
     struct entry *entry; /* [n] sorted from front to back */
     struct rect *rect;   /* [splats] tiles of each splat, in the original order */
-    uint32_t first;      /* index in intersections at which the view's list begins */
+    uint32_t first;      /* index of the view's first pair in spin_tiles.intersections */
 };
 
 struct job {

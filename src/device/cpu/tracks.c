@@ -47,8 +47,8 @@ static struct job job_of(const struct spin_frame_of_batch *frame,
                         .group = group};
 }
 
-/* Applies the motion of a splat's track to its values: moves the position by the displacement at
- * the frame's time, or reduces the opacity by the Gaussian window. */
+/* Applies the motion of a splat's track to a value of the splat: moves the position by the
+ * displacement at the frame's time, or reduces the opacity by the Gaussian window. */
 static void apply_motion(const struct job *job, const float *motion, float *value)
 {
     float d = job->t - motion[3], x = d * motion[4];

@@ -16,8 +16,8 @@ void *SPIN_CPU(scratch_need)(struct spin_device *d, enum spin_cpu_scratch which,
     return NULL;
 }
 
-/* Returns the index in the list of the first active row that is `row` or greater, by binary search.
- */
+/* Returns the index in active->row of the first entry that is `row` or greater, by binary
+ * search. */
 static size_t place_of(const struct spin_active *active, size_t row)
 {
     size_t low = 0, high = *active->n;

@@ -1,6 +1,6 @@
-/* Adam, with one thread per parameter, which also sets the gradient to zero. One launch processes
- * up to MOST_GROUPS groups of parameters, which are passed as arguments. Each group has its own
- * blocks. */
+/* Runs Adam with one thread per parameter. Each thread also sets the gradient to zero. One launch
+ * processes up to MOST_GROUPS groups of parameters, which are passed as arguments. Each group has
+ * its own blocks. */
 #include "device/cuda/cuda.h"
 #include "math/adam.h"
 #include "math/approx.h"

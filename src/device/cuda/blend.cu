@@ -1,7 +1,7 @@
-/* Alpha blending of the splats of a tile, front to back, and its gradient, back to front. Each tile
- * has a block and each pixel a thread; the splats are loaded into shared memory in batches. The
- * formulas are those of math/blend.h. A warp covers 8 x 4 pixels, and skips the splats of a batch
- * whose alpha is below 1/255 in all of these pixels.
+/* Blends the splats of a tile front to back, and computes the gradients of the splats back to
+ * front. Each tile has a block and each pixel a thread; the splats are loaded into shared memory in
+ * batches. The formulas are those of math/blend.h. A warp covers 8 x 4 pixels, and skips the splats
+ * of a batch whose alpha is below 1/255 in all of these pixels.
  *
  * In the backward pass, a block starts at the last splat that contributes to any of its pixels. A
  * warp processes two splats at a time, and each pixel stores its terms of the gradients of both

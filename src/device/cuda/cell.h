@@ -1,5 +1,5 @@
-/* Finds the cell of the hash grid that contains a point, in kernels. Files that include this header
- * are compiled without fused multiply-add. */
+/* Functions for kernels that find the cell of the hash grid that contains a point. Files that
+ * include this header are compiled without fused multiply-add. */
 #pragma once
 
 #include "device/cuda/cuda.h"

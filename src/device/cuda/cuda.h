@@ -100,7 +100,7 @@ static inline __device__ bool cuda_row(const struct cuda_rows &rows, size_t i, s
     return *row_of_frame < rows.n;
 }
 
-/* Adds the values of a block's threads in a fixed order, and returns the sum in thread 0. All
+/* Adds the values of a block's threads in a fixed order, and returns the sum in every thread. All
  * threads must call the function. sum [threads] is shared memory. The number of threads is a power
  * of two. */
 static inline __device__ double cuda_block_sum(double *sum, double value)

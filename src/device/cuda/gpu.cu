@@ -31,8 +31,8 @@ int gpu_count(char *why, size_t n_why)
     snprintf(why, n_why, "%s",
              cudaGetErrorString(error == cudaSuccess ? cudaErrorNoDevice : error));
     cudaGetLastError();
-    /* CUDA returns this error for an old driver and also if there is no driver, but in the second
-     * case the version is 0. */
+    /* CUDA returns this error for an old driver and also without a driver, but the driver version
+     * is 0 in the second case. */
     return error == cudaErrorInsufficientDriver && cudaDriverGetVersion(&driver) == cudaSuccess &&
                    driver > 0
                ? -1

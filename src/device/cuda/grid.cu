@@ -98,8 +98,8 @@ void cuda_grid(struct spin_device *d, const struct spin_grid *grid, const float 
 /* Interpolates from a to b along one axis, with weight w: a + w (b - a). */
 static __device__ float mix(float a, float b, float w) { return a + w * (b - a); }
 
-/* Computes d_x [3]: for each of the axes x, y and z, the values at the upper corners minus those at
- * the lower ones, interpolated along the other axes. */
+/* Sets d_x [3] to the derivatives along x, y and z: the values at the upper corners minus those at
+ * the lower corners, interpolated along the other axes. */
 static __device__ void slopes_of(const struct cuda_cell &cell, const float v[CUDA_CORNERS],
                                  float d_x[3])
 {

@@ -42,8 +42,8 @@ struct back_room {
     float x[BACK_TILE * LONG], g[BACK_TILE * LONG];
 };
 
-/* Returns the number of warps in a block, which the size of shared memory limits: it is 8 on sm_80.
- */
+/* Returns the number of warps in a block. The size of shared memory limits it, for example to 8 on
+ * sm_80. */
 static int warps_of(const struct gpu *gpu)
 {
     long warps = ((long)gpu->shared - (long)sizeof(struct weights)) /

@@ -91,7 +91,7 @@ static __device__ struct strip strip_of(const struct photo &p)
 }
 
 /* Fills v [TALL] with the values of a column, starting HALF rows above the strip; rows outside the
- * plane give 0. The values are obtained by calling value(offset from s.at). */
+ * plane give 0. value(k) returns the value at index s.at + k of the plane. */
 template <class V> static __device__ void load_strip(const struct strip &s, float *v, V value)
 {
     for (int k = 0; k < TALL; k++) {

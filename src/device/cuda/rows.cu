@@ -15,7 +15,7 @@ static const int n_groups = 4;
 static const struct group groups[n_groups] = {
     {3, SPIN_ATTR_SCALE}, {4, SPIN_ATTR_ROTATION}, {3, SPIN_ATTR_SH}, {1, SPIN_ATTR_OPACITY}};
 
-/* The SH coefficients beyond the first, which are in a separate array. */
+/* Returns the group of the SH coefficients beyond the first, which are in a separate array. */
 static struct group group_of_sh(size_t width) { return {width, SPIN_ATTR_SH + 3}; }
 
 /* Adds the values of one group to rows of raw attributes, or copies them if `add` is false, with
