@@ -6,9 +6,9 @@
 #include "io/file.h"
 #include "math/sh.h"
 
-/* A splat takes at least 34 bytes before compression, and positions compress badly, since no two
- * splats share a position. Therefore, files that unpack to far more than 32 times their size are
- * refused as decompression bombs. */
+/* A splat has at least 34 bytes before compression, and positions compress badly, since no two
+ * splats share a position. Files that would unpack to far more than 32 times their size
+ * (SPIN_4DGS_RATIO) are therefore refused as decompression bombs. */
 #define ROW_BYTES 34
 
 struct reader {
@@ -16,7 +16,7 @@ struct reader {
     size_t size;
     struct spin_4dgs *info;
     struct spin_splats_4d *splats;
-    unsigned seen; /* bit k: record k was read; set only for records that must not occur twice */
+    unsigned seen; /* bit k: record k was read, for records that must not occur twice */
     uint64_t n_said;
     double origin[3], step[SPIN_4DGS_N_STEPS];
     double *window; /* [n_windows][2] start and end of each window */
@@ -26,12 +26,12 @@ struct reader {
     size_t first, n_in_chunk;       /* first row and number of rows of the current chunk */
     unsigned bands;                 /* bit k: SH band k + 1 of the current chunk was read */
     struct spin_4dgs_states states; /* for keyframe-delta */
-    bool has_chunks;                /* a chunk was read */
+    bool has_chunks;                /* true: a chunk was read */
     struct spin_4dgs_sounds sounds;
     int32_t *steps[SPIN_4DGS_N_ATTRIBUTES];
 };
 
-/* Returns the number of characters of a text to print with "%.*s": at most 80. */
+/* Returns the precision with which "%.*s" prints a text: its length, at most 80 characters. */
 static int length_of(const struct spin_4dgs_cursor *text)
 {
     return text->left < 80 ? (int)text->left : 80;
@@ -106,7 +106,7 @@ static spin_status read_windows(struct reader *r, struct spin_4dgs_cursor *c)
     return SPIN_OK;
 }
 
-/* Returns a number above 0 of at most 31 characters; 0 if the text is anything else. */
+/* Parses a text of at most 31 characters as a number above 0. Returns 0 for all other texts. */
 static double read_rate(const struct spin_4dgs_cursor *text)
 {
     char copy[32] = "", *end = copy;
@@ -119,8 +119,8 @@ static double read_rate(const struct spin_4dgs_cursor *text)
     return *end == '\0' && rate > 0 && isfinite(rate) ? rate : 0;
 }
 
-/* Reads the mark of antialiasing and the frame rate from the metadata that spin4d writes. Other
- * metadata are ignored, even if they are damaged. */
+/* Reads antialiasing, frame rate and start of the sound from the metadata record that spin4d
+ * writes. Metadata of other programs are ignored, even if they are malformed. */
 static void read_metadata(struct reader *r, const struct spin_4dgs_cursor *record)
 {
     struct spin_4dgs_cursor c = *record, name = spin_4dgs_block(&c, 4), map;
@@ -140,7 +140,7 @@ static void read_metadata(struct reader *r, const struct spin_4dgs_cursor *recor
     }
 }
 
-/* Verifies the checksum of the index. The index itself is not used. */
+/* Verifies the checksum of the records from the index to the footer. at: offset of the footer. */
 static spin_status read_footer(const struct reader *r, struct spin_4dgs_cursor *c, size_t at)
 {
     uint64_t start = spin_4dgs_number(c, 8);
@@ -157,8 +157,8 @@ static spin_status read_footer(const struct reader *r, struct spin_4dgs_cursor *
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
 
-/* Rounds the start or end of a window down to a float. Windows are half open: a splat is visible at
- * the start and invisible at the end. */
+/* Rounds the start or end of a window down to a float. A window is half-open, so rounding down
+ * keeps a splat visible at its start and invisible at its end. */
 static float round_down(double x)
 {
     float f = (float)spin_4dgs_clamp(x, -(double)SPIN_FOREVER, (double)SPIN_FOREVER);
@@ -274,7 +274,8 @@ static spin_status end_chunk(const struct reader *r)
     return SPIN_OK;
 }
 
-/* Counts the splats of a chunk. In the second pass, when memory is reserved, reads them as well. */
+/* Counts the splats of a chunk. In the second pass, in which the memory is allocated, also reads
+ * the splats. */
 static spin_status read_chunk(struct reader *r, struct spin_4dgs_cursor *c)
 {
     double interval[2];
@@ -309,8 +310,8 @@ static spin_status read_chunk(struct reader *r, struct spin_4dgs_cursor *c)
     return spin_fail_context(status, "chunk %zu", r->n_chunks - 1);
 }
 
-/* Reads an SH band: all coefficients of red, then green, then blue. The codes 0..255 stand for
- * -4..4. */
+/* Reads an SH band: for each splat all coefficients of red, then of green, then of blue. The codes
+ * 0..255 are mapped to -4..4. */
 static spin_status read_band(struct reader *r, struct spin_4dgs_cursor *c)
 {
     const struct spin_splats_4d *s = r->splats;
@@ -356,7 +357,7 @@ static spin_status read_state_record(struct reader *r, unsigned opcode, struct s
                                                  : spin_4dgs_states_index(states, c);
 }
 
-/* Sets the integers of attribute a for all rows of the states. */
+/* Sets r->steps[a] to the integers of attribute a in all rows of the states. */
 static spin_status gather_steps(struct reader *r, int a)
 {
     const struct spin_4dgs_states *states = &r->states;
@@ -370,7 +371,7 @@ static spin_status gather_steps(struct reader *r, int a)
     return SPIN_OK;
 }
 
-/* Makes each splat of the states a 4D splat, which is cut to the time until it changes. */
+/* Converts each row of the states to a 4D splat that is visible only in the interval of the row. */
 static spin_status fill_states(struct reader *r)
 {
     struct spin_4dgs_states *states = &r->states;
@@ -393,7 +394,7 @@ static spin_status fill_states(struct reader *r)
     return SPIN_OK;
 }
 
-/* Reads a record of sound, in the first pass only. */
+/* Reads a sound record in the first pass, and skips it in the second pass. */
 static spin_status read_sound(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c)
 {
     if (r->splats->centres)

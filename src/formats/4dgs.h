@@ -1,7 +1,7 @@
-/* .4dgs of avala-ai, version 1 (draft): 4D splats, each visible during one interval of time. A file
- * is little endian. It consists of a magic number, records, and the magic number again. A record is
- * an opcode (1 byte), the length of its content (8 bytes), and the content, to which newer writers
- * may append fields:
+/* The .4dgs format of avala-ai, version 1 (draft): 4D splats, each visible during one interval of
+ * time. A file is little endian. It consists of a magic number, records, and the magic number
+ * again. A record is an opcode (1 byte), the length of its content (8 bytes), and the content, to
+ * which newer writers may append fields:
  *
  *     01  header         profile, writer, duration, number of splats, cutoff, temporal model,
  *                        bounding box, SH degree, flags
@@ -15,22 +15,24 @@
  *     12  audio data     id of a sound, and its file
  *     02  footer         offset of the index, and its checksum
  *
- * A stream is a header of 17 bytes, followed by byte planes (planes.h) that are compressed by zlib
- * or zstd. The stream header contains attribute, bytes per symbol, mode, codec and channels in one
- * byte each, the number of elements in 4 bytes, and the compressed length in 8 bytes. A text is a
- * 4-byte length followed by its characters.
+ * A stream contains the integers of one attribute: a header of 17 bytes, followed by byte planes
+ * (planes.h) that are compressed with zlib or zstd. The stream header contains attribute, bytes per
+ * symbol, mode, codec and number of channels in one byte each, the number of splats in 4 bytes, and
+ * the compressed length in 8 bytes. A text is a 4-byte length followed by its characters.
  *
- * In files of the model keyframe-delta, chunks are keyframes with an id for each splat, and
+ * In files of the temporal model keyframe-delta, each chunk defines a state: the splats that are
+ * visible until the next chunk. Chunks of record 05 are keyframes, with all splats of the state and
+ * their ids. Another record contains only what differs from an earlier state:
  *
- *     10  delta chunk    changes of splats, births and deaths since another chunk
+ *     10  delta chunk    updates of splats, births and deaths
  *
- * changes some splats; each interval of time between two chunks is a state. A splat becomes one 4D
- * splat for each time that it is changed.
+ * The reader converts a splat to several 4D splats, one for each interval in which the splat does
+ * not change.
  *
- * A splat is visible while three conditions hold: the time is within the splat's entry of the
+ * A splat is visible while three conditions are met: the time is within the splat's entry of the
  * window table, the time is within the interval of the splat's chunk, and the splat's Gaussian
  * window is at or above the cutoff. The quantisation steps of a splat's velocity and centre in time
- * depend on the splat's sigma. */
+ * depend on the standard deviation (sigma) of its Gaussian window. */
 #pragma once
 
 #include "spin.h"
@@ -38,18 +40,19 @@
 struct spin_4dgs {
     double duration; /* length of the clip in seconds; the clip starts at time 0 */
     double cutoff;   /* splats are not drawn while their Gaussian window is below this value */
-    bool camera;     /* the file contains a camera path */
-    /* The first sound without a place in the scene, or else the first sound. Its data are in the
-     * file's memory. */
+    bool camera;     /* true: the file contains a camera path */
+    /* The first sound that has no position in the scene or, if all sounds have one, the first
+     * sound. Its data point into the file in memory. */
     struct spin_sound sound;
     char sound_notes[512]; /* one line for each property or sound that is dropped */
-    bool keyframes;        /* the temporal model is keyframe-delta */
-    /* Frames per second, from the metadata of spin4d or from evenly spaced states; 0: unknown. */
+    bool keyframes;        /* true: the temporal model is keyframe-delta */
+    /* Frames per second, from the metadata that spin4d writes or, if states are evenly spaced, the
+     * number of states per second; 0: unknown. */
     double fps;
 };
 
-/* Reads a whole file that is in memory. The caller must call spin_splats_4d_finish() on the splats.
- * The ends of windows, which are doubles in the file, are rounded down to floats. Files with
+/* Reads a whole file from memory. The caller must call spin_splats_4d_finish() on the splats.
+ * Starts and ends of windows, which are doubles in the file, are rounded down to floats. Files with
  * object tracks are refused. Error messages do not contain the path. */
 spin_status spin_4dgs_read(const unsigned char *file, size_t size, struct spin_4dgs *out,
                            struct spin_splats_4d *splats);

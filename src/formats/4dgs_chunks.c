@@ -1,4 +1,5 @@
-/* Chunks of .4dgs files: splats in full, and the changes of a state; see 4dgs_write.h. */
+/* Writes the chunks of .4dgs files, which contain all splats of an interval or only the changes
+ * since the previous state (see 4dgs_write.h). */
 #include <math.h>
 
 #include "base/text.h"
@@ -11,16 +12,16 @@ enum { RAW, DIFFERENCE, CONSTANT };
 enum { SH_CODES = 7 };
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* A stream as it is stored. */
+/* A stream as stored in the file. */
 struct packed {
     unsigned mode, symbol;
     unsigned char *data;
     size_t n;
 };
 
-/* Maps n integers, `back` of them in each row, to unsigned symbols: their zigzag codes or, with
- * mode DIFFERENCE, those of the differences from the row before. Returns the bytes that each symbol
- * needs; 0: a difference does not fit into 32 bits. */
+/* Maps n integers, which are rows of `back` integers, to unsigned symbols: the zigzag codes of the
+ * integers or, in mode DIFFERENCE, of their differences from the previous row. Returns the number
+ * of bytes that each symbol needs, or 0 if a difference does not fit into 32 bits. */
 static unsigned zigzag(const int32_t *value, size_t n, size_t back, unsigned mode, uint32_t *symbol)
 {
     uint32_t all = 0;
@@ -55,7 +56,8 @@ static spin_status pack(const int32_t *value, size_t n, size_t channels, unsigne
     return spin_zlib_write(planes, n_symbols * out->symbol, &out->data, &out->n);
 }
 
-/* Packs integers in the mode that needs the fewest bytes. */
+/* Packs integers with mode CONSTANT if all rows are equal, otherwise with RAW or DIFFERENCE,
+ * whichever gives the smaller stream. */
 static spin_status pack_smallest(const int32_t *value, size_t n, size_t channels,
                                  struct packed *out)
 {
@@ -97,7 +99,7 @@ static spin_status put_stream(FILE *to, unsigned attribute, const int32_t *value
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
 
-/* Writes the ids of n splats, which are `bytes` apart. */
+/* Writes a stream of n ids. bytes: distance in memory from one id to the next. */
 static spin_status put_ids(FILE *to, const uint32_t *id, size_t n, size_t bytes)
 {
     SPIN_FREED int32_t *value = NULL;
@@ -154,7 +156,7 @@ static spin_status write_attributes(struct spin_4dgs_writer *w, const double int
     return spin_4dgs_end_record(w, SPIN_4DGS_REC_CHUNK);
 }
 
-/* Writes SH band b: all coefficients of red, then green, then blue. */
+/* Writes SH band b: for each splat all coefficients of red, then of green, then of blue. */
 static spin_status write_band(struct spin_4dgs_writer *w, const struct spin_4dgs_splat *splat,
                               size_t n, size_t b)
 {
@@ -182,7 +184,7 @@ static spin_status begin_chunk(struct spin_4dgs_writer *w, const double interval
     return SPIN_OK;
 }
 
-/* Ends a chunk with the SH bands of its n new splats. */
+/* Ends a chunk: writes the SH bands of its n new splats, and completes its entry of the index. */
 static spin_status end_chunk(struct spin_4dgs_writer *w, struct spin_4dgs_entry *entry,
                              const struct spin_4dgs_splat *splat, size_t n)
 {
@@ -210,8 +212,10 @@ spin_status spin_4dgs_write_chunk(struct spin_4dgs_writer *w, const double inter
 
 /* ---- Deltas ---------------------------------------------------------------------------------- */
 
-/* Sets value[n][channels] to the integers of an update: for rotations the new integers, for other
- * attributes the differences from the old ones. Returns whether any integer has changed. */
+/* Sets value [n_updates][channels] to the integers of one attribute as a delta stores them. whole:
+ * true for rotations, which are stored as new integers; false for other attributes, which are
+ * stored as differences from the old integers. from: index of the attribute's first integer.
+ * Returns whether any integer has changed. */
 static bool find_differences(const struct spin_4dgs_changes *c, size_t from, size_t channels,
                              bool whole, int32_t *value)
 {
@@ -227,8 +231,8 @@ static bool find_differences(const struct spin_4dgs_changes *c, size_t from, siz
     return differs;
 }
 
-/* Writes those attributes that change in at least one splat. The two attributes of a rotation are
- * always written together. */
+/* Writes the attributes that change in at least one splat. The two attributes of a rotation are
+ * written together: both or none. */
 static spin_status put_updates(FILE *to, const struct spin_4dgs_changes *c)
 {
     SPIN_FREED int32_t *value = NULL;
@@ -261,7 +265,7 @@ static spin_status put_group(FILE *to, const struct spin_4dgs_changes *c, int gr
     return group == UPDATES && c->n_updates > 0 ? put_updates(to, c) : SPIN_OK;
 }
 
-/* Writes the three groups to memory, each after its length. */
+/* Writes the groups of updates, births and deaths, each preceded by its length. */
 static spin_status put_groups(FILE *to, const struct spin_4dgs_changes *c)
 {
     for (int group = UPDATES; group <= DEATHS; group++) {

@@ -1,18 +1,18 @@
-/* The records that .4dgs files consist of, and the index of chunks, which 4dgs_write.h
- * writes. */
+/* Writes the records that .4dgs files consist of. Also defines the entries of the index of chunks,
+ * which 4dgs_write.h writes. */
 #pragma once
 
 #include <stdio.h>
 
 #include "io/file.h"
 
-/* A chunk in the index. */
+/* A chunk in the index. Offsets and sizes are in bytes. */
 struct spin_4dgs_entry {
     double interval[2];
     uint64_t at, bytes;
-    size_t n, n_live;   /* numbers of splats in the chunk and in the state */
-    uint64_t reference; /* offset of the chunk that a delta changes */
-    uint64_t key;       /* offset of the keyframe */
+    size_t n, n_live;   /* splats in the chunk (for a delta: changes), and in the state */
+    uint64_t reference; /* offset of the chunk to whose state a delta is applied */
+    uint64_t key;       /* offset of the last keyframe, which may be this chunk */
     unsigned depth;     /* number of deltas since the keyframe, including this one */
     int n_bands;
     struct {
@@ -25,14 +25,14 @@ struct spin_4dgs_coding;
 struct spin_4dgs_writer {
     struct spin_out *out;
     const struct spin_4dgs_coding *coding;
-    FILE *record; /* content of the current record */
+    FILE *record; /* collects the content of the current record in `text` */
     char *text;
     size_t n_text;
     struct spin_4dgs_entry *entry; /* [n_entries] the index */
     size_t n_entries;
 };
 
-/* Append values to a record, in little-endian order. */
+/* These functions append values to a record, in little-endian byte order. */
 void spin_4dgs_put_number(FILE *to, uint64_t value, int bytes);
 void spin_4dgs_put_double(FILE *to, double value);
 void spin_4dgs_put_doubles(FILE *to, const double *value, int n);

@@ -2,7 +2,7 @@
 
 #include "io/sound.h"
 
-/* Bytes of a keyframe of a moving source: time, place, rotation x y z w. */
+/* KEYFRAME: bytes of a keyframe of a moving sound: time, position, rotation x y z w, as doubles. */
 enum { KEYFRAME = 8 * 8, MOST_SOUNDS = 1000 };
 
 struct spin_4dgs_source {
@@ -11,7 +11,7 @@ struct spin_4dgs_source {
     uint64_t size;
     double start, gain;
     bool has_place, loops;
-    const unsigned char *data; /* NULL: its record was not read yet */
+    const unsigned char *data; /* NULL: the audio data record has not been read yet */
 };
 
 static struct spin_4dgs_source *find_source(const struct spin_4dgs_sounds *sounds, uint32_t id)
@@ -22,7 +22,8 @@ static struct spin_4dgs_source *find_source(const struct spin_4dgs_sounds *sound
     return NULL;
 }
 
-/* Reads a place and a rotation. Returns whether they are valid. */
+/* Reads a position and a rotation. Returns true if they are valid or the record is too short, which
+ * the caller reports. */
 static bool read_pose(struct spin_4dgs_cursor *c)
 {
     double place = 0, length = 0;
@@ -37,7 +38,7 @@ static bool read_pose(struct spin_4dgs_cursor *c)
     return c->cut || (isfinite(place) && fabs(length - 1) < 1e-3);
 }
 
-/* Reads the keyframes of a moving source, whose times must increase inside the clip. */
+/* Reads the keyframes of a moving sound. Their times must increase and be within the clip. */
 static spin_status check_keyframes(struct spin_4dgs_cursor *c, uint32_t id, double duration)
 {
     uint64_t n = spin_4dgs_number(c, 4);
@@ -125,14 +126,14 @@ spin_status spin_4dgs_sound_data(struct spin_4dgs_sounds *sounds, struct spin_4d
     return SPIN_OK;
 }
 
-/* Where spin_4dgs_sounds_end() writes its results. */
+/* The output parameters of spin_4dgs_sounds_end(). */
 struct result {
     struct spin_sound *sound;
     char *notes;
     size_t n;
 };
 
-/* Notes what the chosen sound loses. */
+/* Adds a note for each property that the chosen sound loses. */
 static void note_losses(const struct spin_4dgs_sounds *sounds, const struct spin_4dgs_source *s,
                         const struct result *to)
 {
@@ -152,7 +153,7 @@ static void note_losses(const struct spin_4dgs_sounds *sounds, const struct spin
         spin_text_note(to->notes, to->n, "sound follows splats, which the format does not allow");
 }
 
-/* Makes *s the sound of the clip, unless its format is unknown. */
+/* Sets *to->sound to the source *s, or to no sound if the format of its file is unknown. */
 static void choose_sound(const struct spin_4dgs_sounds *sounds, const struct spin_4dgs_source *s,
                          const struct result *to)
 {

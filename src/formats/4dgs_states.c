@@ -1,12 +1,13 @@
-/* Keyframes and deltas of .4dgs files. A delta contains differences of integers, never of values,
- * so errors do not add up. */
+/* Reads the keyframes and deltas of .4dgs files. A delta contains differences of quantised
+ * integers, so rounding errors do not accumulate. */
 #include "formats/4dgs_states.h"
 
 /* STATE_BYTES: size of the additional fields that the model keyframe-delta has in an entry of the
  * index. */
 enum { MOST_CHUNKS = 1 << 24, STATE_BYTES = 28 };
 enum { TO_KEYFRAME, CHAINED = SPIN_4DGS_CHAINED };
-/* States are evenly spaced if they begin within this share of a state of the expected time. */
+/* States count as evenly spaced if each begins at the expected time, with a tolerance of this
+ * fraction of a state's duration. */
 #define EVEN 1e-3
 
 /* ---- States ---------------------------------------------------------------------------------- */
@@ -91,8 +92,8 @@ static bool moves(struct spin_4dgs_splat *splat)
     return bin[0] != 0 || bin[1] != 0 || bin[2] != 0;
 }
 
-/* Whether two states of a splat look the same at any time. Keyframes restate the centre in time,
- * which only matters to splats that move or fade. */
+/* Returns whether a splat looks the same in two states. The centre in time, which keyframes may set
+ * anew, is ignored if the splat neither moves nor fades. */
 static bool same_splat(struct spin_4dgs_splat *a, const struct spin_4dgs_splat *b)
 {
     struct spin_4dgs_splat copy = *b;
@@ -102,8 +103,9 @@ static bool same_splat(struct spin_4dgs_splat *a, const struct spin_4dgs_splat *
     return memcmp(a->bin, copy.bin, sizeof a->bin) == 0 && memcmp(a->sh, b->sh, sizeof a->sh) == 0;
 }
 
-/* Makes the state that was read the current one: splats that it changes or omits end at its
- * beginning. */
+/* Completes the state s->next and makes it the last complete state, s->shown. Adds rows for those
+ * splats of the previous state that are different or absent in the new state: their intervals end
+ * when the new state begins. */
 static spin_status show_next(struct spin_4dgs_states *s)
 {
     size_t i = 0;
@@ -136,7 +138,8 @@ static spin_status show_next(struct spin_4dgs_states *s)
     return s->chunk[s->n_chunks - 1].depth > 0 ? SPIN_OK : copy_state(&s->shown, 0, &s->keyframe);
 }
 
-/* Completes the previous state and begins that of a chunk. */
+/* Completes the previous state and begins the state of a chunk. n: number of splats or changes in
+ * the chunk. */
 static spin_status begin_chunk(struct spin_4dgs_states *s, const double interval[2],
                                const struct spin_4dgs_chunk *chunk, uint64_t n)
 {
@@ -194,7 +197,7 @@ static spin_status check_group(const struct group *g, enum kind kind)
     return SPIN_OK;
 }
 
-/* Reads the streams of n splats. Unknown attributes are skipped. */
+/* Reads a group: the streams of n splats. Unknown attributes are skipped. */
 static spin_status read_group(struct spin_4dgs_cursor *c, size_t n, enum kind kind,
                               struct group *out)
 {
@@ -218,8 +221,8 @@ static spin_status read_group(struct spin_4dgs_cursor *c, size_t n, enum kind ki
     return n > 0 ? check_group(out, kind) : SPIN_OK;
 }
 
-/* Writes the integers of row k of a group to a splat. Changes are added to the integers that the
- * splat has, except those of rotations, which replace them. */
+/* Applies row k of a group to a splat. If `add` is true, the integers are added to those of the
+ * splat, except for rotations, which are replaced; otherwise all integers are replaced. */
 static spin_status apply_row(const struct group *g, size_t k, bool add,
                              struct spin_4dgs_splat *splat)
 {
@@ -240,8 +243,8 @@ static spin_status apply_row(const struct group *g, size_t k, bool add,
     return SPIN_OK;
 }
 
-/* Adds new splats to the state: those of a keyframe, or the births of a delta. The SH bands that
- * follow refer to these splats. */
+/* Adds new splats to s->next: those of a keyframe, or the births of a delta. The SH bands that
+ * follow in the file belong to these splats, in this order. */
 static spin_status add_splats(struct spin_4dgs_states *s, const struct group *g, size_t n)
 {
     free(s->order);
@@ -335,8 +338,8 @@ spin_status spin_4dgs_states_keyframe(struct spin_4dgs_states *s, struct spin_4d
     return spin_fail_context(read_keyframe(s, &block, (size_t)n), "chunk %zu", s->n_chunks - 1);
 }
 
-/* Applies the groups of a delta in the order deaths, updates, births; `n` has the counts of
- * updates, births and deaths, as in the file. */
+/* Reads the groups of a delta, which are updates, births and deaths, and applies them in the order
+ * deaths, updates, births. n, group: in the order of the file. */
 static spin_status apply_groups(struct spin_4dgs_states *s, struct spin_4dgs_cursor *block,
                                 const size_t n[3], struct group group[3])
 {
@@ -355,7 +358,8 @@ static spin_status apply_groups(struct spin_4dgs_states *s, struct spin_4dgs_cur
     return add_splats(s, &group[1], n[1]);
 }
 
-/* Checks to which chunk a delta refers: the last keyframe or the chunk before it. */
+/* Checks that a delta refers to the right chunk: in mode CHAINED to the previous chunk, otherwise
+ * to the last keyframe. */
 static spin_status check_reference(const struct spin_4dgs_states *s,
                                    const struct spin_4dgs_chunk *chunk, uint64_t reference,
                                    uint64_t keyframe)
@@ -419,8 +423,8 @@ spin_status spin_4dgs_states_delta(struct spin_4dgs_states *s, struct spin_4dgs_
     return spin_fail_context(status, "chunk %zu", s->n_chunks - 1);
 }
 
-/* Reads an SH band of the splats of a keyframe or of those that a delta adds: the codes of all
- * coefficients of red, then green, then blue. */
+/* The band belongs to the splats that the preceding chunk has added. It contains, for each splat,
+ * the codes of all coefficients of red, then of green, then of blue. */
 spin_status spin_4dgs_states_band(struct spin_4dgs_states *s, struct spin_4dgs_cursor *c)
 {
     size_t b = (size_t)spin_4dgs_number(c, 1), width = 2 * b + 1;

@@ -1,4 +1,4 @@
-/* Records and streams of .4dgs files as bytes and integers. */
+/* Reads records and streams of .4dgs files, and dequantises values. */
 #include "formats/4dgs_streams.h"
 
 #include <math.h>

@@ -1,4 +1,5 @@
-/* Parts of .4dgs files that both temporal models share: the bytes of a record, and streams. */
+/* The parts of .4dgs files that the two temporal models, gaussian-birth and keyframe-delta, share:
+ * records as bytes, streams, and quantisation. */
 #pragma once
 
 #include "base/base.h"
@@ -17,7 +18,7 @@ enum {
     SPIN_4DGS_FLAGS,
     SPIN_4DGS_WINDOW,
     SPIN_4DGS_N_ATTRIBUTES,
-    SPIN_4DGS_ID = 13 /* only in files with keyframes; not in spin_4dgs_attributes */
+    SPIN_4DGS_ID = 13 /* ids of splats, only in files with keyframes; not in spin_4dgs_attributes */
 };
 
 extern const struct spin_4dgs_attribute {
@@ -35,7 +36,8 @@ struct spin_4dgs_cursor {
 const unsigned char *spin_4dgs_bytes(struct spin_4dgs_cursor *c, uint64_t n);
 uint64_t spin_4dgs_number(struct spin_4dgs_cursor *c, int bytes);
 double spin_4dgs_double(struct spin_4dgs_cursor *c);
-/* Reads a length of `length_bytes` bytes and returns as many bytes behind it. */
+/* Reads a block: its length, a number of `length_bytes` bytes, and then this number of bytes.
+ * Returns a cursor over the bytes of the block. */
 struct spin_4dgs_cursor spin_4dgs_block(struct spin_4dgs_cursor *c, int length_bytes);
 bool spin_4dgs_is(const struct spin_4dgs_cursor *text, const char *word);
 
@@ -46,14 +48,16 @@ struct spin_4dgs_stream {
 };
 
 struct spin_4dgs_stream spin_4dgs_stream_head(struct spin_4dgs_cursor *c);
-/* Allocates *out with the shape [n][channels], and reads the integers of n splats into it. */
+/* Allocates *out with the shape [n][channels], and sets it to the integers of n splats. */
 spin_status spin_4dgs_stream_read(const struct spin_4dgs_stream *s, size_t n, int channels,
                                   int32_t **out);
-/* Opens the streams of a chunk. If the chunk has a codec, all of its streams together were
- * compressed once more: *plain then receives their bytes, which the caller frees. */
+/* Opens the block of a chunk, which contains its streams. If the chunk has a codec, the whole block
+ * is compressed in addition to the streams. It is then decompressed to *plain, which the caller
+ * frees, and *block points to the result. bytes: size of the decompressed block. */
 spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dgs_cursor *codec,
                            uint64_t bytes, unsigned char **plain);
-/* Allowed sizes of unpacked data, see 4dgs.c. */
+/* Limits against decompression bombs: n packed bytes may unpack to at most RATIO n + SLACK bytes,
+ * see 4dgs.c. */
 #define SPIN_4DGS_RATIO 32
 #define SPIN_4DGS_SLACK (1u << 20)
 
@@ -64,17 +68,20 @@ spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dg
 #define SPIN_4DGS_MODEL "gaussian-birth"
 #define SPIN_4DGS_STATES "keyframe-delta"
 #define SPIN_4DGS_SCHEME "uniform-v1"
-#define SPIN_4DGS_CHAINED 1     /* a delta changes the state before it, not its keyframe */
+#define SPIN_4DGS_CHAINED                                                                          \
+    1 /* mode of a delta that is applied to the previous state, not to the last keyframe */
 #define SPIN_4DGS_NEVER_FADES 1 /* flag of a splat that has no Gaussian window */
 
-/* The metadata record of files that spin4d writes, its key for splats that are to be rendered with
- * antialiasing, and its key for the number of frames per second. */
+/* Name of the metadata record that spin4d writes, and its keys: whether the splats must be rendered
+ * with antialiasing, and the number of frames per second. */
 #define SPIN_4DGS_METADATA "spin4d"
 #define SPIN_4DGS_ANTIALIAS "antialias"
 #define SPIN_4DGS_FPS "fps"
-/* Key for the time in seconds, below 0, at which the sound begins. Its record says 0. */
+/* Key for the time in seconds at which the sound begins, only written if it is below 0. The audio
+ * source record then contains a start of 0. */
 #define SPIN_4DGS_SOUND_START "sound_start"
-#define SPIN_4DGS_LOOPS 2 /* flag of a sound: it is repeated; 1: it has a place in the scene */
+#define SPIN_4DGS_LOOPS                                                                            \
+    2 /* flag of a sound that is repeated; flag 1: it has a position in the scene */
 
 /* Opcodes of records. */
 enum {
@@ -109,13 +116,14 @@ enum {
 };
 
 double spin_4dgs_clamp(double x, double least, double most);
-/* Returns the quantisation step of a splat's velocity, which is finer for splats that live longer.
- * life: how long the splat is visible after its centre in time, or the length of its window if it
- * never fades. */
+/* Returns the quantisation step of a splat's velocity, which is finer for splats that are visible
+ * for longer. life: the time from the splat's centre in time until it fades below the cutoff or,
+ * for a splat that never fades, the length of its window; in seconds. */
 double spin_4dgs_motion_step(const double step[SPIN_4DGS_N_STEPS], double life);
-/* Returns the quantisation step of a splat's centre in time: the file's step, halved until it is at
- * most a twentieth of the splat's sigma, but no more than ten times. */
+/* Returns the quantisation step of a splat's centre in time: the file's step, halved up to ten
+ * times until it is at most a twentieth of the splat's sigma. */
 double spin_4dgs_time_step(const double step[SPIN_4DGS_N_STEPS], double sigma);
-/* Decodes a quaternion x y z w from its three smaller components; the largest, which the file
- * omits, is positive. */
+/* Decodes a quaternion from its three smaller components, `steps`, in units of `step`. largest:
+ * index of the largest component in the order x y z w, which the file omits and which is positive.
+ * The result is in the order w x y z. */
 void spin_4dgs_rotation(const int32_t *steps, int largest, double step, float wxyz[4]);

@@ -8,7 +8,7 @@
 
 enum { STATISTICS = 12, SOUND_ID = 1, PLUS_Y = 1, MINUS_Z = 5, RIGHT_HANDED = 1 };
 
-/* Relative errors of scales and sigmas that the file states. */
+/* The bound that the file declares for the relative errors of scales and sigmas. */
 #define RELATIVE (1 / 256.0)
 
 /* ---- The beginning --------------------------------------------------------------------------- */
@@ -24,20 +24,21 @@ void spin_4dgs_choose_steps(struct spin_4dgs_coding *c, double scale)
         c->origin[k] = 0.5 * (c->box[k] + c->box[3 + k]);
         size = fmax(size, c->box[3 + k] - c->box[k]);
     }
-    /* The finest step keeps positions well within 32 bits. */
+    /* At the lower limit of the step, positions need 28 of the 32 bits. */
     step = power_of_2(fmax(scale / 16, ldexp(size, -28)));
     c->step[SPIN_4DGS_STEP_POSITION] = step;
     c->step[SPIN_4DGS_STEP_SCALE] = c->step[SPIN_4DGS_STEP_SIGMA] = 2 * log1p(RELATIVE);
     c->step[SPIN_4DGS_STEP_ROTATION] = ldexp(1, -10);
     c->step[SPIN_4DGS_STEP_COLOUR] = c->step[SPIN_4DGS_STEP_OPACITY] = ldexp(1, -9);
-    /* A splat moves away from its centre in time for as long as it is visible, at most the whole
-     * clip. */
+    /* An error of the velocity grows to a position error over the time in which the splat is
+     * visible, which is at most the whole clip. */
     c->step[SPIN_4DGS_STEP_MOTION] = 2 * step / fmax(1, power_of_2(c->duration));
     c->step[SPIN_4DGS_STEP_TIME] = ldexp(1, -10);
 }
 
-/* The profile "keyframed" promises two or more states, and a limited number of deltas after each
- * keyframe. */
+/* Returns the profile, a name for guaranteed properties of the file. "keyframed" guarantees at
+ * least two states, and a limit on the number of deltas after each keyframe; "" guarantees nothing.
+ */
 static const char *profile_of(const struct spin_4dgs_coding *c)
 {
     return c->key_every > 0 && c->duration * c->fps > 1.5 ? "keyframed" : "";
@@ -61,7 +62,7 @@ static spin_status write_header(struct spin_4dgs_writer *w)
     return spin_4dgs_end_record(w, SPIN_4DGS_REC_HEADER);
 }
 
-/* Prints the stated errors, which are half of the steps. */
+/* Prints the error bounds that the file declares, which are half the quantisation steps. */
 static void print_bounds(FILE *to, const struct spin_4dgs_coding *coding)
 {
     static const struct {
@@ -88,7 +89,8 @@ static void print_bounds(FILE *to, const struct spin_4dgs_coding *coding)
     }
 }
 
-/* Writes a map to the current record: its size, and its pairs of texts. */
+/* Writes a map of texts to the current record: its size in bytes, then pairs of key and value,
+ * which `print` writes. */
 static spin_status put_map(FILE *to, void (*print)(FILE *to, const struct spin_4dgs_coding *coding),
                            const struct spin_4dgs_coding *coding)
 {
@@ -126,8 +128,8 @@ static spin_status write_windows(struct spin_4dgs_writer *w)
     return spin_4dgs_end_record(w, SPIN_4DGS_REC_WINDOWS);
 }
 
-/* Writes the coordinate frame: right-handed, +y up, -z forward. The scale in metres is unknown,
- * which is written as 0. */
+/* Writes the coordinate frame: right-handed, +y up, -z forward. The scale of 0 means that the size
+ * of a unit in metres is unknown. */
 static spin_status write_frame(struct spin_4dgs_writer *w)
 {
     static const unsigned char axes[4] = {RIGHT_HANDED, PLUS_Y, MINUS_Z, 0};
@@ -183,7 +185,8 @@ static spin_status write_metadata(struct spin_4dgs_writer *w)
     return spin_4dgs_end_record(w, SPIN_4DGS_REC_METADATA);
 }
 
-/* Writes the source of the sound. It has no place in the scene, but the record has one. */
+/* Writes the audio source record. The sound has no position in the scene, but the record requires
+ * one: the origin is written. */
 static spin_status write_source(struct spin_4dgs_writer *w, const struct spin_sound *s)
 {
     static const double pose[7] = {0, 0, 0, 0, 0, 0, 1};
@@ -230,7 +233,7 @@ spin_status spin_4dgs_write_begin(struct spin_4dgs_writer *w)
 
 /* ---- The end --------------------------------------------------------------------------------- */
 
-/* Writes the fields of the index that describe a state. */
+/* Writes the additional fields that an entry of the index has in files with keyframes. */
 static void put_state(FILE *to, const struct spin_4dgs_entry *entry)
 {
     spin_4dgs_put_number(to, entry->depth > 0, 1);
@@ -271,7 +274,7 @@ static spin_status write_statistics(struct spin_4dgs_writer *w)
     return spin_4dgs_end_record(w, STATISTICS);
 }
 
-/* Sets *crc to the checksum of the file from `start` on. */
+/* Sets *crc to the checksum of the file from byte `start` to the end. */
 static spin_status checksum(struct spin_4dgs_writer *w, uint64_t start, uint32_t *crc)
 {
     size_t n = (size_t)(w->out->bytes - start);
@@ -285,7 +288,7 @@ static spin_status checksum(struct spin_4dgs_writer *w, uint64_t start, uint32_t
     return SPIN_OK;
 }
 
-/* Replaces the header, whose length does not change. */
+/* Overwrites the header record in place; its length is the same as before. */
 static spin_status write_header_again(struct spin_4dgs_writer *w)
 {
     uint64_t bytes = w->out->bytes;

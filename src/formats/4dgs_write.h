@@ -1,4 +1,5 @@
-/* Writes .4dgs files, which 4dgs.h describes, from splats whose values are quantised already. */
+/* Writes .4dgs files (the format is described in 4dgs.h) from splats whose values are already
+ * quantised. */
 #pragma once
 
 #include "formats/4dgs_records.h"
@@ -13,19 +14,19 @@ struct spin_4dgs_coding {
     double origin[3], step[SPIN_4DGS_N_STEPS];
     double box[6]; /* minimum x y z, maximum x y z of the positions */
     int sh_degree;
-    bool up;        /* y points up */
-    bool antialias; /* the splats are to be rendered with antialiasing */
+    bool up;        /* true: y points up; false: unknown */
+    bool antialias; /* true: the splats must be rendered with antialiasing */
     uint64_t n;     /* number of splats */
-    /* Number of states from one keyframe to the next; 0: the model is gaussian-birth, else it is
-     * keyframe-delta. */
+    /* Number of states from one keyframe to the next, for the temporal model keyframe-delta. 0: the
+     * temporal model is gaussian-birth. */
     int key_every;
     double (*window)[2];
     size_t n_windows;
     const struct spin_sound *sound; /* WAV or Opus; NULL: none */
 };
 
-/* Sets the steps and the origin for splats with positions in the box and standard deviations around
- * `scale`. All steps are twice the errors that the file states. */
+/* Sets coding->step and coding->origin for splats with positions inside coding->box and a typical
+ * standard deviation of `scale`. All steps are twice the error bounds that the file declares. */
 void spin_4dgs_choose_steps(struct spin_4dgs_coding *coding, double scale);
 
 /* The changes of a state relative to the previous state. */
@@ -38,16 +39,18 @@ struct spin_4dgs_changes {
     size_t n_live; /* number of splats after the changes */
 };
 
-/* Writes everything before the first chunk. Zero the writer before, and set `out` and `coding`. */
+/* Writes all records before the first chunk. The caller sets the writer to zero first, and then
+ * `out` and `coding`. */
 spin_status spin_4dgs_write_begin(struct spin_4dgs_writer *w);
-/* Writes n splats that are only visible in the interval; a keyframe if coding->key_every is set. */
+/* Writes a chunk of n splats that are only visible in the interval. If coding->key_every is above
+ * 0, the chunk is a keyframe. */
 spin_status spin_4dgs_write_chunk(struct spin_4dgs_writer *w, const double interval[2],
                                   const struct spin_4dgs_splat *splat, size_t n);
-/* Writes a delta that follows a keyframe or another delta. Updates may change anything but SH,
- * sigma and window. */
+/* Writes a delta, which must follow a keyframe or another delta. Updates may change all attributes
+ * except SH coefficients above degree 0, sigma, flags and window. */
 spin_status spin_4dgs_write_delta(struct spin_4dgs_writer *w, const double interval[2],
                                   const struct spin_4dgs_changes *changes);
-/* Writes the index and the end of the file, and the header once more, since coding->n and
- * coding->box may have changed. */
+/* Writes the index and the footer, and replaces the header, since coding->n and coding->box may
+ * have changed after spin_4dgs_write_begin(). */
 spin_status spin_4dgs_write_end(struct spin_4dgs_writer *w);
 void spin_4dgs_write_free(struct spin_4dgs_writer *w);

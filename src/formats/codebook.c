@@ -2,9 +2,9 @@
 
 #include "base/base.h"
 
-#define BINS 4096 /* number of bins of the histogram from which the initial numbers are chosen */
-#define MOST_STEPS 60 /* maximum number of iterations of Lloyd's algorithm */
-#define CUT_STEPS 6   /* number of iterations of 2-means */
+#define BINS 4096     /* bins of the histogram from which the initial entries are chosen */
+#define MOST_STEPS 60 /* at most this number of iterations of Lloyd's algorithm */
+#define CUT_STEPS 6   /* at most this number of iterations of 2-means */
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
@@ -35,7 +35,7 @@ static void sort_floats(float *values, float *room, size_t n)
     }
 }
 
-/* Counts the values below v, by binary search. */
+/* Returns the number of values below v, by binary search. */
 static size_t count_below(const float *sorted, size_t n, double v)
 {
     size_t low = 0, high = n;
@@ -56,8 +56,9 @@ static double density_root(const float *sorted, size_t n, double low, double wid
     return cbrt((double)(count_below(sorted, n, low + width) - count_below(sorted, n, low)));
 }
 
-/* Chooses the initial entries of the codebook, such that the integral of the cube root of the
- * values' density is equal over all intervals between neighbouring entries. */
+/* Chooses the initial entries of the codebook, ascending: their density is proportional to the cube
+ * root of the density of the values, which is optimal for the mean squared error if there are many
+ * entries (Panter and Dite, 1951). */
 static void choose_initial(const float *sorted, size_t n, double place[SPIN_CODEBOOK])
 {
     double low = sorted[0], width = ((double)sorted[n - 1] - low) / BINS, sum = 0, share = 0;
@@ -75,8 +76,8 @@ static void choose_initial(const float *sorted, size_t n, double place[SPIN_CODE
 }
 
 /* One iteration of Lloyd's algorithm: replaces each entry place[k] of the codebook by the mean of
- * the values nearest to it. An entry without such values stays the same. before[i]: sum of the
- * first i values. Returns false if no entry changed. */
+ * the values that are nearest to it. An entry that is nearest to no value keeps its value.
+ * before[i]: sum of the first i values. Returns false if no entry changed. */
 static bool move_to_means(const float *sorted, const double *before, size_t n,
                           double place[SPIN_CODEBOOK])
 {
@@ -141,13 +142,14 @@ unsigned char spin_codebook_nearest(const float book[SPIN_CODEBOOK], float value
 
 /* ---- Vectors --------------------------------------------------------------------------------- */
 
-/* A cluster of rows that share a palette vector: order[first .. first + n). If it was divided, the
- * first n_front rows form one half and the other rows the second half. */
+/* A cluster of rows that share a palette vector: the rows order[first] to order[first + n - 1]. If
+ * a division was found, the first n_front of them form the first half and the others the second
+ * half. */
 struct cluster {
-    size_t first, n, n_front; /* if n_front is 0, the cluster cannot be divided */
+    size_t first, n, n_front; /* n_front: 0 if the cluster cannot be divided */
     double error;             /* sum of squared distances of the rows to their mean */
-    double side_error[2];     /* sums of squared distances of the rows of each half to their mean */
-    bool divided;             /* a division was tried; n_front and side_error are set */
+    double side_error[2];     /* error of each half */
+    bool divided;             /* true: a division was tried; n_front and side_error are set */
 };
 
 struct clustering {
@@ -156,19 +158,20 @@ struct clustering {
     uint32_t *order;
     struct cluster *cluster; /* [n_clusters] a heap with the largest error at the top */
     size_t n_clusters;
-    struct cluster *batch; /* [BATCH] clusters that were taken from the heap to be divided */
+    struct cluster *batch; /* [BATCH] clusters removed from the heap to be divided */
     double *sums;          /* [workers][SUMS][width] scratch memory of the workers */
     uint32_t *label;
     float *palette;
 };
 
-enum { BATCH = 256 }; /* maximum number of clusters that are divided in parallel */
-/* Vectors in a worker's scratch memory: mean, spread of each coordinate, two centres. */
+enum { BATCH = 256 }; /* at most this number of clusters are divided in parallel */
+/* Offsets, in vectors, in a worker's scratch memory: the mean, the sum of squared deviations of
+ * each coordinate, and two centres. */
 enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 };
 
-/* Computes the mean of rows order[first .. first + n) into sum[0..width) and returns the sum of
- * squared distances to the mean. *widest receives the index of the coordinate that contributes most
- * to this sum. */
+/* Computes the mean of the rows order[first] to order[first + n - 1] into sum[0..width), and the
+ * sums of squared deviations of the coordinates into the next `width` elements. Returns the total
+ * of these sums. *widest receives the index of the coordinate with the largest sum. */
 static double measure_cluster(const struct clustering *c, size_t first, size_t n, double *sum,
                               size_t *widest)
 {
@@ -208,15 +211,15 @@ static double dot(const float *row, const double *w, size_t n)
     return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
 
-/* Moves the rows of a cluster that are nearer to the first of two centres to the front, and returns
- * the number of these rows. centre [2][width]: the two centres. If each centre has rows that are
- * nearer to it, replaces both centres by the means of these rows. across: scratch memory,
- * [width]. */
+/* One iteration of 2-means. Moves those rows of a cluster to the front that are nearer to the first
+ * of two centres, centre [2][width], and returns their number. If both halves have rows, replaces
+ * each centre by the mean of its half. mean: mean of the cluster; across: scratch memory, [width].
+ */
 static size_t divide_by_centres(const struct clustering *c, const struct cluster *p,
                                 const double *mean, double *across, double *centre)
 {
     size_t front = p->first, width = c->width, n;
-    double middle = 0; /* offset of the plane between the centres */
+    double middle = 0; /* rows with across . row > middle are nearer to the first centre */
 
     for (size_t k = 0; k < width; k++) {
         double one = centre[k], two = centre[width + k];
@@ -247,9 +250,9 @@ static size_t divide_by_centres(const struct clustering *c, const struct cluster
     return n;
 }
 
-/* Divides a cluster by 2-means. The initial centres lie one standard deviation from the mean, in
- * both directions of the widest coordinate. Returns the number of rows in the first half, or 0 if
- * the cluster cannot be divided. */
+/* Divides a cluster by 2-means. The initial centres are the mean plus and minus one standard
+ * deviation along the widest coordinate. Returns the number of rows in the first half, or 0 if the
+ * cluster cannot be divided. */
 static size_t divide_cluster(const struct clustering *c, const struct cluster *p, double *sum)
 {
     double *mean = sum + MEAN * c->width, *spread = sum + SPREAD * c->width;
@@ -275,8 +278,8 @@ static size_t divide_cluster(const struct clustering *c, const struct cluster *p
     return n;
 }
 
-/* Divides one cluster of the batch. Only the rows of this cluster are reordered, so clusters can be
- * divided in parallel. */
+/* Divides one cluster of the batch. The function reorders only the rows of this cluster, so tasks
+ * can run in parallel. */
 static void divide_task(void *context, int task)
 {
     struct clustering *c = context;
@@ -323,8 +326,8 @@ static struct cluster pop_cluster(struct clustering *c)
     return top;
 }
 
-/* Divides the clusters with the largest errors in parallel. Neither the batch size nor the result
- * depends on the number of threads. */
+/* Divides the clusters with the largest errors in parallel, at most n_left clusters. The batch
+ * size, and therefore the result, does not depend on the number of threads. */
 static void divide_largest(struct clustering *c, size_t n_left, struct spin_pool *pool)
 {
     int n = 0;
@@ -347,8 +350,8 @@ static void divide_all(struct clustering *c, size_t n_colours, struct spin_pool 
         }
         p = pop_cluster(c);
         if (p.n_front == 0) {
-            /* An error of 0 moves the cluster to the end of the heap, so that its division is not
-             * tried again. */
+            /* With an error of 0 the cluster moves to the end of the heap, so that no further
+             * attempt is made to divide it. */
             p.error = 0;
             push_cluster(c, p);
             continue;
@@ -361,7 +364,7 @@ static void divide_all(struct clustering *c, size_t n_colours, struct spin_pool 
     }
 }
 
-/* Computes the palette vectors of clusters [i, end), and labels their rows. */
+/* Computes the palette vectors of clusters i to end - 1, and sets the labels of their rows. */
 static void finish_task(void *context, size_t i, size_t end)
 {
     struct clustering *c = context;
