@@ -4,8 +4,9 @@
  *
  * All values are quantised. Each splat is moved along its path to the quantised time, and its
  * position is quantised last, so that the errors of time and velocity do not move it while it is
- * visible. A chunk contains the splats of about half a second, and one chunk those that are
- * visible for longer. */
+ * visible. The clip is divided into segments of about half a second. A chunk contains the splats
+ * that are visible in one segment only; one more chunk contains those that are visible for longer.
+ */
 #include "base/base.h"
 #include "exporters/lib/4dgs_frames.h"
 #include "exporters/lib/time_windows_check.h"
@@ -19,7 +20,7 @@
 /* Splats that begin or end abruptly do so at least this share of a frame before or after the time
  * of a frame, so that rounding does not make them visible in another frame. */
 #define MARGIN 1e-3
-/* Largest number of states from one keyframe to the next. */
+/* Largest number of frames from one keyframe to the next. */
 #define MOST_DEPTH 1000
 
 struct export
@@ -29,8 +30,8 @@ struct export
     struct spin_sort_rows order; /* kept rows of windows.clip, in the order of the file */
     double fps;
     struct spin_4dgs_coding coding;
-    double(*span)[2];              /* [clip.n] window of each row in the file */
-    uint32_t *window_of;           /* [clip.n] its index in the window table */
+    double(*span)[2];              /* [clip.n] interval in which each row is visible, in seconds */
+    uint32_t *window_of;           /* [clip.n] index of this interval in the window table */
     struct spin_4dgs_splat *splat; /* [order.n] */
     double segment;                /* duration of a chunk in seconds */
     double slack;                  /* largest error of a position, at the splat's centre in time */
@@ -42,9 +43,9 @@ struct export
 
 /* ---- Windows --------------------------------------------------------------------------------- */
 
-/* Converts the beginning (which = 0) or the end (1) of a row's visibility to seconds. It stays on
- * the same side of the nearest frame's time as in the source, so that the same frames show the row.
- */
+/* Converts the beginning (which = 0) or the end (1) of a row's visibility to seconds. The result
+ * stays on the same side of the nearest frame's time as in the source, so that the row is visible
+ * in the same frames. */
 static double convert_cut(const struct export *x, size_t k, size_t which)
 {
     const struct spin_export_job *job = x->windows.job;
@@ -71,7 +72,7 @@ static int compare_spans(const void *a, const void *b)
     return x[0] != y[0] ? (x[0] > y[0]) - (x[0] < y[0]) : (x[1] > y[1]) - (x[1] < y[1]);
 }
 
-/* Sets the window table to the different windows of the rows. */
+/* Sets the window table to the distinct windows of the rows. */
 static spin_status choose_windows(struct export *x)
 {
     size_t n = x->windows.clip.n, n_windows = 0;
@@ -106,7 +107,8 @@ static int compare_floats(const void *a, const void *b)
     return (*x > *y) - (*x < *y);
 }
 
-/* Sets the quantisation steps: that of positions by the median of all scales. */
+/* Sets the bounding box and the quantisation steps. The step of positions depends on the median of
+ * all scales. */
 static spin_status choose_steps(struct export *x)
 {
     const struct spin_splats_4d *s = &x->windows.clip;
@@ -155,8 +157,8 @@ static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
     return never ? span[1] - span[0] : sqrt(-2 * log(x->coding.cutoff)) * sigma;
 }
 
-/* Quantises the path and the position. The position has no error from the path at the time, within
- * the splat's visible life, that is nearest to its centre in time. */
+/* Quantises the path and the position. The position is chosen such that the error of the path is 0
+ * at one time: the visible time nearest to the splat's centre in time. */
 static void code_place(struct export *x, size_t k, double life, struct spin_4dgs_splat *to,
                        struct spin_gaussian *shown)
 {
@@ -197,7 +199,8 @@ static void code_row(struct export *x, size_t k, struct spin_4dgs_splat *to)
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
 
-/* Returns the chunk of a row: 0 for the whole clip, or 1 + the segment in which it is visible. */
+/* Returns the chunk of a row: 1 + the index of the segment in which it is visible; 0 if it is
+ * visible in several segments. */
 static uint64_t chunk_of(const struct export *x, size_t k)
 {
     const struct spin_splats_4d *s = &x->windows.clip;

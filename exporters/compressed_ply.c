@@ -5,8 +5,8 @@
  * which keeps these ranges small; --order source keeps the source's order at the cost of precision.
  *
  * SH is by far the largest column. The SH of all rows are read once in the source's order, packed,
- * and scattered to the rows' indices in the file, so that the mapped bundle need not stay in
- * memory. */
+ * and stored at the rows' positions in the file, so that the mapped bundle need not stay in memory.
+ */
 #include <stdatomic.h>
 
 #include "base/base.h"

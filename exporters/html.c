@@ -61,14 +61,15 @@ static const struct spin_plugin_option options[] = {
  * of the file of --split is loaded. */
 #define DRAFT_SHARE 0.05
 
-/* Pages above this size are recommended to be written with --split. */
+/* Size in bytes above which a log line recommends --split. */
 #define SPLIT_BYTES 3000000
 
 /* A block that was written: one frame of a version of the clip, or some rows of its 4D splats. */
 struct page_frame {
     int first; /* index of the key frame that this frame depends on */
     size_t shared, still, own;
-    int from, end;      /* rows of the block are visible in ticks `from` to `end` - 1 only */
+    /* for rows of 4D splats: they are visible in ticks `from` to `end` - 1 only */
+    int from, end;
     uint64_t at, bytes; /* offset of the block in the file of --split, and size of the block */
 };
 
@@ -219,7 +220,7 @@ static spin_status take_draft(void *context, const struct spin_page_block *block
 }
 
 /* With --split, writes the draft after all blocks, unless the block of the first key frame is
- * itself as small as the draft may be. */
+ * already small enough to serve as the draft. */
 static spin_status write_draft(struct export *x)
 {
     double most = DRAFT_SHARE * (double)x->data_bytes;
@@ -339,8 +340,8 @@ static spin_json *steps_json(const struct spin_page_space *space)
     return j;
 }
 
-/* step: seconds of the sound from one frame of the page to the next. start: seconds of the clip at
- * which the sound begins. */
+/* step: duration of a frame of the page in the sound, in seconds. start: time of the clip at which
+ * the sound begins, in seconds. */
 static spin_json *sound_json(const struct export *x)
 {
     const struct spin_sound *s = x->job->sound;
@@ -421,8 +422,8 @@ static spin_status write_address(struct export *x, const char *name)
     return SPIN_OK;
 }
 
-/* Writes the element with the sound, which is a part of the page, or with --split a file beside the
- * page. */
+/* Writes the element that plays the sound. The sound is embedded in the page or, with --split, in a
+ * file beside the page. */
 static spin_status write_sound(struct export *x)
 {
     const struct spin_sound *s = x->job->sound;
@@ -585,8 +586,8 @@ static spin_status write_poster_tags(struct export *x)
     return write_text(x, text);
 }
 
-/* Writes the elements with the title for the tabs of browsers and for search engines, and for the
- * previews of links. The title that the page displays is in the JSON. */
+/* Writes the elements with the title that browsers show in tabs, search engines in results, and
+ * other sites in previews of links. The title above the clip is in the JSON. */
 static spin_status write_titles(struct export *x)
 {
     SPIN_TRY(write_text(x, "<title>"));

@@ -46,7 +46,7 @@ struct export
     int start;                   /* number of the first image; -1: the clip's numbers */
     bool clamps;
     uint64_t n_bright; /* number of pixels brighter than a display, without --clamp */
-    float brightest;   /* largest display value */
+    float brightest;   /* largest colour value of these pixels; 1 is white */
     enum which which;
     int n_unseen; /* number of frames without a view that --views selects */
     struct spin_film film;
@@ -89,8 +89,9 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
     return SPIN_OK;
 }
 
-/* Finds colours above 1, where several bright splats overlap: --clamp limits them, otherwise they
- * are counted. Colours are multiplied by alpha here. */
+/* Finds colours above 1, which occur where several bright splats overlap: with --clamp, limits them
+ * to 1; otherwise, counts the pixels. The colours in `image` are premultiplied by alpha, so alpha
+ * is their limit. */
 static void limit_colours(struct export *x)
 {
     size_t n = (size_t)x->film.width * (size_t)x->film.height;
@@ -111,8 +112,8 @@ static void limit_colours(struct export *x)
     }
 }
 
-/* Sets *path to the path of a file. number: the number in the name, if there is a pattern; `name`
- * is not used then. */
+/* Sets *path to the path of a file in the output folder. With a pattern, the file name is made from
+ * the pattern and `number`; otherwise it is `name`. */
 static spin_status path_of(const struct export *x, int number, char *name, char **path)
 {
     if (x->pattern.text)
@@ -122,8 +123,8 @@ static spin_status path_of(const struct export *x, int number, char *name, char 
     return spin_path_join(x->folder.path, name, path);
 }
 
-/* Renders an image and writes it to file `name` of the output folder, or to the file that the
- * pattern names. number: the number in the name, of a frame or of an image on the camera's path. */
+/* Renders an image and writes it to path_of(). number: number of the frame, or of the image on the
+ * camera path. */
 static spin_status export_picture(struct export *x, char *name, int number, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
@@ -182,7 +183,8 @@ static spin_status check_options(const struct export *x)
     return SPIN_OK;
 }
 
-/* Splits an output such as "film/shot.####.exr" into a folder and a pattern. */
+/* Splits an output such as "film/shot.####.exr" into a folder and a pattern, and reads --pattern
+ * and --start. */
 static spin_status parse_names(struct export *x)
 {
     const struct spin_plugin_values *v = x->job->values;

@@ -12,7 +12,7 @@
  * accepts only SH of degree 0 or 3, so missing coefficients are written as 0.
  *
  * STG-lite, a PLY with motion_0..2 for SuperSplat-4D and OpenSplat4D: paths are linear. Time is in
- * seconds from the first frame. The file contains the times of both viewers: trbf_scale of
+ * seconds from the first frame. Each viewer reads properties of its own for time: trbf_scale of
  * SuperSplat-4D is the logarithm of sigma times the root of 2, since its window has no factor 1/2;
  * scale_t of OpenSplat4D is the logarithm of sigma. */
 #include "base/base.h"
@@ -24,7 +24,7 @@
 /* The largest sigma to write, in clip lengths. A splat that does not fade gets this sigma: one clip
  * length from the splat's centre in time, its window is still 0.9998. */
 #define MOST_SIGMA 50
-#define MOST_SECONDS 1e6 /* the same in seconds, for STG-lite */
+#define MOST_SECONDS 1e6 /* largest sigma in seconds, for STG-lite */
 enum { BATCH = 4096 };   /* number of rows that are written at a time */
 
 struct export;

@@ -28,8 +28,8 @@
 /* .sogst: a splat that is drawn for longer than this many segments is persistent. */
 #define PERSISTENT 3.0
 #define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
-/* The number of different 16-bit values, which code times. A clip of frames needs at least one
- * value per frame. */
+/* Number of values of the 16-bit codes of times. A clip of frames needs at least one value per
+ * frame. */
 #define STEPS 65536
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
@@ -48,12 +48,13 @@ struct export
 {
     const struct spin_export_job *job;
     const struct container *kind;
-    struct spin_export_job own; /* if `frames`: a copy of the job whose splats_4d contains the rows
-                                   of all frames, and whose times are the indices of the frames */
-    bool frames;                /* true: the clip consists of frames, not of 4D splats */
-    double *places;             /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
-    size_t n_cut;               /* if `frames`: number of rows added to windows.clip so far */
-    size_t capacity;            /* if `frames`: number of rows for which windows.clip has memory */
+    /* if `frames`: a copy of the job, in which splats_4d contains the rows of all frames, and a
+     * frame's time is its index */
+    struct spin_export_job own;
+    bool frames;     /* true: the clip consists of frames, not of 4D splats */
+    double *places;  /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
+    size_t n_cut;    /* if `frames`: number of rows added to windows.clip so far */
+    size_t capacity; /* if `frames`: number of rows for which windows.clip has memory */
     struct spin_splat_rows rows;
     struct spin_sort_rows order; /* row j of the file is row item[j].row of windows.clip */
     struct spin_time_windows windows;
@@ -559,7 +560,8 @@ static void print_still(FILE *to, const struct export *x)
     print_files(to, x, SPIN_4D_CENTROIDS, 2);
 }
 
-/* Prints the sound. The profile has no word for the start of a sound, and keeps no name. */
+/* Prints the sound. TSOG has no members for its start and its name, so they are stored in an
+ * extension of spin4d. */
 static void print_sound(FILE *to, const struct spin_sound *s)
 {
     fprintf(to, ",\"audio\":{\"file\":\"sound%s\",\"mimeType\":\"%s\",\"volume\":%.9g,",
@@ -666,8 +668,8 @@ static uint64_t bytes_of(const struct export *x, size_t n_groups)
     return sum;
 }
 
-/* Prints meta.json. Its text contains byte counts that depend on the length of the text, so it is
- * printed again until the length no longer changes. */
+/* Prints meta.json. The text contains byte counts that depend on its own length, so it is printed
+ * again until the length no longer changes. */
 static spin_status make_meta(const struct export *x, char **text, size_t *n)
 {
     const uint64_t header = 30 + strlen("meta.json");
@@ -935,7 +937,8 @@ static spin_status write_all(struct export *x)
     return x->job->check ? check_file(x) : SPIN_OK;
 }
 
-/* Sounds start with the clip in TSOG, so a later WAV file begins with silence. */
+/* In TSOG, a sound starts with the clip. A WAV file that starts later therefore gets silence at its
+ * beginning. */
 static spin_status choose_sound(struct export *x, const struct spin_sound *s)
 {
     if (!s)

@@ -1,11 +1,11 @@
 /* Writes a USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda,
- * which plays one layer per frame by value clips. OUT.usdc and OUT.usdz are one file instead
- * (lib/usd_file.c).
+ * which plays one layer per frame by value clips. If the output is OUT.usdc or OUT.usdz, the clip
+ * is written to this one file instead (lib/usd_file.c).
  *
  * With value clips, a reader opens only the layer of the frame that it shows. A single text file
  * with the time samples of all frames would have to be parsed as a whole: gigabytes for a clip of a
- * minute. The time samples of a layer have the path of the prim in the stage, so a layer can also
- * be opened on its own.
+ * minute. The prim of a layer has the same path as the prim of the stage, so a layer can also be
+ * opened on its own.
  *
  * The layout follows OpenUSD's schema and its guide to value clips: scales are standard deviations,
  * opacities are 0 to 1, orientations are w x y z, and SH is one float3 per coefficient, splat after
@@ -202,8 +202,8 @@ static void print_uniforms(const struct spin_usd_export *x, FILE *to)
             x->frames.rows.sh_degree);
 }
 
-/* Prints the beginning of the layer of a frame, which has n splats, up to the first attribute. The
- * caller frees *text. */
+/* Prints the layer of a frame with n splats, from its beginning to its first attribute. The caller
+ * frees *text. */
 static spin_status layer_head(const struct spin_usd_export *x, int number, size_t n, char **text,
                               size_t *n_text)
 {
@@ -220,8 +220,8 @@ static spin_status layer_head(const struct spin_usd_export *x, int number, size_
     return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
 }
 
-/* Writes still.usda, which contains the attributes that are the same in all frames; their values
- * are taken from the current frame. */
+/* Writes still.usda, which contains the attributes that are the same in all frames, with their
+ * values in the current frame. */
 static spin_status write_still(struct spin_usd_export *x)
 {
     SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
@@ -251,8 +251,8 @@ static int decimals_of(const float e[6])
     return (int)fmin(fmax(ceil(-log10(step)), 0), 20);
 }
 
-/* Called with the first frame. Allocates the text buffer, writes still.usda, and computes the
- * cameras of --path. */
+/* Prepares the export when the first frame is known: allocates the text buffer, writes still.usda,
+ * and computes the cameras of --path. */
 static spin_status begin_frames(struct spin_usd_export *x, const float e[6])
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree);
@@ -300,7 +300,7 @@ static uint64_t usd_bytes(const void *self, size_t n)
 
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
-/* Prints a camera; a spin_usd_camera_fn. */
+/* Prints a camera; called through spin_usd_each_camera(). */
 static void print_camera(void *context, const struct spin_usd_camera *c)
 {
     FILE *to = context;
@@ -487,7 +487,7 @@ static void free_export(void *self)
     spin_camera_path_free(&x->path);
 }
 
-/* Text layers. */
+/* The format of a folder with text layers. */
 static const struct spin_frames_format format = {
     .name = "usd",
     .pattern = "frame_%05d.usda",
@@ -509,7 +509,7 @@ static const struct spin_frames_format format = {
         .begin = parse_options, .open = spin_usd_file_open, .add = spin_usd_file_add,              \
         .close = spin_usd_file_close, .bytes = usd_bytes, .write = usd_write, .end = free_export,  \
     }
-/* A clip in one file, and the extensions of its name. */
+/* The formats of a clip in one file, which the extension of the output selects. */
 static const struct spin_frames_format singles[] = {SINGLE(".usdc"), SINGLE(".usdz")};
 
 static spin_status begin_usd(const struct spin_export_job *job, void **self)

@@ -31,7 +31,7 @@ static void widen_box(double box[6], const float place[3], bool first)
     }
 }
 
-/* Chooses the quantisation steps by the first frame that has splats. */
+/* Chooses the quantisation steps from the first frame that has splats. */
 static spin_status choose_steps(struct spin_4dgs_frames *x)
 {
     SPIN_FREED float *scale = NULL;
@@ -51,7 +51,8 @@ static spin_status choose_steps(struct spin_4dgs_frames *x)
     return SPIN_OK;
 }
 
-/* One window contains the whole clip. */
+/* Writes the beginning of the file: one window that covers the whole clip, and empty chunks for the
+ * frames before the first splat. */
 static spin_status begin_file(struct spin_4dgs_frames *x)
 {
     struct spin_4dgs_coding *c = x->coding;
@@ -120,7 +121,8 @@ static bool has_rows(const struct spin_4dgs_frames *x)
     return x->job->identity && !(x->job->report && x->job->report->rows_differ);
 }
 
-/* SH must be equal too, since a delta cannot change them; a keyframe can. */
+/* Matches splats of equal rows. For a delta, their SH must be equal, too, since only a keyframe can
+ * change SH. */
 static void match_rows(struct spin_4dgs_frames *x, bool key)
 {
     for (size_t j = 0; j < x->shown.n; j++) {
@@ -133,7 +135,7 @@ static void match_rows(struct spin_4dgs_frames *x, bool key)
     }
 }
 
-/* Hashes all values except the centre in time, which the file changes with each keyframe. */
+/* Hashes all values except the centre in time, which changes with each keyframe. */
 static struct spin_static_row hash_row(const struct spin_4dgs_splat *splat, uint32_t row)
 {
     struct spin_static_row out = {{0, 0}, row};
@@ -189,8 +191,8 @@ static spin_status match_values(struct spin_4dgs_frames *x)
     return SPIN_OK;
 }
 
-/* Finds for each splat the row of the new frame that continues it. *n is the number of rows
- * found. */
+/* Finds, for each splat of the previous state, the row of the new frame that continues it. *n
+ * receives the number of rows found. */
 static spin_status match(struct spin_4dgs_frames *x, bool key, size_t *n)
 {
     SPIN_TRY(spin_grow(x->shown.n + 1, sizeof *x->mate, (void **)&x->mate));
@@ -355,12 +357,12 @@ void spin_4dgs_frames_free(struct spin_4dgs_frames *x)
 
 /* ---- Check ----------------------------------------------------------------------------------- */
 
-/* Compares frame f of the job with what the importer reads at its time. */
+/* Compares frame f of the job with `back`, the frame that the importer has read. */
 static spin_status check_frame(struct spin_4dgs_frames *x, struct spin_readback *values, int f,
                                const struct spin_splats *back)
 {
     const struct spin_splat_rows plain = {
-        .splats = back}; /* the identity, so positions keep the axes of the source */
+        .splats = back}; /* without a rotation, since `back` has the axes of the source */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree);
     const struct spin_splats *splats;
     struct spin_gaussian there;

@@ -1,6 +1,6 @@
-/* Writes a clip of frames as a .4dgs of the model keyframe-delta: one state for each frame, which
- * shows it until the next. A splat keeps its id from frame to frame if the source has persistent
- * rows, or if all of its quantised values are equal. */
+/* Writes a clip of frames as a .4dgs of the model keyframe-delta: the file has one state for each
+ * frame, which players show until the next one. A splat keeps its id from frame to frame if the
+ * source has persistent rows, or if all of its quantised values are equal. */
 #pragma once
 
 #include "exporters/lib/4dgs_code.h"
@@ -31,12 +31,14 @@ struct spin_4dgs_frames {
     /* The current frame. */
     struct spin_4dgs_splat *coded; /* [rows] */
     unsigned char *taken;          /* [rows] 1 if the row continues a splat of the previous frame */
-    uint32_t *mate; /* [shown.n] for each splat of the previous state, the row that continues it */
-    struct spin_4dgs_splat *before, *after; /* [shown.n] 1: the splat changes */
-    uint32_t *death;                        /* [shown.n] */
+    uint32_t *mate; /* [shown.n] for each splat of the previous state: the row that continues it */
+    /* [shown.n] the splats that change, in the previous and in the next state */
+    struct spin_4dgs_splat *before, *after;
+    uint32_t *death; /* [shown.n] */
 };
 
-/* Set job, rows, coding and writer, and zero the rest. Free the struct even after a failure. */
+/* Adds a frame. Before the first call, set job, rows, coding and writer, and zero the other
+ * members. Free the struct even after a failure. */
 spin_status spin_4dgs_frames_add(struct spin_4dgs_frames *x, const struct spin_splats *splats);
 /* Writes the end of the file. */
 spin_status spin_4dgs_frames_end(struct spin_4dgs_frames *x);

@@ -236,9 +236,9 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
     return d->fixed ? "camera" : name[d->path];
 }
 
-/* Used without a data set and without --camera: aims the moving camera at the subject, from a
- * position where no wall blocks the view. If there is no such position, the camera is in front of
- * all splats. */
+/* Aims the moving camera at the subject, from a position where no wall blocks the view; if there is
+ * no such position, the camera is in front of all splats. Used without a data set and without
+ * --camera. */
 static spin_status look_at_subject(struct spin_camera_path *d)
 {
     static const double origin[3] = {0};
@@ -487,8 +487,8 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 }
 
 /* Aims the moving camera at the point nearest to the optical axes of the data set's cameras. If the
- * moving camera is farther from this point than the median of the data set's cameras, moves it to
- * the median distance. */
+ * camera is farther from this point than the median distance of the data set's cameras, moves it to
+ * this distance. */
 static void move_into_rig(struct spin_camera_path *d, int row)
 {
     double pivot[3], median, distance = 0;
