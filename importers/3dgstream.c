@@ -9,10 +9,10 @@
  * or, packed for the viewer (files with index i belong to frame i + 1),
  *     init_3dgs.ply  NTCs/{config.json, NTC_%06d.pth}  additional_3dgs/additions_%06d.ply  raw/
  *
- * The moved clouds are exact and are read if every frame has one. Otherwise the networks are
- * evaluated frame by frame, which accumulates half-precision errors. Rows of the base, which is the
- * cloud without added Gaussians, come first, in the same order in every frame; rows of the added
- * Gaussians follow. */
+ * where raw/ may contain frame folders as above. The moved clouds are exact and are read if every
+ * frame has one. Otherwise the networks are evaluated frame by frame, which accumulates
+ * half-precision errors. Rows of the base, which is the cloud without added Gaussians, come first,
+ * in the same order in every frame; rows of the added Gaussians follow. */
 #include "importers/lib/model.h"
 #include "importers/lib/ntc_eval.h"
 #include "importers/lib/views_check.h"
@@ -41,7 +41,8 @@ struct clip {
     int i1, i2, first;    /* iterations <i1>, <i2> and <n>, from cfg_args.json; -1: unknown */
     const char *config;   /* path of the networks' configuration; NULL: the default */
     struct ntc network;   /* loaded only while it is applied to the base */
-    float *means, *quats; /* [n][3], [n][4]: the base, moved to step[at]; NULL at first */
+    float *means, *quats; /* [n][3], [n][4] the base, moved to frame step[at]; NULL before any frame
+                             is read */
     size_t at;
 };
 
@@ -275,8 +276,8 @@ static spin_status find_config(struct clip *clip)
     return SPIN_OK;
 }
 
-/* Reads the configuration and, so that a mismatch between the two is reported early, the first
- * network. */
+/* Reads the configuration of the networks. Also reads the first network, so that a mismatch with
+ * the configuration is reported early. */
 static spin_status prepare_networks(struct clip *clip)
 {
     spin_status status;

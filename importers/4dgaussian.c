@@ -1,7 +1,7 @@
 /* 4DGaussians (Wu et al., CVPR 2024): a cloud of canonical Gaussians and a network that computes,
  * for any time, residuals that are added to the raw attributes of the Gaussians.
  *
- * Which heads of the network are in use is recorded only in cfg_args, a file beside the checkpoint.
+ * Only cfg_args, a file beside the checkpoint, records which heads of the network are in use.
  * Options override cfg_args. */
 #include "importers/lib/deform.h"
 #include "importers/lib/hexplane.h"
@@ -31,7 +31,7 @@ struct model {
     struct mlp_net head[N_HEADS]; /* only the heads in `used` are loaded */
     bool used[N_HEADS];
     double grid_pe; /* the training's setting grid_pe; 0: unknown */
-    bool product;   /* apply_rotation: rotations are multiplied by residuals, not added to them */
+    bool product;   /* apply_rotation: rotations and residuals are multiplied, not added */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -51,8 +51,8 @@ static int probe(const struct spin_peek *peek)
     modec = spin_peek_contains(peek, "LGD_method=");
     if (cloud && spin_peek_contains(peek, "kplanes_config=") && !modec)
         return 90;
-    /* One of these files means plain 3DGS or the family of Deformable 3D Gaussians, which write
-     * them. */
+    /* Plain 3DGS and the family of Deformable 3D Gaussians write these files, 4DGaussians does not.
+     */
     if (spin_peek_has(peek, "deform") || spin_peek_has(peek, "cameras.json") ||
         spin_peek_has(peek, "input.ply"))
         return 0;
@@ -125,7 +125,7 @@ static spin_status note_guess(struct model *model)
 {
     struct spin_model *m = &model->base;
     char trained[128] = "";
-    int used = 0; /* length of `trained`, whose size fits the words of all heads */
+    int used = 0; /* length of `trained`, which has space for the words of all heads */
 
     spin_note(m->sequence, "there is no cfg_args: assumed that the network deforms position, scale "
                            "and rotation, but not opacity and SH; --deform overrides this");

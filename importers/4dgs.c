@@ -13,7 +13,7 @@ static int fourdgs_probe(const struct spin_peek *peek)
 
 /* Returns the last time at which splats can be visible. Playback covers [0, duration). Windows in
  * time exclude their end, which is a float and at most `duration` rounded down to a float. The
- * result is therefore the largest float below that. */
+ * result is therefore the largest float below this bound. */
 static float last_visible_time(double duration)
 {
     float last = (float)duration;
@@ -35,7 +35,8 @@ static bool describe_frames(struct spin_sequence_info *sequence, double duration
     return true;
 }
 
-/* Files of other writers do not state a frame rate. */
+/* Sets the times of the clip. Files of other programs may contain no frame rate; USUAL_FPS is then
+ * assumed. */
 static void describe_times(struct spin_sequence_info *sequence, const struct spin_4dgs *info)
 {
     sequence->time_first = 0;

@@ -5,10 +5,10 @@
  * are plain RGB instead of SH and may be outside 0..1: they become degree-0 SH without clamping.
  *
  * TC3DGS (Javed et al., "Temporally Compressed 3D Gaussian Splatting") adds one array, mask [T, N,
- * 1], which contains the logit of each Gaussian's presence in each frame. The published code reads
- * the mask in several ways. Training hides, in each frame, the Gaussians whose presence is at most
- * 0.1; this is also the default here. Hidden Gaussians are removed rather than scaled to 0, since a
- * scale of 0 has no logarithm. */
+ * 1], which contains the logit of each Gaussian's presence in each frame. The published code
+ * interprets the mask in several ways. Training hides, in each frame, the Gaussians whose presence
+ * is at most 0.1; this is also the default here. Hidden Gaussians are removed rather than scaled to
+ * 0, since a scale of 0 has no logarithm. */
 #include "importers/lib/model.h"
 #include "io/npy.h"
 #include "math/quat.h"

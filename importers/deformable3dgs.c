@@ -115,7 +115,7 @@ static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
 }
 
 /* Opens cfg_args and warns if its options contradict the tensors: cfg_args is then probably of
- * another training. The kind of network is that of the tensors. */
+ * another training. The tensors, not cfg_args, determine the kind of network. */
 static spin_status check_cfg(const struct deform_save *save, struct model *m)
 {
     const struct {

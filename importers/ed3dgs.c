@@ -28,7 +28,7 @@ static const char letters[N_STAGES] = {'c', 'f'}; /* the letter of each stage in
 
 struct stage {
     bool used;
-    int rows; /* rows of the table of time vectors, once resized for this stage */
+    int rows; /* rows of the table of time vectors after it is resized for this stage */
     /* The first layer has the embedding as its only input; its bias contains the contribution of
      * the time. */
     struct mlp_net trunk;
@@ -61,7 +61,8 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    /* The first bytes are those of the network file, also for the folder of a checkpoint. */
+    /* peek->head is the beginning of the network file, even if the input is the folder of a
+     * checkpoint. */
     if (spin_peek_contains(peek, "feature_out_c.0.weight") ||
         spin_peek_contains(peek, "feature_out_f.0.weight"))
         return 95;
@@ -172,7 +173,7 @@ static void derive_weights(struct model *m)
 /* ---- The network ----------------------------------------------------------------------------- */
 
 /* Checks that the trunk has no tensors besides those of `depth` layers, which are numbered 0, 2, 4,
- * ...: others would be behind a gap in the numbers or have unknown names. */
+ * ...: a further tensor would have a number after a gap, or an unknown name. */
 static spin_status check_trunk(const struct spin_model *m, char letter, int depth)
 {
     char stem[64];

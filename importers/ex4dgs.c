@@ -2,11 +2,10 @@
  * whose positions and rotations are interpolated between key frames and which are opaque between
  * two times.
  *
- * A training writes a checkpoint and two PLYs. Static Gaussians drift over a duration for which the
- * checkpoint has its own value, whereas the PLYs require the value in cfg_args, which may differ.
- * Like the method's renderer, this importer prefers the checkpoint. The checkpoint also contains
- * the interval and the shift of the key frames; only cfg_args contains the kind of interpolation.
- */
+ * A training writes a checkpoint and two PLYs. Only the checkpoint contains the duration over which
+ * static Gaussians drift; for the PLYs, it is read from cfg_args, whose value may differ. Like the
+ * method's renderer, this importer prefers the checkpoint. The checkpoint also contains the
+ * interval and the shift of the key frames; only cfg_args contains the kind of interpolation. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 #include "math/keyframes.h"
@@ -34,7 +33,8 @@ enum column {
     SH,       /* [(sh_degree+1)^2][3] */
     DRIFT,    /* static: [3] displacement over `duration` frames */
     CENTRE,   /* dynamic: [2] the two times between which the Gaussian is opaque, in key frames */
-    WIDTH,    /* dynamic: [2] logarithms of the widths of both edges, which are in key frames */
+    WIDTH, /* dynamic: [2] logarithms of the widths, in key frames, of the two edges of the opacity
+            */
     N_COLUMNS
 };
 
@@ -84,7 +84,7 @@ static int probe(const struct spin_peek *peek)
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
 /* Sets *out to the newest folder iteration_<N> with at least one of the two PLYs, or to NULL if
- * there is none. If the other PLY is missing, read_parts() reports that. */
+ * there is none. If only one PLY exists, read_parts() reports that the other is missing. */
 static spin_status newest_save(struct spin_model *m, const char *clouds, const char **out)
 {
     static const char *const files[] = {"point_cloud.ply", "dynamic_point_cloud.ply"};
@@ -102,8 +102,8 @@ static spin_status newest_save(struct spin_model *m, const char *clouds, const c
 }
 
 /* Finds the files to read. `path` is the model's folder, a checkpoint, a folder with the PLYs, or
- * one of the PLYs. For the model's folder, these are the files of the newest iteration: its
- * checkpoint or, if it has none, its PLYs. */
+ * one of the PLYs. From the model's folder, the newest iteration is read: its checkpoint or, if it
+ * has none, its PLYs. */
 static spin_status find_files(const char *path, struct model *m)
 {
     struct spin_model *base = &m->base;
@@ -135,8 +135,8 @@ static spin_status find_files(const char *path, struct model *m)
 
 /* ---- Settings -------------------------------------------------------------------------------- */
 
-/* Settings from the options or, where an option is not given, from cfg_args. NAN: neither contains
- * the setting. */
+/* Settings from the options or, where an option is not given, from cfg_args. A setting is NAN if
+ * neither contains it. */
 struct given {
     double interval, pad, frames, var_pad, first;
     int kind; /* -1: not given */
@@ -277,7 +277,7 @@ static spin_status read_settings(struct model *m)
 /* ---- Columns --------------------------------------------------------------------------------- */
 
 /* Where each column is stored. width: floats per row or, if `keyed`, per row and key frame. still,
- * moving: index of the column in the checkpoint's tuple for static and for dynamic Gaussians; 0:
+ * moving: index of the column in the checkpoint's tuple for static and for dynamic Gaussians; 0 if
  * these have no such column. SH occupies two consecutive items of the tuple: degree 0, then all
  * other degrees. tensor: name for messages. stem: prefix of the names of the PLY properties. */
 static const struct {
@@ -870,8 +870,8 @@ static spin_status add_piece(const struct model *m, struct pieces *all, struct p
     return SPIN_OK;
 }
 
-/* Returns the earlier of a Gaussian's two times, in key frames, if the opacity jumps at this time;
- * otherwise NAN. */
+/* Returns the earlier of the two times between which a Gaussian is opaque, in key frames, if the
+ * opacity jumps at this time; otherwise NAN. */
 static double jump_of(const struct model *m, size_t row)
 {
     const float *centre = m->moving.column[CENTRE] + 2 * row;
@@ -1016,8 +1016,8 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
     return SPIN_OK;
 }
 
-/* Returns no 4D splats if the model lacks key frames that a time of the clip requires. Even then,
- * frame() works at all other times. */
+/* Sets *out to NULL if the model lacks key frames that a time of the clip requires. frame() then
+ * still works at all other times. */
 static spin_status ex4dgs_splats_4d(void *self, const struct spin_splats_4d **out)
 {
     struct model *m = self;

@@ -9,7 +9,7 @@
 #include "importers/lib/chkpnt.h"
 #include "math/sh.h"
 
-#define LEAST_SIGMA 0.02 /* the method raises durations in checkpoints to at least this */
+#define LEAST_SIGMA 0.02 /* limit to which the method raises shorter durations in checkpoints */
 #define USUAL_FRAMES 300
 #define MOST_FRAMES 1000000
 
@@ -35,8 +35,8 @@ static long long step_of(const char *name)
     return end && strcmp(end, ".pt") == 0 ? n : -1;
 }
 
-/* Other methods have folders with the same names: those whose checkpoint has means, but no
- * durations. A damaged checkpoint, which has neither, is claimed, so that open() reports it. */
+/* Other methods use the same folder names, but their checkpoints contain means without durations. A
+ * checkpoint with neither is damaged: the probe accepts it, so that open() reports the damage. */
 static int probe_folder(const struct spin_peek *peek)
 {
     if (spin_peek_contains(peek, "means") && !spin_peek_contains(peek, "durations"))
@@ -128,8 +128,8 @@ static spin_status finish_splats(struct model *m)
 
 /* ---- Checkpoint ------------------------------------------------------------------------------ */
 
-/* Settings that some writers store, at the top level or in 'model_spec'. Other values than these
- * are refused. */
+/* Settings that some programs store at the top level or in 'model_spec', and the only value of each
+ * that is supported. */
 static const struct {
     const char *key, *value; /* NULL: the setting must be off */
 } said[] = {{"time_units", "normalized"},
@@ -183,8 +183,8 @@ static spin_status check_spec(const struct spin_value *spec)
     return check_said(spec);
 }
 
-/* Refuses 'splats' if it has an array besides the nine that FreeTimeGS has: it is then another
- * model. */
+/* Refuses 'splats' if it contains an array besides the nine of FreeTimeGS, since the checkpoint is
+ * then of another method. */
 static spin_status check_names(const struct spin_value *splats)
 {
     if (!spin_value_get(splats, "times") || !spin_value_get(splats, "durations") ||
@@ -283,8 +283,8 @@ static spin_status read_checkpoint(struct spin_model *base)
 
 /* ---- PLY ------------------------------------------------------------------------------------- */
 
-/* Returns what follows `key` in the last comment that begins with `key`, or NULL if there is none.
- */
+/* Returns the text after `key` in the last comment that begins with `key`, or NULL if there is
+ * none. */
 static const char *comment_of(const struct spin_ply *ply, const char *key)
 {
     size_t n = strlen(key);

@@ -2,8 +2,8 @@
  *
  * The file contains the model as a Python object, whose state is read as data without running code.
  * Splats move on straight lines; the gate of a splat is the share of its opacity that its Gaussian
- * window in time does not affect. 4D splats represent both exactly. Times are seconds from the
- * first frame of the video.
+ * window in time does not affect. 4D splats represent lines and gates exactly. Times are seconds
+ * from the first frame of the video.
  *
  * In runs with velocity_model = "field", a network computes the velocity of a splat from its
  * position and the time: a hash grid, followed by layers whose biases are functions of the time.
@@ -24,18 +24,20 @@ struct level {
 };
 
 struct velocity_net {
-    float place[2][3], time[2]; /* values that are mapped to 0 and to 1 */
+    float place[2][3], time[2]; /* lower and upper bounds, which are mapped to 0 and to 1 */
     struct level level[MOST_LEVELS];
     int n_levels, n_features;
-    struct mlp_net layers; /* layers whose biases are computed for each time */
-    struct mlp_net bias[MLP_MAX_LAYERS];
-    float *biases[MLP_MAX_LAYERS];
+    struct mlp_net layers;               /* layers whose biases are computed for each time */
+    struct mlp_net bias[MLP_MAX_LAYERS]; /* for each layer, the network that computes its bias */
+    float *biases[MLP_MAX_LAYERS];       /* for each layer, its bias at the current time */
 };
 
 struct model {
     struct spin_model base;
     double max_duration;
-    double fps, first, stop; /* values of config.toml; fps is 0 if there is no such file */
+    /* From config.toml: the frame rate, and the range of frames, which excludes `stop`. Without
+     * that file, fps is 0. */
+    double fps, first, stop;
     bool has_network;
     struct velocity_net net;
     size_t *rows;      /* rows that are visible at the current time */
@@ -61,7 +63,8 @@ static const struct spin_value *state_of(const struct spin_value *object)
     return object && object->kind == SPIN_VALUE_OBJECT && object->n == 1 ? object->item[0] : NULL;
 }
 
-/* Returns a part or a parameter of a module of PyTorch; `kind` is "_modules" or "_parameters". */
+/* Returns a submodule (`kind` is "_modules") or a parameter ("_parameters") of a module of PyTorch.
+ */
 static const struct spin_value *part_of(const struct spin_value *module, const char *kind,
                                         const char *name)
 {
@@ -98,7 +101,8 @@ static const char *find_setting(const char *text, const char *section, const cha
     return NULL;
 }
 
-/* Reads the number after "key =" in an inline table or in a plain value. */
+/* Reads a number from the first line of `text`: the one after "key =", as in an inline table, or
+ * the one at the start if `key` is NULL. */
 static bool read_number(const char *text, const char *key, double *out)
 {
     const char *end = text ? strchr(text, '\n') : NULL;
@@ -137,7 +141,7 @@ static spin_status read_config(struct model *m, const char *path)
 
 /* ---- The network ----------------------------------------------------------------------------- */
 
-/* Appends the layer of a Linear module. bias: whether the module has a bias. */
+/* Appends the layer of a Linear module. `bias` states whether the module has a bias. */
 static spin_status add_layer(struct model *m, const struct spin_value *linear, bool bias, int n_in,
                              struct mlp_net *net)
 {
@@ -218,7 +222,8 @@ static spin_status read_setting(const struct spin_value *config, const char *key
     return spin_unsupported("'%s' of the hash grid is missing or not %g to %g", key, least, most);
 }
 
-/* Sets the sizes of all levels, as in tiny-cuda-nn, and returns the number of floats. */
+/* Sets the sizes of all levels, as in tiny-cuda-nn, and returns the number of parameters of the
+ * hash grid. */
 static uint64_t set_levels(struct velocity_net *net, double base, double per_level, double log2)
 {
     uint64_t n = 0;

@@ -5,8 +5,8 @@
  *
  * If the networks also depend on the viewing direction (view_adaptive), only positions are
  * imported, unless --camera gives the position of the viewer. Trainings with compression_sim render
- * with rounded tensors, so this importer rounds them too; the rounding step of a value may be the
- * output of an entropy network. */
+ * with rounded tensors, so this importer rounds them too; an entropy network may scale the rounding
+ * step of each value. */
 #include "geometry/kd_tree.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/chkpnt.h"
@@ -25,21 +25,25 @@ static const char *const names[N_TENSORS] = {"anchors",         "scales",       
 enum { OPACITY, SHAPE, COLOUR, CENTRE, N_NETS };
 static const char *const net_names[N_NETS] = {"mlp_opacity", "mlp_cov", "mlp_color", "mlp_motion"};
 static const size_t net_outputs[N_NETS] = {
-    1, 7, 3, 7}; /* number of outputs for each offset; for CENTRE, of all outputs */
+    1, 7, 3, 7}; /* number of outputs for each offset; for CENTRE, for all offsets together */
 
 struct model {
     struct spin_model base;
-    size_t n, n_read;              /* number of anchors; before those with NaN were dropped */
-    size_t width[N_TENSORS];       /* number of floats for each anchor */
-    float *tensor[N_TENSORS];      /* [n][width] */
-    size_t k, n_frames, per_frame; /* numbers of offsets, of frames and of features of a frame */
-    size_t first_frame;            /* start_frame */
+    /* Number of anchors; n_read includes those that are dropped for nonfinite values. */
+    size_t n, n_read;
+    size_t width[N_TENSORS];  /* number of floats for each anchor */
+    float *tensor[N_TENSORS]; /* [n][width] */
+    /* Numbers of offsets per anchor, of frames, and of features per anchor and frame. */
+    size_t k, n_frames, per_frame;
+    size_t first_frame; /* number of the first frame: start_frame in cfg.yml */
     struct mlp_net net[N_NETS];
     size_t n_view, n_embed; /* numbers of inputs: viewing direction, embedding of a camera */
     float *embed;           /* [n_embed] embedding of the first camera */
     struct camera_places camera;
+    /* phi: factor from one frequency to the next in the encoding of time. n_knn: number of nearest
+     * neighbours whose features the motion network also receives if `knn`. */
     double phi, n_knn;
-    bool knn, rounded;
+    bool knn, rounded;      /* rounded: the tensors are rounded */
     double step[N_TENSORS]; /* rounding step; 0: values are not rounded */
     uint32_t *neighbour;    /* [n][n_knn] */
     float *out[N_NETS]; /* for the current frame: outputs [n k][net_outputs] and centres [n k][3] */
@@ -190,7 +194,7 @@ static spin_status read_anchors(struct spin_model *base)
                                           : spin_unsupported("there are too many anchors");
 }
 
-/* Reads the anchors of all files of the run's step. Each rank of the training wrote one file. */
+/* Reads the anchors of all files of the checkpoint. Each rank of the training wrote one file. */
 static spin_status read_ranks(struct model *m)
 {
     size_t n = strlen(m->base.path), tail = strlen("0.pt");
@@ -314,8 +318,8 @@ static spin_status load_networks(struct spin_model *base)
 static float round_to(double x, double step) { return (float)(nearbyint(x / step) * step); }
 
 /* Rounds the values of a tensor. If the tensor has an entropy network, the network is evaluated for
- * the features of each anchor, and the last third of its outputs divides the rounding steps of the
- * anchor's values. */
+ * the features of each anchor: the rounding step of value c is divided by 1 + 0.8 tanh(o), where o
+ * is output c of the last third of the outputs. */
 static spin_status round_tensor(struct model *m, int t, const struct mlp_net *net)
 {
     size_t widest = net->n ? spin_mlp_widest(net) : 0, width = m->width[t];
@@ -452,7 +456,8 @@ static spin_status find_neighbours(struct model *m)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Adds the features of an anchor in this frame, times `weight`, to one column of a block. */
+/* Adds the features of an anchor in this frame, times `weight`, to one column of a block: those of
+ * the anchor and, after `skip` further rows, those of the frame. */
 static void add_features(const struct model *m, size_t row, float weight, size_t skip, float *to)
 {
     const float *f = m->tensor[FEATURES] + row * m->width[FEATURES];

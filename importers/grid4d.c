@@ -31,7 +31,7 @@ struct hash_grid {
 
 struct hash_model;
 
-/* What differs between Grid4D and DASH. */
+/* The differences between Grid4D and DASH. */
 struct hash_method {
     const char *name;              /* name of the method, such as "Grid4D" */
     const char *extra;             /* name of an additional property of the cloud, or NULL */
