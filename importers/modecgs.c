@@ -3,9 +3,8 @@
  * network moves the spawned Gaussians and is evaluated at the time of the frame.
  *
  * Only positions are imported: opacity, shape and colour of spawned Gaussians depend on the camera,
- * so there is no set of Gaussians per frame. Whether the Gaussian at an offset is opaque also
- * depends on the camera. All offsets are imported; with --camera, only those that are opaque from
- * at least one of the given positions. */
+ * so there is no set of Gaussians per frame. By default, the positions at all offsets are imported;
+ * with --camera, only those whose Gaussian is opaque from at least one of the given positions. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/hexplane.h"
 #include "io/npy.h"
@@ -30,12 +29,12 @@ struct model {
     struct spin_model base; /* base.path: the folder of the checkpoint */
     size_t n, most;         /* number of anchors; number of anchors x number of offsets */
     int n_offsets, n_features;
-    float *anchor;               /* [n][3] */
-    float *offset;               /* [n][n_offsets][3] */
-    float *feature;              /* [n][n_features] */
-    float *scaling;              /* [n][6] factors on offsets and scales, after exp */
-    float *dynamics;             /* [n][2] factors of the anchor and of its spawned Gaussians */
-    bool scaled[N_HEADS];        /* for each head: residuals are multiplied by the dynamics */
+    float *anchor;        /* [n][3] */
+    float *offset;        /* [n][n_offsets][3] */
+    float *feature;       /* [n][n_features] */
+    float *scaling;       /* [n][6] factors of offsets and of scales, after exp */
+    float *dynamics;      /* [n][2] factors of residuals: of positions, of other attributes */
+    bool scaled[N_HEADS]; /* for each head: residuals are multiplied by the dynamics */
     float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;
     double grid_pe;

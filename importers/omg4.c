@@ -42,7 +42,7 @@ static const struct {
 
 struct model {
     struct spin_model base;
-    struct spin_pickle pickle; /* contents of the file; only during open() */
+    struct spin_pickle pickle; /* contents of the file; valid only during open() */
     bool moving;               /* the file is of OMG4-FTGS, so there are velocities */
     struct clip_times times;
     size_t n;
@@ -508,7 +508,7 @@ static spin_status find_times(struct model *m)
     struct spin_model *base = &m->base;
     const char *asked = spin_model_option(base, "time-duration");
 
-    if (m->moving) /* OMG4-FTGS fixes the range in its code, and no formula uses it */
+    if (m->moving) /* the range of OMG4-FTGS is a constant in its code and affects no value */
         return spin_run_config_times(NULL, asked ? asked : "0,10", NULL, 0, 1, 1, &m->times);
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_times(&base->settings, asked, base->splats_4d.times, m->gaussians.n, 1,

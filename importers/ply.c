@@ -30,8 +30,8 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Whether a folder's name has a number and does not say that the folder is one of several
- * trainings, scenes or checkpoints. */
+/* Whether the number in a folder's name can be a frame number, unlike that of a training, a scene
+ * or a checkpoint, such as run1. */
 static bool is_frame_folder(const char *name)
 {
     static const char *const others[] = {"run",     "exp",   "scene", "seed",       "trial", "test",
@@ -138,8 +138,9 @@ static spin_status find_model(struct spin_model *m, const char *folder, const ch
     return *out ? SPIN_OK : spin_model_find(m, out, folder, "splat.ply");
 }
 
-/* Sets *out to the cloud in the folder of a frame, or to NULL if there is none: the path below the
- * folder that option `pattern` names, the cloud of a model, or the only PLY file. */
+/* Sets *out to the cloud in the folder of a frame, or to NULL if there is none. If option `pattern`
+ * has a slash, the text after the slash names the file. Otherwise the cloud is that of a model or,
+ * without a model, the only PLY file. */
 static spin_status find_frame(struct spin_model *m, const char *folder, const char **out)
 {
     const char *pattern = spin_model_option(m, "pattern");
@@ -291,8 +292,8 @@ static spin_status inspect(const struct spin_ply *ply, struct content *out)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Adds notes and warnings for the user about what the first frame reveals about the program or
- * training that wrote it. */
+/* Adds notes and warnings for the user about peculiarities of the program or the training that
+ * wrote the first frame. */
 static void note_writer(const struct spin_ply *ply, const struct content *c,
                         struct spin_sequence_info *sequence)
 {
@@ -363,7 +364,7 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
     return SPIN_OK;
 }
 
-/* The middle of a coordinate, and the range of its central 90 %. */
+/* The median of a coordinate, and the extent of its central 90 %. */
 struct spread {
     double middle, range;
 };
@@ -388,8 +389,9 @@ static spin_status find_spread(const struct spin_ply *ply, const struct spin_ply
     return SPIN_OK;
 }
 
-/* Chooses the shift of a clip whose positions are far from 0: floats would round them to steps of
- * more than a millionth of the scene's extent. If the file itself has floats, only warns. */
+/* Chooses a shift if positions are so far from 0 that floats would round them to steps of more than
+ * some millionths of the scene's extent. If the file itself contains floats, a shift cannot restore
+ * precision, so the function only warns. */
 static spin_status choose_shift(struct clip *clip, const struct spin_ply *ply,
                                 const struct spin_ply_element *e)
 {

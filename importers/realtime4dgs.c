@@ -10,7 +10,7 @@
  * of Realtime-4DGS, and static, permanent 3-D Gaussians.
  *
  * A training of Hybrid 3D-4DGS also writes a PLY that looks like a cloud of 3DGS, but contains only
- * the dynamic half, with every Gaussian at its own time. */
+ * the dynamic half, with every Gaussian at the centre of its window in time. */
 #include "importers/lib/chkpnt.h"
 #include "importers/lib/gaussian4d.h"
 
@@ -51,14 +51,14 @@ struct rows {
     bool masked;      /* the tuple has one more item at its end, the mask of a fork */
     bool moving;      /* gaussian_dim is 4, so there are t and scaling_t */
     double iteration; /* iteration of the checkpoint; -1: unknown */
-    /* What is read from the parts. */
+    /* Values that are read from the parts. */
     size_t n;
     bool rot_4d;             /* Gaussians are rotated in four dimensions: there is rotation_r */
     int n_sh;                /* number of SH in a row of the file; 0: SH are not read */
     int degree, degree_t;    /* spatial and temporal degree of the SH that the renderer uses */
     struct spin_array sh[2]; /* features_dc, features_rest; valid while the checkpoint is open */
-    /* The columns, during open() only: xyz and scaling [n][3]; rotation and rotation_r [n][4], not
-     * normalised; opacity [n], logits; t and scaling_t [n]. */
+    /* The columns, which are valid only during open(): xyz and scaling [n][3]; rotation and
+     * rotation_r [n][4], not normalised; opacity [n], logits; t and scaling_t [n]. */
     float *column[R4_N_PARTS];
 };
 
@@ -239,15 +239,15 @@ static void r4_sh(const struct rows *r, size_t i, float out[MAX_SH])
 
 /* ---- SH degrees ------------------------------------------------------------------------------ */
 
-/* Derives from the number of SH in a row the spatial degree, and whether the row includes temporal
- * SH, the factors of the cosines of time. `configured` is sh_degree of cfg_args, or -1 if it is
- * unknown. Returns false for a number that no setting of the method yields. */
+/* Derives two properties from the number of SH in a row: the spatial degree, and whether the row
+ * includes temporal SH, the factors of the cosines of time. `configured` is sh_degree of cfg_args,
+ * or -1 if it is unknown. Returns false for a number that no setting of the method yields. */
 static bool sh_to_degree(int n_sh, double configured, int *degree, bool *in_time)
 {
     for (int d = 0; d <= 3; d++) {
         int n = (d + 1) * (d + 1);
-        /* Numbers of SH that training allocates with its default options; those beyond the spatial
-         * SH are never used. */
+        /* For each degree, the number of SH that training allocates with its default options. The
+         * SH beyond the spatial ones are never used. */
         static const int unused[] = {1, 6, 16, 33};
 
         if (n_sh == 16 && configured != 2 &&
@@ -376,7 +376,7 @@ static float *add_row(struct spin_model *m, const struct rows *r, size_t i, size
         quat);
 }
 
-/* Adds all rows to `gaussians`; their numbers there begin with `row`. Rows without a time (not
+/* Adds all rows to `gaussians`, where they are numbered from `row` on. Rows without a time (not
  * r->moving) are permanent. Rows with nonfinite values are dropped and counted. Returns the number
  * of rows with an opacity below SPIN_FAINT. */
 static size_t r4_add(struct spin_model *m, const struct rows *r, size_t row,
@@ -564,7 +564,7 @@ static void realtime_describe(const struct realtime_model *m)
     if (r->masked)
         spin_note(sequence,
                   "the last item of the model is ignored: a mask that a fork of the method adds");
-    /* Upstream issue 50: training can lose the gradients of the temporal SH. */
+    /* Issue 50 of the method's repository: training can lose the gradients of the temporal SH. */
     if (!m->stale && r->degree_t > 0 && !m->base.splats_4d.sh_cos)
         spin_note(sequence, "all temporal SH are 0: colours do not change over time");
     sequence->continuous = r->moving;
@@ -621,7 +621,7 @@ static spin_status realtime_open_run(void *self, const char *path)
     if (!base->path)
         return spin_not_found("'%s' contains no chkpnt<N>.pth", path);
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
-    SPIN_TRY(spin_model_config(base)); /* errors of this call name other files */
+    SPIN_TRY(spin_model_config(base)); /* its errors already name a file */
     SPIN_TRY(spin_run_config_ratio(settings, &m->ratio));
     SPIN_TRY(spin_cfg_read_number(&settings->cfg, "prefilter_var", &extra));
     m->reading.extra = extra > 0 && isfinite(extra) ? extra : 0;

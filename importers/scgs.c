@@ -1,7 +1,7 @@
 /* SC-GS (Huang et al., CVPR 2024): the network of Deformable 3D Gaussians moves some hundred
  * control nodes, and each Gaussian follows the nodes that are nearest to it, in space and in
- * learned coordinates beyond it ("hyper"). The nearest nodes and their weights do not depend on the
- * time.
+ * additional learned coordinates ("hyper"). The nearest nodes and their weights do not depend on
+ * the time.
  *
  * The network adds to scales after their exponential, so the sum may be negative. A negative scale
  * renders the same ellipsoid as its absolute value, which the importer stores. */
@@ -19,16 +19,16 @@ struct model {
     struct spin_model base;
     struct deform_net net;
     struct mlp_net head[6]; /* in the order of `heads`; n is 0 if the model lacks the head */
-    /* cfg_args */
-    int n_near; /* number of nodes that move a Gaussian */
-    int n_hyper;
+    /* Settings from cfg_args. */
+    int n_near;  /* number of nodes that move a Gaussian */
+    int n_hyper; /* number of additional coordinates of nodes and Gaussians */
     bool mask, skinning, rotation_is_residual, still;
     double most_scale; /* limit for changes of scales; 0 or less: no limit */
     size_t n_nodes;
-    float *nodes;           /* [n_nodes][3 + n_hyper] */
-    float *radius, *weight; /* [n_nodes] logarithm of the radius and logit of the weight; radius is
-                               NULL with skinning */
-    float *features;        /* [n][n_features] properties fea_* of the PLY */
+    float *nodes; /* [n_nodes][3 + n_hyper] */
+    /* [n_nodes] logarithm of the radius and logit of the weight; NULL with skinning */
+    float *radius, *weight;
+    float *features; /* [n][n_features] properties fea_* of the PLY */
     int n_features;
     uint32_t *near; /* [n][n_near] nodes of each Gaussian */
     float *share;   /* [n][n_near] weights of these nodes, which sum to 1 */
@@ -150,8 +150,8 @@ static spin_status load_nodes(struct model *m)
     return spin_model_floats(&m->base, "_node_weight", 2, rows, NULL, &m->weight);
 }
 
-/* Loads the head for colours, three layers whose input is that of the network, followed by the
- * output of its layers. */
+/* Loads the head for colours: three layers, whose input is the input of the network followed by the
+ * output of the network's layers. */
 static spin_status load_colour(struct model *m, struct mlp_net *net)
 {
     for (int i = 0; i <= 4; i += 2) {
@@ -360,7 +360,7 @@ static void add_warp(const struct model *m, uint32_t node, double w, const doubl
         q[c] = (double)out[LOCAL + c];
         norm += q[c] * q[c];
     }
-    for (int c = 0; c < 3; c++) /* R r - r = 2 (q0 v x r + v x (v x r)) / |q|^2 */
+    for (int c = 0; c < 3; c++) /* for q = (q0, v): R r - r = 2 (q0 v x r + v x (v x r)) / |q|^2 */
         cross[c] = q[1 + (c + 1) % 3] * r[(c + 2) % 3] - q[1 + (c + 2) % 3] * r[(c + 1) % 3];
     for (int c = 0; c < 3; c++)
         sum[c] += w * 2 / norm *

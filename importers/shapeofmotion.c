@@ -22,10 +22,11 @@ struct model {
     size_t n_bases, n_frames;
     float *column[N_COLUMNS]; /* [n_all][width] values of the file */
     float *weights;           /* [n_fore][n_bases] weights, which sum to 1 in each row */
-    float *turns, *shifts;    /* [n_bases][n_frames][6], [n_bases][n_frames][3] */
-    size_t *row;              /* [n] rows that are kept, ascending */
+    float *turns,
+        *shifts; /* motions of the bases: [n_bases][n_frames][6] and [n_bases][n_frames][3] */
+    size_t *row; /* [n] rows that are kept, ascending */
     size_t n, n_fore_kept;
-    size_t *counts; /* [n_frames] n */
+    size_t *counts; /* [n_frames] n for every frame */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -70,7 +71,7 @@ static spin_status find_tensors(struct model *m)
     return SPIN_OK;
 }
 
-/* Warns about a parameter of the foreground that Shape of Motion lacks. */
+/* Warns about parameters of the foreground that Shape of Motion does not define. */
 static void warn_others(const struct model *m)
 {
     const struct spin_value *all = m->base.tensors;
@@ -246,7 +247,7 @@ static bool motion_of(const struct model *m, size_t row, size_t frame, double r[
     return norms[0] > 1e-12 && norms[1] > 1e-12;
 }
 
-/* The unit quaternion of a rotation with these columns. */
+/* Sets q to the unit quaternion of the rotation with the columns r[0], r[1] and r[2]. */
 static void quat_of(double r[3][3], double q[4])
 {
     double diagonal[4] = {r[0][0] + r[1][1] + r[2][2], r[0][0] - r[1][1] - r[2][2],

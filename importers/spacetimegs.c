@@ -60,7 +60,7 @@ struct model {
     size_t n, n_dropped;
     bool full;
     size_t width;          /* floats in a row */
-    float *rows;           /* [n][width]; for a lite model, only during open() */
+    float *rows;           /* [n][width]; for a lite model, valid only during open() */
     enum ending ending;    /* for a full model */
     struct mlp_net colour; /* for a full model; colour.n is 0 if only base colours are imported */
     struct camera_places cameras;

@@ -1,9 +1,9 @@
 /* Clips of splat files: a folder with a file per frame, or a single file of one or more frames. The
  * functions here open and read a file of each format; the decoders are in src/formats.
  *
- * SPZ: most files do not record their axes. Files of splat-transform and of our exporter have the
- * axes of the training; files of Niantic's library have the axes right, up, back if the library was
- * told the axes of its input. Option `axes` states the axes of files that do not record them.
+ * SPZ: most files do not record their axes. Files of splat-transform and of spin4d have the axes of
+ * the training; files of Niantic's library have the axes right, up, back if its caller stated the
+ * axes of the input. Option `axes` states the axes of files that do not record them.
  *
  * GLB (KHR_gaussian_splatting): the axes of glTF are x left, y up, z forward, whereas those of a
  * training are mostly x right, y down, z forward. With --axes gltf, the importer undoes the half
@@ -17,7 +17,7 @@
 #include "importers/lib/sog_levels.h"
 #include "io/zip.h"
 
-/* What is known about a file once it is open. */
+/* Properties of the open file. */
 struct opened {
     size_t n_frames;     /* number of frames in the file; 1 unless it is a clip */
     size_t n;            /* splats per frame */
@@ -456,7 +456,8 @@ static int sog_probe(const struct spin_peek *peek)
         meta = spin_peek_contains(peek, "\"means\"");
         picture = spin_peek_contains(peek, "\"mins\"");
     } else if (spin_zip_detect(peek->head, peek->n_head)) {
-        /* A meta.json in a folder is that of an unpacked SOG in any archive. */
+        /* Only a meta.json at the root of the archive counts: one in a folder belongs to an
+         * unpacked SOG, which any archive may contain. */
         meta = strncmp(names, "meta.json", 9) == 0 || strstr(names, "\nmeta.json") != NULL;
         picture = strstr(names, ".webp") != NULL;
     }
@@ -496,11 +497,11 @@ static const struct spin_plugin_option gltf_options[] = {
     {0},
 };
 
-/* Translations of nodes from here on are far from 0, as those of georeferenced tiles. */
+/* Nodes with a translation of at least this are far from 0, like those of georeferenced tiles. */
 #define FAR 1024.0
 
-/* Makes the placements of a scene far from 0 relative to the node of the first file that is there,
- * since floats cannot hold the sums of translations and positions. */
+/* If the first node of the first file is far from 0, makes the placements of all nodes relative to
+ * it, since floats could not represent the sums of translations and positions precisely. */
 static void shift_nodes(struct clip *clip)
 {
     struct spin_gs_glb_scene *scene = &clip->opened.scene;

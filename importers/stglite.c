@@ -195,8 +195,7 @@ static spin_status check_motion(const struct model *m, const struct spin_ply_ele
 
 /* ---- The splats ------------------------------------------------------------------------------ */
 
-/* Adds a property to the list of targets by its name. A missing property is an error unless
- * `optional`. */
+/* The properties to read from a PLY, and the addresses of their values. */
 struct targets {
     const struct spin_ply *ply;
     const struct spin_ply_element *e;
@@ -204,6 +203,7 @@ struct targets {
     size_t n;
 };
 
+/* Adds the property `name`. A missing property is an error unless `optional`. */
 static spin_status add_target(struct targets *t, const char *name, bool optional, float *out,
                               size_t step)
 {

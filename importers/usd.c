@@ -15,8 +15,8 @@ struct usd_model {
     struct spin_file_sequence files; /* one, or one for each frame */
     size_t at, n_frames;             /* index of the open file; frames of all files */
     int sh_degree;                   /* the largest of all files */
-    bool turned;
-    bool warned; /* a warning about dropped splats was printed */
+    bool turned;                     /* undo the half turn about x that exporters apply */
+    bool warned;                     /* a warning about dropped splats was printed */
     int *numbers;
     size_t *counts;
 };
@@ -105,7 +105,7 @@ static void add_notes(const struct spin_usd_stage *s, struct spin_sequence_info 
         spin_note(sequence, "a file that is referenced does not exist: %s", s->missing);
 }
 
-/* Sets frame numbers to the time codes, if those are integers. */
+/* Sets the frame numbers to the time codes, if all of these are integers. */
 static spin_status set_numbers(struct usd_model *m)
 {
     const struct spin_usd_stage *s = &m->stage;
@@ -154,7 +154,8 @@ static void describe_files(struct usd_model *m)
     snprintf(sequence->variant, sizeof sequence->variant, "a sequence of USD files");
 }
 
-/* Reads what is known of a file, which is frame `file` of a sequence or has all frames. */
+/* Reads the counts of splats, the SH degree and the notes of a file, which is frame `file` of a
+ * sequence or contains all frames. */
 static spin_status look_at_file(struct usd_model *m, size_t file, size_t *n_all)
 {
     size_t n_files = m->files.n_frames, n;

@@ -6,8 +6,9 @@
  *     videos/dense/00.mp4 ...         the videos, as named by `video`
  *     images/00/000000.png ...        frames of a video, read instead of the video if they exist
  *
- * The y axis of the world points up; the importer does not turn the world. The folders
- * videos/sparse and skeletons do not contain views. The data set itself holds out no camera. */
+ * The y axis of the world points up; the importer does not rotate the world. The folders
+ * videos/sparse and skeletons do not contain views. The data set does not state held-out cameras.
+ */
 #include "importers/lib/views_rig.h"
 #include "io/video.h"
 

@@ -8,7 +8,7 @@
  *         the model contains all frames of several cameras
  *     images/<camera>/<number>.png, <camera>/<number>.jpg, <camera>.mp4
  *         a rig: each image of the model is a camera, with its frames in the folder or the video of
- *         that name or number. FreeTimeGS, and MultipleView of 4DGaussians
+ *         that name or number, as in FreeTimeGS and in MultipleView of 4DGaussians
  *     images/<number>/<name>, <number>/<name>, <number>/images/<name>
  *         a rig, with one folder per frame
  *     frame000001/{sparse/0, images}, frame000002/...; colmap_0/{sparse/0, images}, colmap_1/...
@@ -18,12 +18,12 @@
  * The principal point of the file is kept. The methods' own readers move it to the image centre, as
  * option `principal` with the value centre does.
  *
- * Times and held-out views depend on the layout. In the first, image i of n in the file is at time
- * i/n, as in 4DGaussians, which reads such a data set as a video of one camera, and every eighth
- * image in the order of names is held out, as by 3DGS's --eval. In the second and third, frame k of
- * n is at k/(n-1), and every eighth camera is held out. With folders per frame, each image of the
- * model is a camera of every frame, times are 0, 1, 2, ..., or k/n for SpacetimeGaussians, and the
- * first camera is held out, as in 3DGStream. */
+ * Times and held-out views depend on the layout. In the first layout, image i of n in the file is
+ * at time i/n, as in 4DGaussians, which reads such a data set as a video of one camera, and every
+ * eighth image in the order of names is held out, as by 3DGS's --eval. In the second and third
+ * layout, frame k of n is at k/(n-1), and every eighth camera is held out. With folders per frame,
+ * each image of the model is a camera of every frame, times are 0, 1, 2, ..., or k/n for
+ * SpacetimeGaussians, and the first camera is held out, as in 3DGStream. */
 #include "importers/lib/colmap_model.h"
 #include "importers/lib/colmap_rig.h"
 #include "importers/lib/views_rig.h"
@@ -107,7 +107,8 @@ static spin_status camera_ids(struct colmap *m, int **out)
     return SPIN_OK;
 }
 
-/* Replaces '\\' in the names of images by '/' where no such files exist in `images`. */
+/* Replaces backslashes in the names of images by slashes, unless `images` contains a file with the
+ * original name. */
 static spin_status set_names(struct colmap *m, const char *images)
 {
     for (size_t i = 0; i < m->model.n_images; i++) {
@@ -149,7 +150,7 @@ static spin_status add_views(struct colmap *m, const char *images, const int *id
 }
 
 /* Scales each camera to the size of its first image that exists. The views from index `first` on
- * are those of add_views(), once for each row. */
+ * were added by add_views(), one call per frame. */
 static spin_status fit_views(const struct colmap *m, struct spin_views *out, size_t first)
 {
     size_t n = m->model.n_images;
@@ -169,7 +170,7 @@ static spin_status fit_views(const struct colmap *m, struct spin_views *out, siz
 /* ---- Folders of frames ----------------------------------------------------------------------- */
 
 struct frame_folder {
-    const char *name;   /* of the folder */
+    const char *name;   /* name of the folder */
     const char *images; /* the folder of its images */
     int number;
 };
@@ -212,8 +213,8 @@ static spin_status add_folders(struct colmap *m, const struct frame_folder *f, s
     return spin_views_drop_missing(out, first);
 }
 
-/* Sets *out to the images of a frame folder: those of option `images`, otherwise those of the
- * subfolder images or, if there is none, those beside the model or in the folder itself. */
+/* Sets *out to the folder with the images of a frame folder: the subfolder that option `images`
+ * names, otherwise the subfolder images or, if there is none, the frame folder itself. */
 static spin_status folder_images(struct colmap *m, const char *path, const char *name,
                                  const char **out)
 {
@@ -223,8 +224,8 @@ static spin_status folder_images(struct colmap *m, const char *path, const char 
     return SPIN_OK;
 }
 
-/* Reads the folders frame<digits> or colmap_<digits> in the order of their numbers. The first one
- * contains the model. */
+/* Reads the folders frame<N>, frame_<N> or colmap_<N> in the order of N. The first one contains the
+ * model. */
 static spin_status read_frames(struct colmap *m, const char *path, struct spin_views *out)
 {
     const char *folder;

@@ -90,8 +90,8 @@ static spin_status find_cameras(struct set *set, const char *folder, char **name
 
 /* Adds the images of a folder. If `camera` is 0 or more, all images are of that camera, and their
  * names contain frame numbers. If `number` is 0 or more, all images are of that frame, and their
- * names contain camera numbers. If both are -1, the names contain both numbers. Names with an order
- * but without whole numbers, such as time stamps, are numbered from 0. */
+ * names contain camera numbers. If both are -1, the names contain both numbers. Names that have an
+ * order but no whole numbers, such as time stamps, are numbered from 0. */
 static spin_status add_folder(struct set *set, const char *folder, int camera, int number)
 {
     SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};
@@ -224,8 +224,8 @@ static spin_status shift_images(struct set *set)
     return SPIN_OK;
 }
 
-/* Adds the images of the first of the three layouts that has any or, if none has, the frames of the
- * videos. */
+/* Adds the images of the first of the three layouts of extracted frames that exists or, if there is
+ * none, the frames of the videos. */
 static spin_status find_images(struct set *set)
 {
     const char *folder = set->base.path, *images, *frames;
@@ -372,8 +372,8 @@ static spin_status read_cameras(struct set *set)
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Checks that no camera has a frame twice, and that more than half of all images exist. If they do
- * not, equal numbers of different cameras probably do not mean the same frame. */
+/* Checks that no camera has a frame twice, and that more than half of all images exist. Otherwise
+ * equal numbers of different cameras probably do not mean the same frame. */
 static spin_status check_rows(struct set *set)
 {
     size_t n = set->n_cameras * set->n_rows, n_there;

@@ -12,7 +12,8 @@
  *                                     per frame
  *
  * A pose is w2c = [R | T] in OpenCV's axes. Distortion is refused: EasyVolcap undistorts images and
- * then uses another K, which the files do not contain. The data set itself holds out no camera.
+ * then uses another K, which the files do not contain. The data set does not state held-out
+ * cameras.
  *
  * Frame k of n is at time k/(n-1), as in trainings of FreeTimeGS on these data sets. EasyVolcap
  * itself uses k/n. */

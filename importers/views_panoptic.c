@@ -5,8 +5,8 @@
  *     ims/<fn>                             the images
  *     seg/<fn, as .png>                    foreground masks, values 0 and 1 (may be missing)
  *
- * Cameras have OpenCV's axes. Row t of the lists is frame t of the data set, whatever number the
- * file names carry. Without test_meta.json no camera is held out. */
+ * Cameras have OpenCV's axes. Row t of the lists is frame t of the data set, regardless of the
+ * numbers in file names. Without test_meta.json no camera is held out. */
 #include <ctype.h>
 
 #include "importers/lib/model.h"
@@ -103,7 +103,7 @@ static spin_status read_pose(const spin_json *json, struct spin_camera *camera)
 }
 
 /* Sets *out to the camera's id: its value in cam_id or, without that list, the number that is the
- * name of its folder in `fn` or, if the name is no number, its index in the list. */
+ * name of its folder in `fn` or, if the name is not a number, its index in the list. */
 static spin_status read_camera_id(const struct split *s, size_t row, size_t camera, const char *fn,
                                   int *out)
 {

@@ -9,8 +9,8 @@
  * Values of a frame override those for all frames, and focal lengths override camera_angle_x. The
  * frames of the data set are the distinct times of both files. All images of a file are of one
  * moving camera, unless their names contain the word cam<NN> or, in transforms.json, a number that
- * differs between the images of each time. Images with alpha are composited when they are
- * read, over the colour of --background; D-NeRF's own training uses white.
+ * differs between the images of each time. When images with alpha are read, they are composited
+ * over the colour of --background; D-NeRF's own training uses white.
  *
  * transforms.json contains all images. Those in its lists test_filenames and val_filenames are held
  * out. Without lists, the first camera is held out if there are several cameras and times;
@@ -43,8 +43,8 @@ struct split {
     int id;                /* camera id of images that are not named cam<NN>, unless `all` */
     bool test;             /* all images of the file are held out */
     bool all;              /* the file is transforms.json */
-    /* For transforms.json: has_lists, it has lists of held-out images; timed, a frame has a time.
-     */
+    /* For transforms.json. has_lists: it contains lists of held-out images; timed: a frame has a
+     * time. */
     bool has_lists, timed;
 };
 
@@ -57,7 +57,8 @@ static int probe(const struct spin_peek *peek)
 {
     if (spin_peek_has(peek, TRAIN))
         return 90;
-    return spin_peek_has(peek, ALL) ? 60 : 0; /* some tools add this file to another data set */
+    /* Some tools add this file to data sets of other formats. */
+    return spin_peek_has(peek, ALL) ? 60 : 0;
 }
 
 /* ---- One camera ------------------------------------------------------------------------------ */
@@ -322,8 +323,8 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
 
 /* ---- Cameras of transforms.json -------------------------------------------------------------- */
 
-/* Whether the numbers identify the cameras of n views: each time has all of them. Views are counted
- * by their times, `row`. */
+/* Whether `number` identifies the cameras of n views with the times `row`: there must be several
+ * numbers and several times, and one view for each pair of them. */
 static bool are_cameras(const int *number, const int *row, size_t n)
 {
     SPIN_FREED int *list = NULL;
@@ -365,7 +366,7 @@ static spin_status read_cameras(struct spin_model *m, struct spin_view *view, si
 }
 
 /* Sets the cameras of images whose names do not all contain cam<NN>. Without times, every image is
- * a camera of its own, so that the ids of these names are kept only if they differ. */
+ * a camera of its own, so ids in names are kept only if all of them differ. */
 static spin_status set_cameras(const struct split *s, struct spin_views *views, size_t first)
 {
     size_t n = views->n - first, n_ids;
