@@ -4,12 +4,14 @@
 Without WORD and SEMANTIC, N faults (default 50) are drawn by SEED (default 1) from the sources:
 faults.py generates them, scope.py chooses the tests of each.
 
-N=200 SEED=7    the same draw on every machine, whatever JOBS is IN=src/train    only files below
-this folder, or this file SINCE=rev       only lines that differ from a revision JOBS=n
-trees in build/mutants in which faults are tried in parallel PART=2/9        every ninth fault, from
-the second on MINUTES=9       starts no further fault after this time, and reports how many were
-tried LENIENT=1       a survivor is a warning: the exit code is 0 DRY=1           check both lists
-and print the draw; build nothing
+    N=200 SEED=7    the same draw on every machine, whatever JOBS is
+    IN=src/train    only files below this folder, or this file
+    SINCE=rev       only lines that differ from a revision
+    JOBS=n          trees in build/mutants in which faults are tried in parallel
+    PART=2/9        every ninth fault, from the second on
+    MINUTES=9       starts no further fault after this time, and reports how many were tried
+    LENIENT=1       a survivor is a warning: the exit code is 0
+    DRY=1           check both lists and print the draw; build nothing
 
 With WORD (make mutants M=word) the faults of semantic.list are tried instead whose name or file
 contains it; M=all takes all of them. These are faults that the generator cannot make.
@@ -21,12 +23,14 @@ fault. Exit code: 0 if every fault was killed, 1 if one survived, 2 if a list ha
 Lists are records of `key: value`, separated by empty lines; a line that begins with white space
 continues the value:
 
-name: no-shuffling             semantic.list only file: src/train/some.c old: size_t j = random();
-text of the file, in which line breaks and indents do not count nth: 2                         which
-of several places, from 1 new: size_t j = i;             the text in its place; may be empty tests:
-train/t-some cli/t9001  semantic.list only: parts of the paths of tests, cheapest first;
-train/t-some:part is one PART() of a long test reason: why no test fails      accepted.list only:
-such a fault is not drawn
+    name: no-shuffling             semantic.list only
+    file: src/train/some.c
+    old: size_t j = random();      text of the file, in which line breaks and indents do not count
+    nth: 2                         which of several places, from 1
+    new: size_t j = i;             the text in its place; may be empty
+    tests: train/t-some cli/t9001  semantic.list only: parts of the paths of tests, cheapest first;
+                                   train/t-some:part is one PART() of a long test
+    reason: why no test fails      accepted.list only: such a fault is not drawn
 
 A test that skips for want of a fixture detects nothing: see SPIN_FIXTURES in tests/run.sh."""
 import functools
