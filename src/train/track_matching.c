@@ -1,5 +1,5 @@
-/* Matches the splats of each frame with those of the next, in one pass; only two frames are in
- * memory at a time. */
+/* Matches the splats of each frame with those of the next frame, in one pass with two frames in
+ * memory at a time. Also computes the rotations of tracks. */
 #include "train/track_matching.h"
 
 #include <math.h>
@@ -13,22 +13,22 @@
 #include "base/mem.h"
 #include "math/quat.h"
 
-/* Tuned on the clip "basketball" (docs/results.md). The search radius of a splat is
- * reach_of_spacing times its distance to its neighbours. Matched splats differ by at most
- * colour_tolerance in each colour channel, 0..1. A splat is expected to repeat share_of_step of its
- * last displacement. */
+/* reach_of_spacing: search radius of a splat, in units of its distance to its neighbours.
+ * colour_tolerance: largest difference of matched splats in a colour channel, 0..1. share_of_step:
+ * the predicted displacement of a splat is this factor times its last displacement. Tuned on the
+ * clip "basketball" (docs/results.md). */
 static const float reach_of_spacing = 3, colour_tolerance = 0.1f, share_of_step = 0.7f;
-/* For the search radius, the distance of a splat to its neighbours is limited to this many times
- * the mean distance of all splats, so that outliers are not matched across the scene. */
+/* In the search radius, the distance of a splat to its neighbours is limited to this factor times
+ * the mean over all splats, so that outliers are not matched across the scene. */
 static const float most_spacing = 4;
 
-/* The splats of a frame that may be matched. */
+/* The splats of a frame that are to be matched. */
 struct loose {
     size_t n;
     uint32_t *splat; /* [n] row of each splat in the frame */
-    uint32_t *chain; /* [n] index of the track built by matching, or SPIN_NO_TRACK */
+    uint32_t *chain; /* [n] index of the splat's track in the result, or SPIN_NO_TRACK */
     float *at;       /* [n][3] position */
-    float *expected; /* [n][3] expected position in the next frame */
+    float *expected; /* [n][3] predicted position in the next frame */
     float *colour;   /* [n][3] in units of colour_tolerance */
     float *reach;    /* [n] search radius */
 };
@@ -62,7 +62,7 @@ static float colour_of(const struct spin_splats *s, size_t i, size_t c)
     return s->sh ? (float)(SPIN_SH_C0 * (double)s->sh[3 * coefficients * i + c]) : 0;
 }
 
-/* Sets the search radius of each splat, around its expected position. */
+/* Sets the search radius of each splat around its predicted position. */
 static spin_status set_reach(struct spin_pool *pool, struct loose *l)
 {
     double mean = 0;
@@ -77,7 +77,7 @@ static spin_status set_reach(struct spin_pool *pool, struct loose *l)
     return SPIN_OK;
 }
 
-/* True if splat i may be matched: it has no track, and all its values are finite. */
+/* True if splat i is to be matched: it has no track, and its position and colour are finite. */
 static bool may_be_linked(const struct spin_splats *s, const uint32_t *of, size_t i)
 {
     float sum = 0;
@@ -120,8 +120,8 @@ static spin_status add_track(struct spin_track_matching *chains, const float at[
     return SPIN_OK;
 }
 
-/* Records that splat k of `to` is the match of splat i of `from`: adds it to the track of i, and
- * updates its expected position. */
+/* Records that splat k of `to` is the match of splat i of `from`: adds splat k to the track of
+ * splat i, which is created if necessary, and sets the predicted position of splat k. */
 static spin_status add_link(struct spin_track_matching *chains, struct loose *from, size_t i,
                             struct loose *to, size_t k)
 {
@@ -203,10 +203,10 @@ void spin_track_matching_close(struct spin_track_matching *chains)
 
 enum { CHUNK = 256, MOST_ROUNDS = 100 };
 
-/* The match of a splat with another one. */
+/* A match of a splat; the owner of the struct is one splat of the pair. */
 struct link {
-    float cost;     /* INFINITY: there is no match */
-    uint32_t splat; /* the other splat */
+    float cost;     /* INFINITY: no match */
+    uint32_t splat; /* the other splat of the pair */
 };
 
 struct round {
@@ -230,7 +230,7 @@ static bool is_better(struct link a, struct link b)
     return a.cost < b.cost || (a.cost == b.cost && a.cost < INFINITY && a.splat < b.splat);
 }
 
-/* Returns the cost of a match of two splats; INFINITY if they must not be matched. */
+/* Returns the cost of a pair of splats; INFINITY if they must not be matched. */
 static float cost_of(const struct round *r, size_t from, size_t to)
 {
     const float *at = r->from->at + 3 * from, *to_at = r->to->at + 3 * to;
@@ -275,8 +275,8 @@ static void find_best(void *context, size_t first, size_t last)
     }
 }
 
-/* Accepts all proposals whose cost is lower than that of the current match. Returns whether there
- * was a proposal. */
+/* Accepts each proposal whose cost is lower than that of the current match of the splat of `to`,
+ * and dissolves that match. Returns true if there was any proposal. */
 static bool make_links(struct round *r)
 {
     bool any = false;
@@ -324,18 +324,18 @@ out:
 
 /* ---- Rotation of tracks ---------------------------------------------------------------------- */
 
-/* A turn is determined from the NEIGHBOURS nearest neighbours of a splat, within rotation_reach
- * times the median spacing of splats. With fewer than FEWEST neighbours it is not determined. Tuned
- * on the clip "court" (docs/results.md). */
+/* A turn is fitted to the NEIGHBOURS nearest neighbours of a splat within rotation_reach times the
+ * median spacing of splats. With fewer than FEWEST neighbours, it is not determined. Tuned on the
+ * clip "court" (docs/results.md). */
 enum { NEIGHBOURS = 24, FEWEST = 4, TURNS_CHUNK = 64 };
 static const float rotation_reach = 8;
-/* The rotation is fitted PASSES times again, with lower weights for neighbours that have large
- * errors, such as those on a part of the body that moves differently. */
+/* The fit is repeated PASSES times, with lower weights for neighbours with large errors, such as
+ * those on another part of the body that moves differently. */
 enum { PASSES = 3 };
-/* A neighbour follows a turn if the turn explains its displacement: the squared distance between
- * the turned offset and the actual one is at most this share of the squared displacement. A turn is
- * accepted only if most neighbours follow it, since splats that were matched by colour may slide
- * over a surface and then do not show how it turns. Tuned on the clips "court" and "basketball". */
+/* A neighbour follows a turn if the squared error of the rotated offset is at most this share of
+ * the squared change of the offset. A turn is accepted only if most neighbours follow it: splats
+ * that are matched by colour may slide over a surface, and their displacements then do not reflect
+ * its rotation. Tuned on the clips "court" and "basketball". */
 static const float most_left = 0.5f;
 
 spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
@@ -369,8 +369,8 @@ spin_status spin_turns_reserve(struct spin_turns *turns, int f, size_t n)
 
 /* ---- A rotation ------------------------------------------------------------------------------ */
 
-/* Offsets of the neighbours of a splat, in the reference frame (from) and in another frame (to),
- * relative to the weighted mean of the offsets in the same frame. */
+/* Offsets of the neighbours of a splat in the reference frame (from) and in another frame (to).
+ * centre_offsets() subtracts the weighted mean of the offsets of each frame. */
 struct offsets {
     int n;
     float from[NEIGHBOURS][3], to[NEIGHBOURS][3], weight[NEIGHBOURS];
@@ -388,8 +388,8 @@ static void centre_offsets(const struct offsets *o, float (*at)[3])
             at[i][c] -= sum[c] / weight;
 }
 
-/* Sets m to Horn's symmetric matrix, whose eigenvector for the largest eigenvalue is the quaternion
- * of the rotation that best maps `from` to `to`. Returns an upper bound for the absolute values of
+/* Sets m to Horn's symmetric matrix: its eigenvector with the largest eigenvalue is the quaternion
+ * of the rotation that best maps `from` to `to`. Returns an upper bound of the absolute values of
  * the eigenvalues. */
 static double fill_matrix(const struct offsets *o, double m[4][4])
 {
@@ -416,10 +416,10 @@ static double fill_matrix(const struct offsets *o, double m[4][4])
     return most;
 }
 
-/* Sets q to the best rotation. Power iteration finds the eigenvector; before, a multiple of the
- * identity is added to the matrix, so that no eigenvalue is negative. The iteration starts from the
- * value of q on entry. If several rotations fit equally well, as for neighbours on a line, it finds
- * the one nearest to that value. */
+/* Sets q to the best rotation. Power iteration finds the eigenvector, after adding a multiple of
+ * the identity to the matrix, which makes all eigenvalues nonnegative. The iteration starts from
+ * the value of q on entry. If several rotations fit equally well, as for neighbours on a line, the
+ * result is the rotation nearest to that value. */
 static void fit_rotation(const struct offsets *o, float q[4])
 {
     enum { MOST_POWERS = 100 };
@@ -459,7 +459,7 @@ static float square_of(const float from[3], const float to[3])
     return x * x + y * y + z * z;
 }
 
-/* Sets the weight of each neighbour from its error under the rotation q. Returns whether most
+/* Computes the weight of each neighbour from its error under the rotation q. Returns true if most
  * neighbours follow q (most_left). */
 static bool update_weights(struct offsets *o, const float q[4])
 {
@@ -479,13 +479,14 @@ static bool update_weights(struct offsets *o, const float q[4])
 
 /* ---- Following tracks ------------------------------------------------------------------------ */
 
-/* A neighbour of a splat: its row in the reference frame, and its squared distance. */
+/* A neighbour of a splat: its row in the reference frame, and its squared distance from the splat.
+ */
 struct near {
     uint32_t row;
     float square;
 };
 
-/* A reference frame, with the data for finding neighbours in it. */
+/* A reference frame, with a kd-tree to find neighbours. */
 struct origin {
     const struct spin_turns *turns;
     int frame;
@@ -540,9 +541,9 @@ static void subtract(const float a[3], const float b[3], float out[3])
         out[c] = a[c] - b[c];
 }
 
-/* Sets q to the turn of the splat in row j of frame `to`, whose track has row i in the reference
- * frame. On entry q is the turn in the previous frame; it stays unchanged if the neighbours do not
- * determine a turn. */
+/* Sets q to the turn of the splat in row j of frame `to`; i is the row of its track in the
+ * reference frame. On entry, q is the turn of the previous step; it is left unchanged if the
+ * neighbours do not determine a turn. */
 static void turn_to(const struct origin *origin, const struct nearest *near, size_t i,
                     const struct spin_turns_frame *to, size_t j, float q[4])
 {
@@ -606,7 +607,7 @@ static void follow_rows(void *context, size_t first, size_t end)
             follow_track(origin, i);
 }
 
-/* Computes the turns of all tracks whose reference frame is this one. */
+/* Computes the turns of all tracks whose reference frame is origin->frame. */
 static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
 {
     const struct spin_turns_frame *from = &origin->turns->frame[origin->frame];
@@ -624,8 +625,8 @@ static spin_status follow_frame(struct origin *origin, struct spin_pool *pool)
     return status;
 }
 
-/* Sets *frame_of [n_tracks] to the reference frame of each track: of the frames in which the track
- * has a splat, the one nearest to the middle of the clip. The caller frees it. */
+/* Sets *frame_of [n_tracks] to the reference frame of each track, which is the frame nearest to the
+ * middle of the clip in which the track has a splat. The caller frees *frame_of. */
 static spin_status choose_frames(const struct spin_turns *turns, size_t n_tracks, int **frame_of)
 {
     int middle = turns->n_frames / 2;

@@ -1,4 +1,4 @@
-/* Finds tracks, and numbers them along a space-filling curve, so that neighbouring tracks share
+/* Finds tracks, and numbers them along a space-filling curve so that neighbouring tracks share
  * cache lines. */
 #include "train/tracks.h"
 
@@ -6,33 +6,33 @@
 #include "train/track_matching.h"
 #include "geometry/morton.h"
 
-/* Limits for the standard deviation of a track's position over time, in units of the camera extent.
- * Up to UNSEEN the motion is invisible in images; up to NOISE it may be noise. */
+/* Limits for the standard deviation of a row's position over time, relative to the extent of the
+ * cameras. Up to UNSEEN, motion is invisible in images; up to NOISE, it may be noise. */
 static const double UNSEEN = 1e-4, NOISE = 1e-2;
 enum { NOISE_FRAMES = 8 }; /* with fewer frames, noise cannot be distinguished from motion */
 
-/* A candidate for a track. Its position is one that splats of several frames share or, for a track
- * of a source with persistent ids or a track built by matching, that of its first splat. */
+/* A candidate for a track: a row of a source with persistent ids, a position that splats of several
+ * frames may share, or a track built by matching. The position is that of its first splat. */
 struct place {
     float at[3];
-    uint32_t n_frames; /* number of frames with a splat at this position */
-    int last_frame;    /* last such frame found so far; -1: none */
-    bool moves; /* true for a dynamic track: one built by matching, or a row that is not static */
+    uint32_t n_frames; /* number of frames in which it has a splat */
+    int last_frame;    /* last frame in which it has a splat; -1: none */
+    bool moves; /* true if it is dynamic: a track built by matching, or a row that is not static */
 };
 
 /* Motion of a row of a source with persistent ids, relative to its position in the first frame. */
 struct motion {
     float last[3]; /* position in the previous frame */
-    /* Sums over the frames: of the offset from the first position, of its square, and of the
-     * squared distance between consecutive frames. */
+    /* Sums over the frames. sum: offset from the position in the first frame. square: squared
+     * offset. step: squared distance between consecutive frames. */
     double sum[3], square, step;
 };
 
 struct places {
-    struct place *place; /* [n] candidates in the order in which they were found */
+    struct place *place; /* [n] candidates, in the order in which they were found */
     size_t n, room;
-    /* [n_slots] hash table that maps the bits of a position to the index of its place; UINT32_MAX:
-     * the slot is empty. */
+    /* [n_slots] hash table that maps a position, by its bits, to the index of its candidate;
+     * UINT32_MAX: the slot is empty. */
     uint32_t *slot;
     size_t n_slots;
     struct motion *motion; /* [n] motion of each row; NULL if the source has no persistent ids */
@@ -58,8 +58,8 @@ static void close_places(struct places *p)
     memset(p, 0, sizeof *p);
 }
 
-/* Returns the slot that contains this position; if there is none, the empty slot in which to store
- * it. */
+/* Returns the slot of this position or, if the table does not contain it, the empty slot in which
+ * to store it. */
 static size_t slot_of(const struct places *p, const float at[3])
 {
     size_t k = hash_of(at) & (p->n_slots - 1);
@@ -69,7 +69,7 @@ static size_t slot_of(const struct places *p, const float at[3])
     return k;
 }
 
-/* Ensures that n more places can be added. */
+/* Ensures capacity for n more candidates. */
 static spin_status reserve_places(struct places *p, size_t n)
 {
     size_t room = 2 * (p->n + n), n_slots = 1024;
@@ -112,8 +112,8 @@ static void add_motion(struct motion *m, const float first[3], const float at[3]
     }
 }
 
-/* For sources with persistent ids: makes row i of each frame a splat of candidate i, and records
- * its motion. */
+/* For sources with persistent ids: assigns row i of a frame to candidate i, and records its motion.
+ */
 static spin_status add_rows(struct places *p, int frame, const struct spin_splats *s, uint32_t *of)
 {
     if (frame == 0) {
@@ -131,10 +131,10 @@ static spin_status add_rows(struct places *p, int frame, const struct spin_splat
     return SPIN_OK;
 }
 
-/* True if the motion of a row is invisible or looks like noise, which sources have in static
- * regions. It is invisible if its variance is small enough. It looks like noise if the mean squared
- * distance between consecutive frames is at least the variance: for white noise it is twice the
- * variance (von Neumann's ratio), and for real motion much less. */
+/* True if the motion of a row is invisible, or is noise, which occurs in static regions of sources.
+ * Motion is invisible if its variance is small enough. It is noise if the variance is moderate and
+ * the mean squared distance between consecutive frames is at least the variance: for white noise,
+ * this distance is twice the variance (von Neumann's ratio), for real motion much less. */
 static bool is_static(const struct motion *m, int n_frames, double extent)
 {
     double n = n_frames, variance = m->square / n;
@@ -147,7 +147,8 @@ static bool is_static(const struct motion *m, int n_frames, double extent)
            variance <= pow(NOISE * extent, 2);
 }
 
-/* Decides which rows are static, and sets the position of these to the mean over all frames. */
+/* Decides which rows are static, and sets the position of static rows to the mean over all frames.
+ */
 static void classify_rows(struct places *p, int n_frames, double extent)
 {
     for (size_t i = 0; p->motion && i < p->n; i++) {
@@ -159,9 +160,8 @@ static void classify_rows(struct places *p, int n_frames, double extent)
     }
 }
 
-/* For sources without persistent ids: makes splats of several frames at the same position splats of
- * one candidate. If a frame has more than one splat at a position, only the first belongs to the
- * candidate. */
+/* For sources without persistent ids: assigns the splats of a frame to the candidates at their
+ * positions. If a frame has several splats at a position, only the first one is assigned. */
 static spin_status add_places(struct places *p, int frame, const struct spin_splats *s,
                               uint32_t *of)
 {
@@ -210,8 +210,8 @@ static bool is_track(const struct spin_tracks *tracks, const struct place *place
     return place->moves || tracks->identity || 2 * place->n_frames > (uint32_t)tracks->n_frames;
 }
 
-/* Matches those splats whose position occurs in at most half of the frames. Adds each track built
- * by matching as a candidate for a dynamic track. */
+/* Matches the splats whose positions occur in at most half of the frames, and adds each track built
+ * by matching as a dynamic candidate. */
 static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan, struct places *p)
 {
     SPIN_LEAVES(spin_track_matching_close) struct spin_track_matching chains = {0};
@@ -233,7 +233,8 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
 
 /* ---- Numbering ------------------------------------------------------------------------------- */
 
-/* Sets order [*n] to the indices of the candidates that are tracks, along a space-filling curve. */
+/* Sets order [*n] to the indices of those candidates that are tracks, along a space-filling curve.
+ */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
                                 uint32_t *order, size_t *n)
 {
@@ -250,9 +251,9 @@ static spin_status order_places(const struct spin_tracks *tracks, const struct p
     return SPIN_OK;
 }
 
-/* Numbers the tracks: dynamic ones first, then varying ones, then the others. Sets number [places]
- * to the track of each candidate, or to SPIN_NO_TRACK if it is not a track. order [tracks] comes
- * from order_places(), varies [tracks] from find_varying(). */
+/* Numbers the tracks: first dynamic tracks, then varying tracks, then the other static tracks. Sets
+ * number [places] to the track of each candidate, or to SPIN_NO_TRACK if it is not a track. order
+ * [tracks] and varies [tracks] are the results of order_places() and find_varying(). */
 static spin_status number_tracks(struct spin_tracks *tracks, const struct places *p,
                                  const uint32_t *order, const uint8_t *varies, uint32_t *number)
 {
@@ -277,8 +278,8 @@ static spin_status number_tracks(struct spin_tracks *tracks, const struct places
     return SPIN_OK;
 }
 
-/* Sets varies [tracks] to whether the appearance of each track varies over time. Tracks have the
- * order of order_places(). The values for dynamic tracks are not used. */
+/* Sets varies [tracks] to 1 for tracks whose appearance varies over time, otherwise to 0, in the
+ * order of order_places(). The values of dynamic tracks are not used. */
 static spin_status find_varying(const struct spin_tracks *tracks, const struct spin_plan *plan,
                                 struct spin_photos *photos, const struct places *p,
                                 const uint32_t *order, uint8_t *varies)
@@ -383,12 +384,12 @@ spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t
 /* ---- Tracks whose appearance varies ---------------------------------------------------------- */
 
 enum {
-    FRAMES = 32, /* largest number of examined frames, which are evenly spaced over the clip */
-    /* A brightness that differs from the median by more than this, of 255, deviates. Noise and JPEG
-       change a mean of 3 x 3 pixels by less. */
+    FRAMES = 32, /* largest number of examined frames, evenly spaced over the clip */
+    /* A brightness, 0..255, deviates if it differs from the median by more than this. Noise and
+       JPEG artefacts change a mean of 3 x 3 pixels by less. */
     THRESHOLD = 5,
-    CAMERAS = 2,      /* number of cameras that must deviate, at least */
-    NONE = UINT8_MAX, /* stands for a brightness if the point is outside the image */
+    CAMERAS = 2,      /* least number of cameras in which the brightness must deviate */
+    NONE = UINT8_MAX, /* value in place of a brightness if the point is outside the image */
 };
 
 struct appearance {
@@ -399,13 +400,13 @@ struct appearance {
     int n_frames;    /* number of examined frames */
     uint8_t *image;  /* [max pixels][3] */
     uint8_t *bright; /* [n][n_frames] brightness of each point in the current camera */
-    /* [n][n_frames] number of cameras, at most 255, in whose image a point is (seen), and in which
-     * its brightness deviates (changed). */
+    /* [n][n_frames] numbers of cameras, at most 255: seen: those whose image contains the point.
+     * changed: those in which its brightness deviates. */
     uint8_t *seen, *changed;
 };
 
-/* Returns the mean brightness of the 3 x 3 pixels around the projection of a point, 0 to 254; NONE
- * if they are not all inside the image. */
+/* Returns the mean brightness, 0 to 254, of the 3 x 3 pixels around the projection of a point; NONE
+ * if any of these pixels is outside the image. */
 static uint8_t brightness(const struct spin_camera *camera, const uint8_t *image, const float at[3])
 {
     double p[3];
@@ -458,7 +459,7 @@ static int examined_index(const struct appearance *l, int frame)
     return (k * all + l->n_frames - 1) / l->n_frames == frame ? (int)k : -1;
 }
 
-/* Adds one camera to the counts `seen` and `changed` of each point and frame. */
+/* Adds a camera to the counts `seen` and `changed` of all points and frames. */
 static spin_status count_camera(struct appearance *l, int camera_id)
 {
     size_t n_frames = (size_t)l->n_frames;

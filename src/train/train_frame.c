@@ -1,5 +1,5 @@
-/* Manages the memory of a frame's parameters, transfers them to and from the host, and describes
- * them for Adam. */
+/* Manages the memory of a frame's parameters, transfers them to and from the host, and prepares
+ * their Adam steps. */
 #include "train/train_frame.h"
 
 #include "base/base.h"
@@ -9,7 +9,7 @@
 #include "scene/bundle.h"
 #include "geometry/knn.h"
 
-/* Allocates device memory; for 0 floats *out stays NULL. */
+/* Allocates device memory; if floats is 0, *out is left unchanged, that is, NULL. */
 static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
 {
     return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
@@ -143,9 +143,9 @@ spin_status spin_train_frame_download(const struct spin_train_frame *frame, stru
     return SPIN_OK;
 }
 
-/* Splits `all`, the values of n splats with `width` values each, into up to two groups and returns
- * their number. The first n_free splats have the rate all.lr, and the others, which have a track,
- * `tracked` times that rate. */
+/* Divides `all`, the values of n splats with `width` values each, into up to two groups, and
+ * returns the number of groups. The learning rate is all.lr for the first n_free splats, and
+ * `tracked` times all.lr for the other splats, which have a track. */
 static int split_group(struct spin_param_group all, size_t width, size_t n, size_t n_free,
                        double tracked, struct spin_param_group *group)
 {
@@ -241,7 +241,7 @@ void spin_refine_cloud_free(struct spin_refine_cloud *cloud)
     memset(cloud, 0, sizeof *cloud);
 }
 
-/* Describes the rows of the points' values, or of one of their moments. */
+/* Returns the rows of the points' values, or of one of their moments. */
 static struct spin_frame_rows rows_of(const struct spin_refine_cloud *cloud,
                                       enum spin_train_array which)
 {

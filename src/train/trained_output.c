@@ -12,15 +12,15 @@
 
 /* ---- Precision ------------------------------------------------------------------------------- */
 
-/* Values are rounded to multiples of a step, 1 / per_unit(). With --precision half, the step is
- * about that of half floats near 1, but unlike theirs it does not shrink near 0. With --precision
- * compact, errors of a step are hardly visible in an 8-bit image. Positions have more bits, since
- * they are large compared with the splats: their steps are 2^-16 (half) or 2^-14 (compact) of the
- * camera extent. */
+/* Values are rounded to multiples of a quantisation step, 1 / per_unit(). With --precision half,
+ * the step is 2^-11, about the spacing of half floats near 1. With --precision compact, the step is
+ * so large that rounding errors are just not visible in 8-bit images. The steps of positions are
+ * smaller, since positions are large compared with the sizes of splats: about 2^-16 (half) or 2^-14
+ * (compact) times the camera extent. */
 enum { BITS = 11, POSITION_BITS = 16, COMPACT_POSITION_BITS = 14 };
 
-/* Returns the number of rounding steps per unit for the values of a column; 0: the values are not
- * rounded. */
+/* Returns the number of quantisation steps per unit for the values of a column; 0: the values are
+ * not rounded. */
 static float per_unit(const struct spin_output *output, unsigned column)
 {
     enum spin_precision precision = output->plan->o->precision;
@@ -46,8 +46,8 @@ static void round_values(const struct spin_output *output, unsigned column, floa
         spin_round_values(values, n, column == SPIN_COL_MEANS ? POSITION_BITS : BITS, 1 / of);
 }
 
-/* The columns of which a row of residual values consists, with the first float and the number of
- * floats of each. A row of a track is a displacement followed by a row of residual values. */
+/* The columns in a row of residual values: first float and number of floats of each column. A row
+ * of a track is a displacement followed by a row of residual values. */
 static const struct {
     unsigned column;
     size_t first, width;
@@ -64,8 +64,8 @@ static void round_rows(const struct spin_output *output, float *rows, size_t n, 
             round_values(output, part[k].column, rows + stride * i + part[k].first, part[k].width);
 }
 
-/* Passes to the packer the rounding steps of the given columns, in the group "source" or "refined".
- * All values of a column have the same step. */
+/* Passes the quantisation steps of columns of the group "source" or "refined" to the packer. All
+ * values of a column have the same step. */
 static spin_status set_column_units(const struct spin_output *output, struct spin_packer *packer,
                                     const char *group, unsigned columns, int sh_degree)
 {
@@ -84,9 +84,7 @@ static spin_status set_column_units(const struct spin_output *output, struct spi
     return SPIN_OK;
 }
 
-/* Passes to the packer the rounding steps of the trained values: positions, residual values and
- * tracks.
- */
+/* Passes the quantisation steps of positions, residual values and tracks to the packer. */
 static spin_status set_units(const struct spin_output *output, struct spin_packer *packer)
 {
     float unit[SPIN_TRACK];
@@ -115,8 +113,8 @@ static void round_splats(const struct spin_output *output, unsigned columns, str
 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
-/* Inverts the permutation, which is the row in the output of each of the trainer's splats: sets
- * *out [n] to the index of the splat in each row. The caller frees it. */
+/* Inverts permutation [n], the row in the output of each splat of the trainer: sets *out [n] to the
+ * trainer's splat in each row of the output. The caller frees *out. */
 static spin_status invert_permutation(const uint32_t *permutation, size_t n, uint32_t **out)
 {
     uint32_t *place;
@@ -128,11 +126,11 @@ static spin_status invert_permutation(const uint32_t *permutation, size_t n, uin
     return SPIN_OK;
 }
 
-/* The trainer rotates the values of a splat's track by the splat's turn (track_matching.h). The
- * output contains no turns, so this adds the change that the turn makes to the splat's own values:
- * `rows`, which are positions [n_pos][3] or, with `residual`, residual values
- * [n_residual][SPIN_RESIDUAL]. `tracks` are the values of the tracks, which are stored in groups.
- */
+/* The trainer rotates displacement and rotation of a track by the turn of the splat
+ * (track_matching.h) before it adds the splat's own values. The output contains no turns, so this
+ * adds the difference between the rotated and the original values of the track to the splat's own
+ * values: rows are the positions [n_pos][3] or, if `residual` is true, the residual values
+ * [n_residual][SPIN_RESIDUAL] of a frame. tracks: values of all tracks, in groups. */
 static spin_status fold_turns(const struct spin_trainer *t, const struct spin_train_frame *frame,
                               const float *tracks, bool residual, float *rows)
 {
@@ -159,8 +157,8 @@ static spin_status fold_turns(const struct spin_trainer *t, const struct spin_tr
     return SPIN_OK;
 }
 
-/* Writes the positions or, with `residual`, the residual values of a frame, in the order of the
- * output's rows. Splats that do not own these values have no row. */
+/* Writes the positions of a frame or, if `residual` is true, its residual values, in the order of
+ * the output's rows. Splats that do not own such values are omitted. */
 static spin_status write_frame(const struct spin_output *output, struct spin_bundle_writer *w,
                                int frame, const float *tracks, bool residual)
 {
@@ -194,8 +192,8 @@ static spin_status write_frame(const struct spin_output *output, struct spin_bun
 
 /* ---- Tracks ---------------------------------------------------------------------------------- */
 
-/* Sets *out [n] to the track of every splat of a frame, in the order of the output's rows. The
- * caller frees it. */
+/* Sets *out [n] to the track of each splat of a frame, in the order of the output's rows. The
+ * caller frees *out. */
 static spin_status read_numbers(const struct spin_output *output, int frame, uint32_t **out)
 {
     const struct spin_train_frame *from = &output->trainer->frame[frame];
@@ -211,7 +209,8 @@ static spin_status read_numbers(const struct spin_output *output, int frame, uin
     return SPIN_OK;
 }
 
-/* Sets *same_rows to whether each row of the output belongs to the same track in all frames. */
+/* Sets *same_rows to true if each row of the output belongs to the same track in all frames,
+ * otherwise to false. */
 static spin_status compare_rows(const struct spin_output *output, bool *same_rows)
 {
     const struct spin_trainer *t = output->trainer;
@@ -255,9 +254,9 @@ static spin_status sort_rows(const struct spin_output *output, int frame)
     return SPIN_OK;
 }
 
-/* Writes the tracks of the splats, and sets *same_rows. If each row belongs to the same track in
- * all frames, it writes the tracks once; otherwise it sorts the rows of each frame by track and
- * writes the tracks of each frame. */
+/* Writes the track number of each splat, and sets *same_rows. If each row belongs to the same track
+ * in all frames, writes the numbers of one frame only; otherwise sorts the rows of each frame by
+ * track and writes the numbers of all frames. */
 static spin_status write_numbers(const struct spin_output *output, struct spin_bundle_writer *w,
                                  bool *same_rows)
 {
@@ -294,7 +293,7 @@ static spin_status write_tracks(const struct spin_output *output, struct spin_bu
     return spin_bundle_write_array(w, "trained/tracks", -1, "<f4", 2, shape, rows);
 }
 
-/* An array of weights of the network, in device memory. */
+/* A parameter array of the network, in device memory. */
 struct weights {
     const struct spin_output *output;
     const char *name;
@@ -312,13 +311,14 @@ static spin_status read_weights(void *context, uint64_t first, size_t n, uint32_
     return SPIN_OK;
 }
 
-/* Writes the values of the tracks, the tracks of the splats, and the values that splats own. */
+/* Writes the values of the tracks, the track number of each splat, and the values that splats own.
+ */
 static spin_status write_values(const struct spin_output *output, struct spin_bundle_writer *w,
                                 bool *same_rows)
 {
     struct spin_trainer *t = output->trainer;
     size_t floats = SPIN_TRACK * t->n_tracks;
-    /* The values of the tracks, in groups (device.h). */
+    /* [SPIN_TRACK n_tracks] values of the tracks, in groups (model/residual.h). */
     SPIN_FREED float *tracks = NULL;
 
     SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));
@@ -351,7 +351,7 @@ static spin_status write_network(const struct spin_output *output, struct spin_b
                            &(struct weights){output, "trained/heads", t->heads.p});
 }
 
-/* Writes the 4D splats, instead of the frames of the source, and describes them in *meta. */
+/* Writes the trained 4D splats as the source of the output, and describes them in *meta. */
 static spin_status write_rows(const struct spin_output *output, struct spin_bundle_writer *w,
                               struct spin_bundle_meta *meta)
 {
@@ -376,16 +376,16 @@ static spin_status write_rows(const struct spin_output *output, struct spin_bund
     return SPIN_OK;
 }
 
-/* Writes the columns (or the 4D splats) of the source, the columns of refined frames that the
- * output keeps, and the trained values. With --method 4d it writes only the 4D splats. */
+/* Writes the source (columns or 4D splats), the refined frames, and the trained values; with
+ * --method 4d, only the trained 4D splats. */
 static spin_status write_splats(const struct spin_output *output, struct spin_bundle_writer *w,
                                 struct spin_bundle_meta *meta, const float SPIN_DEV *whole,
                                 bool *same_rows)
 {
     struct spin_plan *plan = output->plan;
     unsigned kept = spin_refinement_columns(plan);
-    /* If the source consists of points, its positions are rounded as well. With refined frames they
-     * are not, since the keys of these frames depend on the exact positions. */
+    /* If the source consists of points, its positions are rounded as well, except with refined
+     * frames, whose keys depend on the exact positions. */
     bool points = !(meta->columns & SPIN_COL_ATTRIBUTES) && !output->refinement->frame;
     unsigned rounded = points ? SPIN_COL_MEANS : 0;
     SPIN_LEAVES(spin_splats_free) struct spin_splats splats = {0};
@@ -408,7 +408,8 @@ static spin_status write_splats(const struct spin_output *output, struct spin_bu
         SPIN_TRY(spin_refinement_read(output->refinement, plan, f, kept, &splats));
         if (plan->o->method == SPIN_METHOD_FRAMES && f == 0)
             SPIN_TRY(set_column_units(output, &w->packer, "refined", kept, splats.sh_degree));
-        /* Other methods trained the clip from the exact values, so these are kept unrounded. */
+        /* Round only if refined frames are the result: with other methods, the clip was trained
+         * from their exact values. */
         if (plan->o->method == SPIN_METHOD_FRAMES)
             round_splats(output, kept, &splats);
         SPIN_TRY(spin_bundle_write_refined(w, f, kept, &splats));
@@ -427,8 +428,9 @@ static const char *precision_name(const struct spin_retrain_options *o)
     return name[o->precision];
 }
 
-/* Keeps the cameras of the data set in the frame of the clip that is first paired with it. Those of
- * renders are not cameras of a data set. */
+/* Stores the cameras of the data set in *meta, as they are in the first frame of the clip that has
+ * a frame of the data set. Cameras of renders (scene/renders.h) are not stored, since they belong
+ * to no data set. */
 static spin_status keep_cameras(const struct spin_plan *plan, struct spin_bundle_meta *meta)
 {
     const struct spin_clip *clip = &plan->clip;
@@ -489,8 +491,8 @@ static void set_quality(spin_json *j, const char *key, const struct spin_quality
     spin_json_set(j, key, value);
 }
 
-/* Sets *json to a list of the training cameras: for each its id and the learned exposure, which is
- * log gain and offset for r, g, b. */
+/* Sets *json to a list of the training cameras, each with its id, and its learned log gain and
+ * offset for r, g, b. */
 static spin_status cameras_to_json(const struct spin_output *output, spin_json **json)
 {
     const struct spin_param *exposure = &output->trainer->exposures.param;
@@ -531,8 +533,8 @@ static void tracks_to_json(const struct spin_trainer *t, bool same_rows, spin_js
     spin_json_set(network, "tracks", j);
 }
 
-/* Adds the list of the numbers of splats of all frames, which differ from those of the source after
- * a densification. */
+/* Adds the number of splats of each frame, since a densification changes the numbers of the source.
+ */
 static void counts_to_json(const struct spin_trainer *t, spin_json *network)
 {
     spin_json *splats = spin_json_array();
@@ -542,7 +544,7 @@ static void counts_to_json(const struct spin_trainer *t, spin_json *network)
     spin_json_set(network, "splats", splats);
 }
 
-/* Sets *json to the "trained" object of meta.json. */
+/* Sets *json to the object "trained" of meta.json. */
 static spin_status trained_to_json(const struct spin_output *output, bool same_rows,
                                    spin_json **json)
 {
@@ -567,7 +569,7 @@ static spin_status trained_to_json(const struct spin_output *output, bool same_r
     return SPIN_OK;
 }
 
-/* Returns the name of the member of meta.json that describes the training. */
+/* Returns the name of the object in meta.json that describes the training. */
 static const char *result_of(const struct spin_plan *plan)
 {
     return plan->o->method == SPIN_METHOD_4D       ? "trained_4d"
@@ -575,7 +577,7 @@ static const char *result_of(const struct spin_plan *plan)
                                                    : "trained";
 }
 
-/* Returns the ids of the cameras with test views, each only once. */
+/* Returns the ids of the cameras with test views, without duplicates. */
 static spin_json *held_out_cameras(const struct spin_views *views)
 {
     spin_json *list = spin_json_array();

@@ -1,4 +1,4 @@
-/* Writes the output bundle of a retraining: the source, the refined frames and the trained values.
+/* Writes the output bundle of a retraining: the source, the refined frames, and the trained values.
  */
 #pragma once
 
@@ -11,10 +11,11 @@ struct spin_output {
     struct spin_frames *frames;   /* unused with --method frames */
     struct spin_trainer *trainer; /* unused with --method frames */
     const char *fingerprint;
-    const char *simd_paths; /* SIMD paths that did the work */
+    const char *simd_paths; /* all SIMD paths that the training used */
 };
 
-/* The output contains no times or durations, so equal runs give equal files. */
+/* Writes the output bundle. It contains no times or durations, so equal runs write identical files.
+ */
 spin_status spin_output_write(const struct spin_output *output);
-/* True if the output exists and has this fingerprint and the plan's precision. */
+/* True if the output file exists, and has this fingerprint and the precision of the plan. */
 bool spin_output_is_done(const struct spin_plan *plan, const char *fingerprint);

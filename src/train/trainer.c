@@ -1,5 +1,4 @@
-/* Manages the state of a training between iterations: its memory, its learning rates and the hash
- * table. */
+/* Manages the state of a training between iterations: memory, learning rates and hash table. */
 #include "train/trainer.h"
 
 #include <math.h>
@@ -34,7 +33,7 @@ static bool has_residual(const struct spin_trainer_size *size)
 
 static size_t smaller(int a, int b) { return (size_t)(a < b ? a : b); }
 
-/* Returns the largest number of floats that the frames of a batch can own. */
+/* Returns the largest number of floats that the frames of a batch can own together. */
 static size_t own_floats(const struct spin_trainer *t)
 {
     return (size_t)t->max_items * t->n_max * ((t->residuals ? 3 + SPIN_RESIDUAL : 3) + t->sh_width);
@@ -45,7 +44,7 @@ int spin_trainer_frames_at_once(const struct spin_trainer *t)
     return (int)smaller(t->device->frames_at_once, t->max_items);
 }
 
-/* Returns the largest number of splats that the device processes together. */
+/* Returns the largest number of splats that the device processes at once. */
 static size_t splats_at_once(const struct spin_trainer *t)
 {
     return t->n_max * (size_t)spin_trainer_frames_at_once(t);
@@ -77,7 +76,7 @@ static void close_buffers(struct spin_trainer *t)
     spin_raster_close(&t->raster);
 }
 
-/* Allocates the buffers for the splats that the device processes together. */
+/* Allocates the buffers for the splats that the device processes at once. */
 static spin_status open_buffers(struct spin_trainer *t)
 {
     struct spin_device *d = t->device;
@@ -152,8 +151,8 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
     for (int f = 0; f < t->n_frames; f++)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
     if (n <= t->n_max) {
-        /* Clear the gradients of all residual values: if no tracks are left, iterations clear only
-         * those of values that splats own, and the remaining ones would stay nonzero. */
+        /* Clear all gradients of residual values: if no tracks remain, iterations clear only the
+         * gradients of values that splats own, so the others would remain nonzero. */
         if (t->d_residual)
             t->device->op->zero(t->device, t->d_residual,
                                 splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));
@@ -308,7 +307,7 @@ void spin_trainer_put_back(struct spin_trainer *t)
 
 enum { FIRST_BYTES = 1 << 16 };
 
-/* Ensures that the staging memory on the host has at least this size. Its contents are lost. */
+/* Ensures that the staging memory on the host has at least this size, and discards its contents. */
 static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 {
     const struct spin_device_ops *op = s->device->op;
@@ -352,7 +351,7 @@ spin_status spin_rank_sum(struct spin_rank_sum *s, void SPIN_DEV *at, size_t n, 
     SPIN_TRY(d->op->download(d, s->host.at, at, 4 * n));
     SPIN_TRY(spin_ranks_sum(s->host.at, n, kind));
     d->op->upload(d, at, s->host.at, 4 * n);
-    /* The next download may overwrite the host memory only after the upload. */
+    /* Wait for the upload before the next download overwrites the staging memory. */
     return d->op->wait(d);
 }
 
@@ -437,7 +436,7 @@ struct spin_param_group spin_param_group(const struct spin_param *param, size_t 
 
 /* ---- Lazy Adam ------------------------------------------------------------------------------- */
 
-/* Lazy Adam stores step numbers as floats, which represent integers exactly up to this number. */
+/* Lazy Adam stores step numbers as floats, which represent all integers up to this one exactly. */
 static const int64_t most_steps = 1 << 24;
 
 static size_t begin_of(const struct spin_field *field)
@@ -456,8 +455,8 @@ size_t spin_lazy_pad(const struct spin_field *field)
     return (SPIN_LINE - begin_of(field) % SPIN_LINE) % SPIN_LINE;
 }
 
-/* A splat reads 16 rows of a level, one for each corner of a 4D cell. Corners that are neighbours
- * along x often share a line, so these rows are in about 9 lines. */
+/* A splat reads 16 rows of a level, one for each corner of a 4D cell. Corners that are adjacent
+ * along x are often in the same line, so these rows are in about 9 lines. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps)
 {
     const struct spin_grid *grid = &field->grid;

@@ -10,8 +10,8 @@
 #include "train/track_matching.h"
 #include "train/photos.h"
 
-/* Reads a refined frame or, with refinement NULL, a frame of the source, to which it appends the
- * splats of the backdrop. Fails if a mean is not finite. */
+/* Reads a refined frame or, if refinement is NULL, a frame of the source with the splats of the
+ * backdrop appended. Fails if a mean is not finite. */
 static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *refinement, int frame,
                               unsigned columns, struct spin_splats *out)
 {
@@ -27,9 +27,9 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
 
 /* ---- The scene transform --------------------------------------------------------------------- */
 
-/* Sets the centre and the radius of the scene transform. With --scene-normalise auto, the centre is
- * the median of the sampled points along each axis, and the radius is that of the ball around it
- * that contains 90 % of the points (docs/method.md 3.1). Otherwise the transform stays the
+/* With --scene-normalise auto, sets the centre of the scene transform to the median of the sampled
+ * points along each axis, and its radius to that of the ball around the centre that contains 90 %
+ * of the points (docs/method.md 3.1). Otherwise leaves the transform unchanged, which is the
  * identity. */
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
@@ -68,9 +68,9 @@ spin_status spin_frames_check_points(struct spin_plan *plan)
 
 /* ---- Initial values -------------------------------------------------------------------------- */
 
-/* Returns the columns from which the initial values of a frame are made. Residual values start from
- * the attributes of the source (or of the refined frame), or from coloured points as in 3DGS;
- * without residual values only the means are needed. */
+/* Returns the columns that the initial values of a frame require: all attributes with --residual
+ * source, colours with other residual values, which are then initialised from coloured points as in
+ * 3DGS, and only the means without residual values. */
 static unsigned first_columns(const struct spin_plan *plan, bool refined)
 {
     if (!spin_plan_has_residual(plan))
@@ -80,8 +80,8 @@ static unsigned first_columns(const struct spin_plan *plan, bool refined)
     return refined ? SPIN_COL_MEANS | SPIN_COL_RGB : spin_plan_point_columns(plan);
 }
 
-/* If a value of a splat is not finite, replaces the attributes of the splat: it becomes small, grey
- * and faint. */
+/* If an attribute of a splat is not finite, replaces all its attributes by those of a small, grey
+ * and faint splat. */
 static void make_finite(struct spin_refine_row *p)
 {
     static const struct spin_refine_row none = {
@@ -96,13 +96,14 @@ static void make_finite(struct spin_refine_row *p)
         *p = none;
 }
 
-/* Initial values of the tracks, in host memory. Those of a track are copied from its first splat
- * that is visible to a training camera; if none is visible, from its first splat. */
+/* Initial values of the tracks, in host memory. The values of a track are copied from its first
+ * splat that is visible in any training view or, if none is visible, from its first splat. */
 struct first_tracks {
     const struct spin_tracks *tracks;
-    /* [n][3] position of a static track, or displacement of a dynamic one; [n][SPIN_RESIDUAL]. */
+    /* displacement: [n][3] positions of static tracks, displacements of dynamic tracks. residual:
+     * [n][SPIN_RESIDUAL]. */
     float *displacement, *residual;
-    /* [n] whose values the track has so far: 0 of no splat, 1 of an invisible splat, 2 of a visible
+    /* [n] origin of the values of each track so far: 0 none, 1 an invisible splat, 2 a visible
      * splat */
     uint8_t *seen;
 };
@@ -119,9 +120,10 @@ static spin_status open_first_tracks(struct first_tracks *first, const struct sp
 
 static void close_first_tracks(struct first_tracks *first) { free(first->displacement); }
 
-/* Copies the initial values of the tracks from the points of a frame, where these are better than
- * those recorded so far. A static track stores its position. A dynamic track stores a displacement
- * that is added to the positions of its splats; it stays 0 here. */
+/* Copies the initial values of tracks from the points of a frame, for tracks that have no values
+ * yet, or only those of an invisible splat if the point is visible. The displacement of a static
+ * track is its position; that of a dynamic track, which is added to the positions of its splats,
+ * remains 0. */
 static void record_first_values(struct first_tracks *first, int frame,
                                 const struct spin_refine_cloud *cloud)
 {
@@ -156,8 +158,8 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
     return SPIN_OK;
 }
 
-/* Sets the residual values of splats with a track to 0, since the track has the initial values and
- * the values of both are added. */
+/* Zeroes the residual values of splats with a track: their initial values are stored in the track,
+ * and the sum of both is rendered. */
 static void clear_tracked(const struct spin_tracks *tracks, int frame,
                           struct spin_refine_cloud *cloud)
 {
@@ -166,8 +168,8 @@ static void clear_tracked(const struct spin_tracks *tracks, int frame,
             memset(cloud->point[i].p.log_scale, 0, SPIN_RESIDUAL * sizeof(float));
 }
 
-/* Makes the initial values of frame f from its splats s, records those of tracks in *first, and
- * uploads the others in the trainer's order. */
+/* Computes the initial values of frame f from its splats s, records the values of tracks in *first,
+ * and uploads all other values in the trainer's order. */
 static spin_status send_frame(const struct spin_plan *plan, const struct spin_splats *s, int f,
                               const uint32_t *permutation, struct first_tracks *first,
                               struct spin_device *device, struct spin_train_frame *frame)
@@ -196,7 +198,7 @@ static spin_status send_frame(const struct spin_plan *plan, const struct spin_sp
     return spin_train_frame_upload(frame, device, SPIN_TRAIN_VALUES, rows, permutation);
 }
 
-/* Uploads the track of every splat of frame f, in the trainer's order. */
+/* Uploads the track of each splat of frame f, in the trainer's order. */
 static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, size_t n,
                                       const uint32_t *permutation, struct spin_device *device,
                                       struct spin_train_frame *frame)
@@ -210,8 +212,8 @@ static spin_status send_track_numbers(const struct spin_tracks *tracks, int f, s
     return SPIN_OK;
 }
 
-/* Records the tracks and the positions of the splats of dynamic tracks in frame f. In the trainer's
- * order these splats follow those without a track and are sorted by track. */
+/* Records the tracks and positions of the splats of dynamic tracks in frame f. In the trainer's
+ * order, these splats follow those without a track, sorted by track. */
 static spin_status add_places(struct spin_turns *turns, const struct spin_tracks *tracks, int f,
                               const struct spin_splats *s, const uint32_t *permutation,
                               const struct spin_frame_size *size)
@@ -250,10 +252,10 @@ out:
     return status;
 }
 
-/* Applies the inverse of a splat's turn to the rotation of its track. The rotation was copied from
- * the first splat of the track and must be that in the reference frame, since the turn is applied
- * to it again when the splat is rendered. Tracks that start from coloured points need no
- * correction, since they are isotropic. */
+/* Converts the initial rotation of each track to the reference frame: it was copied from the first
+ * splat of the track, so the inverse of that splat's turn is applied. Rendering applies the turn
+ * again. Tracks that were initialised from coloured points need no conversion, since they are
+ * isotropic. */
 static void turn_first_tracks(struct first_tracks *first, const struct spin_turns *turns)
 {
     memset(first->seen, 0, first->tracks->n);
@@ -278,13 +280,12 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
                               bool first_values)
 {
     const struct spin_tracks *tracks = first->tracks;
-    /* After a resume this may differ from the number in the bundle, which densification has
-     * changed. */
+    /* After a resume, this number may differ from that in the bundle because of densification. */
     size_t n = trainer->frame[f].size.n;
 
     SPIN_TRY(
         spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), (void **)&frames->permutation[f]));
-    /* Order splats along a space-filling curve, so that neighbours share cache lines. */
+    /* Order splats along a space-filling curve so that neighbours share cache lines. */
     SPIN_TRY(spin_morton_order(s->n, s->means, frames->permutation[f]));
     if (trainer->tracked && first_values) {
         SPIN_TRY(spin_tracks_sort(tracks, f, s->n, frames->permutation[f]));

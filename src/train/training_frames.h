@@ -1,5 +1,5 @@
-/* Loads the splats of all frames before training: reads every frame once, checks its values, sorts
- * its splats for memory locality and uploads them. */
+/* Loads the splats of all frames before the training: reads each frame once, checks its values,
+ * sorts its splats for memory locality and uploads them. */
 #pragma once
 
 #include "train/refinement.h"
@@ -7,18 +7,17 @@
 
 struct spin_frames {
     int n;
-    /* [n][splats] for each frame: the row in the bundle of each of the trainer's splats. */
+    /* [n][splats] for each frame: row in the bundle of each splat of the trainer. */
     uint32_t **permutation;
 };
 
-/* Checks that the means of the source are finite, and stores the share of the means outside the
- * encoder's unit ball in the report. */
+/* Checks that the means of the source are finite, and sets report->outside_ball. */
 spin_status spin_frames_check_points(struct spin_plan *plan);
-/* Loads all frames: the refined ones if frames were refined, otherwise those of the source. Sets
- * the permutations and the trainer's scene transform. If first_values is true, also sets the
- * initial values of the trainer's frames and tracks; after a resume it is false, since the
- * checkpoint provides these values and, with tracks, the permutations. Zero *frames first; close it
- * also after a failure. */
+/* Loads all frames: refined frames if frames were refined, otherwise those of the source. Sets the
+ * permutations and the trainer's scene transform. If first_values is true, also sets the initial
+ * values of the trainer's frames and tracks. On a resume it is false: the checkpoint then contains
+ * these values and, with tracks, the permutations. Zero *frames before the call, and close it also
+ * after a failure. */
 spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
                              struct spin_refinement *refinement, const struct spin_tracks *tracks,
                              struct spin_trainer *trainer, bool first_values);
