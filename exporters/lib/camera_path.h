@@ -46,7 +46,7 @@ enum spin_camera_path_path {
 
 enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AFTER };
 
-/* A training camera that a path goes through. */
+/* A training camera through which a path leads. */
 struct spin_rig_stop {
     double eye[3]; /* position in the world */
     /* The rotation from the world to the camera, as a quaternion w x y z. The sign is chosen such

@@ -279,8 +279,8 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     return spin_out_commit(&out);
 }
 
-/* Warns if colours were clamped. Rounding to 8 bits alone has an RMS error of 0.0011 (.splat) or
- * 0.0021 (SPZ); a larger RMS error means that colours were clamped. */
+/* Warns if colours were clamped. Rounding to 8 bits alone causes an RMS error of 0.0011 in .splat
+ * and of 0.0021 in SPZ; a larger one means that colours were clamped. */
 static void warn_clipped(const struct spin_frames *x)
 {
     double rms = spin_quant_error_rms(&x->quant, SPIN_QUANT_COLOUR);

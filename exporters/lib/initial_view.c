@@ -267,7 +267,8 @@ void spin_initial_view_turn(const double v[3], const double axis[3], double angl
     memcpy(out, turned, sizeof turned);
 }
 
-/* Parses --rotate and inverts it. q: the unit quaternion w x y z; the identity without --rotate. */
+/* Sets q to the inverse of the rotation of --rotate, a unit quaternion w x y z; the identity
+ * without --rotate. */
 static spin_status parse_inverse(const struct spin_plugin_values *values, double q[4])
 {
     const char *text = spin_plugin_value(values, "rotate", NULL);
@@ -329,7 +330,8 @@ spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
     return SPIN_OK;
 }
 
-/* Rotates the position of the view about `up` by the part of a rotation that is about `up`. */
+/* Rotates the position of the view about `up`, by the component of the rotation q that is about
+ * `up`. */
 static void turn_sideways(const double q[4], struct spin_initial_view *out)
 {
     double away[3], along = q[1] * out->up[0] + q[2] * out->up[1] + q[3] * out->up[2];
@@ -341,7 +343,8 @@ static void turn_sideways(const double q[4], struct spin_initial_view *out)
         out->eye[c] = out->target[c] + away[c];
 }
 
-/* A camera nearer to the subject than this, in radii of the subject, shows only a part of it. */
+/* A camera that is nearer to the subject than this, in radii of the subject, shows only a part of
+ * the subject. */
 #define LEAST_RADII 1.6
 
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,

@@ -63,9 +63,9 @@ void spin_initial_view_pose(const double eye[3], const double target[3], const d
 /* Sets out to v, rotated about a unit axis by an angle in radians. */
 void spin_initial_view_turn(const double v[3], const double axis[3], double angle, double out[3]);
 
-/* Changes the view as the job's options demand: --camera, the number of a camera of the data set or
- * a file with a camera path; --up, the axis of the world that points up; --rotate, a rotation of
- * the scene about the view's target, for which the view is rotated the other way. */
+/* Applies the options of the view: --camera, the number of a camera of the data set or a file with
+ * a camera path; --up, the axis of the world that points up; --rotate, a rotation of the scene
+ * about the view's target, for which the view is rotated the other way. */
 spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
                                      const double middle[3], double size,
                                      struct spin_initial_view *out);

@@ -128,8 +128,8 @@ spin_status spin_page_decode_column(const uint8_t *data, size_t size, size_t *at
 /* ---- Columns of rows ------------------------------------------------------------------------- */
 
 /* Returns the zigzag code of number i minus its prediction. If `from` contains FROM_COLUMN,
- * other[i] is subtracted from x[i]. If `from` contains FROM_OTHER, the result of the row before is
- * then subtracted. */
+ * other[i] is subtracted from x[i]. If `from` contains FROM_OTHER, the result of the previous row
+ * is then subtracted. */
 static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
 {
     uint32_t now = (uint32_t)x[i] - (from & FROM_COLUMN ? (uint32_t)other[i] : 0), last = 0;
@@ -193,8 +193,8 @@ spin_status spin_page_encode_column(struct spin_page_bytes *b, const int32_t *x,
 
 /* ---- Differences ----------------------------------------------------------------------------- */
 
-/* Returns the prediction of number i: its moving average if by_mean, else its value in the frame
- * before. mean[] contains 16 times the averages. */
+/* Returns the prediction of number i: its moving average if by_mean, else its value in the previous
+ * frame. mean[] contains 16 times the averages. */
 static inline int32_t predicted(const struct spin_page_state *s, size_t i, bool by_mean)
 {
     return by_mean ? (s->mean[i] + 8) >> 4 : s->last[i];

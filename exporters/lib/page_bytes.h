@@ -18,13 +18,14 @@ struct spin_page_bytes {
 };
 void spin_page_bytes_free(struct spin_page_bytes *b);
 
-/* Appends a column of a key frame or of own rows: n numbers as they are, or as differences from the
- * number before, whichever is smaller. */
+/* Appends a column of a key frame, or of rows that only one frame has: n numbers, stored as they
+ * are or as differences from the previous number, whichever is smaller. */
 spin_status spin_page_encode_whole(struct spin_page_bytes *b, const int32_t *x, size_t n);
 
-/* Appends a column of 4D splats. `other` is the column before; NULL: there is none. The predictor
- * of a number is zero, the number before, the same row of `other`, or a combination of the last
- * two: whichever leads to the smallest column. */
+/* Appends a column of 4D splats. `other` is the previous column; NULL: there is none. A number is
+ * predicted as zero, as the previous number, as the number of `other` in the same row, or as a
+ * combination of the last two. The predictor that leads to the smallest column is used for all
+ * numbers. */
 spin_status spin_page_encode_column(struct spin_page_bytes *b, const int32_t *x,
                                     const int32_t *other, size_t n);
 
