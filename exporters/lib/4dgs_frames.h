@@ -34,7 +34,7 @@ struct spin_4dgs_frames {
     uint32_t *mate; /* [shown.n] for each splat of the previous state: the row that continues it */
     /* [shown.n] the splats that change, in the previous and in the next state */
     struct spin_4dgs_splat *before, *after;
-    uint32_t *death; /* [shown.n] */
+    uint32_t *death; /* [shown.n] ids of the splats that end */
 };
 
 /* Adds a frame. Before the first call, set job, rows, coding and writer, and zero the other

@@ -144,8 +144,8 @@ static spin_status match_places(const struct spin_page_group *g, struct spin_pag
     return SPIN_OK;
 }
 
-/* Matches rows of `now` with rows of the group's first frame, if row i of `now` and row i of
- * `last`, the frame before, are the same splat for every i. */
+/* Matches rows of `now` with rows of the group's first frame. Used if row i of `now` and row
+ * i of `last`, the previous frame, are the same splat for every i. */
 static spin_status follow_rows(const struct spin_page_frame *last, struct spin_page_frame *now,
                                size_t n_first)
 {

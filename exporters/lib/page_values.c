@@ -220,8 +220,8 @@ static void number_rotation(const struct spin_page_space *space, const float *co
         int32_t k;
 
         choose_key(x + (ptrdiff_t)c * n_frames, n_frames, step, &k);
-        off[c] = 0.5 * step / 2 *
-                 k; /* half of the offset, since rounding the key may add as much again */
+        /* Half of the allowed offset: rounding the key may cause an error of the same size. */
+        off[c] = 0.5 * step / 2 * k;
     }
     spin_page_turn_of(off, part);
     spin_scene_rotation_join(part, first, base);

@@ -41,9 +41,9 @@ double spin_quant_error_distance(const float is[3], const float shown[3]);
 void spin_quant_error_add_place(struct spin_quant_error *q, const float is[3],
                                 const float shown[3]);
 
-/* Adds the angle in degrees between the rotations of two unit quaternions: 4 asin(d / 2), where d
- * is the distance of the quaternions if their signs are chosen such that their dot product is >=
- * 0. */
+/* Adds the angle in degrees between the rotations of two unit quaternions, 4 asin(d / 2). d is the
+ * distance of the quaternions after one of them has been negated if their dot product is negative.
+ */
 void spin_quant_error_add_rotation(struct spin_quant_error *q, const float is[4],
                                    const float shown[4]);
 

@@ -24,8 +24,8 @@ void spin_readback_frame(struct spin_readback *e, const struct spin_export_job *
         }
 }
 
-/* Returns the length in pixels of a displacement by `off` of a splat at `mean`, for the direction
- * in which this length is largest. -1: the position is not visible. */
+/* Returns the largest distance in pixels by which the image of a splat at `mean` can move if the
+ * splat is displaced by `off`. -1: the position is not visible. */
 static double pixels_of(const struct spin_camera *c, const float mean[3], double off)
 {
     double p[3];

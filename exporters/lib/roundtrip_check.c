@@ -40,7 +40,7 @@ static spin_status compare_frame(struct check *check, const char *path,
     const struct spin_splat_rows *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
     const struct spin_splat_rows plain = {
-        .splats = back}; /* the identity, so positions keep the axes of the source */
+        .splats = back}; /* no rotation: spin_splat_rows_get() keeps the axes of the file */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)

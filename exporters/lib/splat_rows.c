@@ -6,7 +6,7 @@
 #include "math/approx.h"
 #include "math/drawable.h"
 
-/* Frames with fewer bytes are not unmapped early. */
+/* The mapped memory of frames with fewer bytes is not released early. */
 #define SMALL ((size_t)64 << 20)
 
 struct spin_splat_rows_block {
@@ -174,8 +174,8 @@ spin_status spin_splat_rows_parse_sh(const char *text, int kept, int *out)
     return SPIN_OK;
 }
 
-/* Sets q to the shortest rotation that turns this axis to y; for -y, to half a turn about z, as in
- * the glTF exporter. */
+/* Sets q to the rotation with the smallest angle that maps this axis to y. For -y, this is the
+ * rotation by 180 degrees about z, as in the glTF exporter. */
 static spin_status parse_up(const char *text, double q[4])
 {
     static const double r = 0.70710678118654752;

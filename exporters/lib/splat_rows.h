@@ -8,8 +8,8 @@
 #include "formats/gaussian.h"
 #include "math/scene_rotation.h"
 
-/* Defines the exporter `id` with the plug-in name `label`, which reads all columns; the remaining
- * fields of its table follow, `.summary = "..."` and so on. */
+/* Defines the exporter `id` with the plug-in name `label`, which reads all columns. The further
+ * arguments initialise the remaining fields, such as .summary. */
 #define SPIN_EXPORTER(id, label, ...)                                                              \
     const struct spin_exporter spin_exporter_##id = {.abi = SPIN_PLUGIN_ABI,                       \
                                                      .name = label,                                \

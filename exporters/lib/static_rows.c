@@ -49,8 +49,8 @@ static spin_status list_rows(struct spin_static_rows *s, const struct spin_splat
     return SPIN_OK;
 }
 
-/* Sets s->mate to the row of the current frame that has the same values as each row of s->kept, or
- * to NONE. Several rows with equal values are matched one to one. */
+/* For each row of s->kept, sets s->mate to the row of the current frame that has the same values,
+ * or to NONE if there is none. Rows with equal values are matched one to one. */
 static void pair_rows(struct spin_static_rows *s, const struct spin_splat_rows *rows)
 {
     size_t at = 0;

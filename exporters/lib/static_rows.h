@@ -15,7 +15,7 @@ struct spin_static_rows {
     size_t n;                     /* number of static rows */
     struct spin_static_row *kept; /* [n] the static rows in the first frame, sorted by hash */
     struct spin_static_row *now;  /* the kept rows of the current frame, sorted by hash */
-    unsigned char *keep;          /* [rows] of the current frame; 1: dynamic and not dropped */
+    unsigned char *keep;          /* [rows of the current frame] 1: the row is kept and dynamic */
     uint32_t *mate; /* [n_first] for each row of the first frame, the matching row of the current
                        frame; UINT32_MAX: the row is not static */
     size_t n_first;

@@ -20,7 +20,8 @@ static bool is_visible(const struct spin_time_windows *b, size_t i)
     return span[0] <= last_time(b) && span[1] >= first_time(b);
 }
 
-/* Whether a visible row begins or ends abruptly within the clip, which no Gaussian window does. */
+/* Returns whether a visible row begins or ends abruptly within the clip, which a Gaussian window
+ * cannot represent. */
 static bool has_cuts(const struct spin_time_windows *b)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;

@@ -14,12 +14,13 @@ struct spin_time_windows {
     bool says_cov2d;          /* true: the format stores the two factors of splats_4d->cov2d */
     int least_degree, degree; /* lowest and highest degree of paths in the format */
 
-    /* The rows that are visible at some time of the clip. Its spans are not set. */
+    /* The splats that are visible at some time of the clip; `spans` is not set. */
     struct spin_splats_4d clip;
     size_t *from;            /* [clip.n] the row of the source that each row was converted from */
     struct spin_splats view; /* the arrays of `clip` in the form of a frame */
     /* Largest errors. lost_place: of a position in world units, at times when the window is at
-     * least 1/2; lost_turn: of a rotation in degrees; lost_colour: of a colour in 0..1. */
+     * least 1/2; lost_turn: of a rotation in degrees; lost_colour: of a colour channel, whose range
+     * is 0..1. */
     double lost_place, lost_turn, lost_colour;
 };
 

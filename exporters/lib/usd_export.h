@@ -11,8 +11,9 @@
 #define SPIN_USD_PRIM "Splats"
 #define SPIN_USD_APERTURE 36.0 /* horizontal aperture of every camera */
 #define SPIN_USD_FLOATS 48     /* largest number of floats of one row in an attribute */
-/* Readers take colours without a colour space for linear light. OpenUSD has no name for display
- * values but this one, with the curve and the primaries of sRGB. */
+/* If no colour space is given, readers assume that colours are linear light. This is the only name
+ * in OpenUSD for colours as they are displayed, with the transfer curve and the primaries of sRGB.
+ */
 #define SPIN_USD_COLOUR_SPACE "srgb_rec709_scene"
 
 struct spin_usd_form {
@@ -25,15 +26,15 @@ extern const struct spin_usd_form spin_usd_forms[SPIN_USD_COLUMNS];
 /* A clip in one file. */
 struct spin_usd_file {
     bool packed;         /* the file is a package (.usdz) */
-    struct spin_out out; /* the crate; of a package, a temporary file */
+    struct spin_out out; /* the crate; a temporary file if it is to be put into a package */
     struct spin_usdc_writer crate;
     /* [n] the samples of each attribute and of the extent. */
     uint64_t *value[SPIN_USD_COLUMNS + 1];
     double *time;                    /* [n] */
     uint64_t hash[SPIN_USD_COLUMNS]; /* hashes of the attributes of the previous frame */
-    bool changes[SPIN_USD_COLUMNS];  /* the attribute differs between two frames */
+    bool changes[SPIN_USD_COLUMNS];  /* the attribute differs between two successive frames */
     size_t n;
-    int32_t scope, camera; /* the prims /Cameras and of the camera that is being written */
+    int32_t scope, camera; /* the prim /Cameras, and the prim of the camera that is being written */
 };
 
 struct spin_usd_export {
@@ -66,14 +67,15 @@ struct spin_usd_export {
 
 /* ---- Values ---------------------------------------------------------------------------------- */
 
-bool spin_usd_is_half(const struct spin_usd_export *x); /* of the current attribute */
+/* Returns whether the current attribute consists of half floats. */
+bool spin_usd_is_half(const struct spin_usd_export *x);
 const char *spin_usd_type_of(const struct spin_usd_export *x, enum spin_usd_column a);
 const char *spin_usd_name_of(const struct spin_usd_export *x, enum spin_usd_column a);
 uint32_t spin_usd_half_bits(float h);
 
-/* Copies the values of the current attribute of row i to `out`, adds the rounding errors of the
- * values to quant, and returns the number of values. Sets *group to the number of values in a
- * tuple. Quaternions are w x y z. */
+/* Sets `out` to the values of the current attribute of row i as readers will get them, adds their
+ * rounding errors to quant, and returns the number of values. Sets *group to the number of values
+ * in a tuple. Quaternions are w x y z. */
 size_t spin_usd_row(const struct spin_usd_export *x, size_t i, float out[SPIN_USD_FLOATS],
                     size_t *group, struct spin_quant_error *quant);
 /* Sets extent to the bounding box of the ellipsoids of all kept splats; the radii of an ellipsoid

@@ -1,6 +1,7 @@
-/* Writes a clip as one crate, or as a package that contains it. Attributes have a time sample per
- * frame, which programs read only when they show it. An array that equals that of the previous
- * frame is stored once; an attribute that never changes has a plain value, without samples. */
+/* Writes a clip as one crate, or as a package that contains it. Attributes have one time sample per
+ * frame; programs read a sample only when they show its frame. An array that equals that of the
+ * previous frame is stored once; an attribute that never changes has a plain value, without
+ * samples. */
 #include <stdlib.h>
 
 #include "base/base.h"
@@ -49,7 +50,7 @@ static size_t row_items(const struct spin_usd_export *x, enum spin_usd_column a)
     return a == SPIN_USD_SH ? (size_t)spin_sh_count(x->frames.rows.sh_degree) : 1;
 }
 
-/* Writes an attribute of the current frame, and returns the word of the array in *out. */
+/* Writes an attribute of the current frame, and sets *out to the word that represents its array. */
 static spin_status write_array(struct spin_usd_export *x, enum spin_usd_column a, uint64_t *out)
 {
     size_t n = x->frames.rows.n_kept, items = row_items(x, a), bytes;
@@ -63,7 +64,7 @@ static spin_status write_array(struct spin_usd_export *x, enum spin_usd_column a
     return spin_frames_write_rows(x, &x->file.out, offset, items * bytes, code_row);
 }
 
-/* Writes the attributes of the current frame that differ from the previous frame. */
+/* Writes those attributes of the current frame that differ from the previous frame. */
 static spin_status write_arrays(struct spin_usd_export *x)
 {
     struct spin_usd_file *f = &x->file;
