@@ -393,7 +393,7 @@ static spin_status write_clip(struct export *x)
     text = spin_json_text(j, false);
     spin_json_free(j);
     SPIN_TRY(text ? write_text(x, "<script type=\"application/json\" id=\"clip\">")
-                  : spin_fail(SPIN_E_MEMORY, "no memory for the page"));
+                  : spin_fail(SPIN_E_MEMORY, "not enough memory for the page"));
     for (const char *c = text; c && *c; c++)
         SPIN_TRY(*c == '<' ? write_text(x, "\\u003c") : spin_out_write(&x->out, c, 1));
     return write_text(x, "</script>\n");

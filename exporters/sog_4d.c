@@ -694,7 +694,7 @@ static spin_status make_meta(const struct export *x, char **text, size_t *n)
         else if (to)
             print_tsog(to, x);
         if (!to || fclose(to) != 0)
-            return spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
+            return spin_fail(SPIN_E_MEMORY, "not enough memory for meta.json");
     } while (*n != before);
     return SPIN_OK;
 }

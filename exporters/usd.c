@@ -210,14 +210,15 @@ static spin_status layer_head(const struct spin_usd_export *x, int number, size_
     FILE *to = spin_text_open(text, n_text);
 
     if (!to)
-        return spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for a USD layer");
     print_head(x, number, number, to);
     fprintf(to,
             "def ParticleField3DGaussianSplat \"" SPIN_USD_PRIM "\" (\n    customData = {\n"
             "        int splats = %zu\n    }\n" COLOUR_SPACE ")\n{\n",
             n);
     print_uniforms(x, to);
-    return fclose(to) == 0 ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for a layer of USD");
+    return fclose(to) == 0 ? SPIN_OK
+                           : spin_fail(SPIN_E_MEMORY, "not enough memory for a USD layer");
 }
 
 /* Writes still.usda, which contains the attributes that are the same in all frames, with their
@@ -391,7 +392,7 @@ static spin_status write_stage(struct spin_usd_export *x, bool manifest)
     spin_status status = SPIN_OK;
 
     if (!to)
-        return spin_fail(SPIN_E_MEMORY, "no memory for a stage of USD");
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for the USD stage");
     if (manifest) {
         fprintf(to, "#usda 1.0\n\nover \"" SPIN_USD_PRIM "\"\n{\n");
     } else {
@@ -406,7 +407,7 @@ static spin_status write_stage(struct spin_usd_export *x, bool manifest)
     if (!manifest && status == SPIN_OK)
         status = print_cameras(x, to);
     if (fclose(to) != 0)
-        status = spin_fail(SPIN_E_MEMORY, "no memory for a stage of USD");
+        status = spin_fail(SPIN_E_MEMORY, "not enough memory for the USD stage");
     SPIN_TRY(status);
     return spin_frames_write_text(&x->frames, manifest ? "manifest.usda" : "clip.usda", text);
 }

@@ -180,7 +180,7 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
 
     SPIN_TRY(spin_path_join(x->folder.path, name, &path));
     if (!text)
-        return spin_fail(SPIN_E_MEMORY, "no memory for '%s'", path);
+        return spin_fail(SPIN_E_MEMORY, "not enough memory for '%s'", path);
     spin_output_folder_mark(&x->folder, path);
     if (x->rows.report)
         x->rows.report->bytes += strlen(text);
