@@ -295,7 +295,7 @@ static spin_status prepare_networks(struct clip *clip)
     if (status != SPIN_OK)
         return spin_fail_context(
             status,
-            "with the default configuration, since there is no config.json: give it with --config");
+            "with the default configuration (there is no config.json; --config gives another)");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;
@@ -354,7 +354,7 @@ static spin_status inspect_base(struct clip *clip, size_t i)
         return spin_malformed("'%s' has SH degree %d, but '%s' has %d", step->cloud,
                               cloud.sh_degree, clip->step[i - 1].cloud, clip->sh_degree);
     if (n == 0)
-        return spin_malformed("'%s': 0 vertices", step->cloud);
+        return spin_malformed("'%s' contains 0 vertices", step->cloud);
     clip->n = n;
     clip->sh_degree = cloud.sh_degree;
     return SPIN_OK;

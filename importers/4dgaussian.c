@@ -173,8 +173,8 @@ static spin_status fail_other_network(const struct spin_value *root)
             return spin_unsupported(
                 "tensor '%s' belongs to a network of E-D3DGS: use --from ed3dgs", theirs[i]);
     }
-    return spin_malformed(
-        "no tensor 'deformation_net.grid.grids.0.0': this is not a network of 4DGaussians");
+    return spin_malformed("there is no tensor 'deformation_net.grid.grids.0.0': this is not a "
+                          "network of 4DGaussians");
 }
 
 static spin_status load_network(struct spin_model *m)
@@ -317,7 +317,8 @@ static const struct spin_plugin_option options[] = {
      "in cfg_args)",
      NULL},
     {"apply-rotation", "BOOL",
-     "whether rotations are multiplied, not added (default: as in cfg_args)", NULL},
+     "true: multiply rotations by their residuals; false: add them (default: as in cfg_args)",
+     NULL},
     {"grid-pe", "X", "the option grid_pe of the run (default: as in cfg_args)", NULL},
     {NULL, NULL, NULL, NULL},
 };

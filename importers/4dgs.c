@@ -43,7 +43,8 @@ static void describe_times(struct spin_sequence_info *sequence, const struct spi
     if (info->fps > 0 && describe_frames(sequence, info->duration, info->fps))
         return;
     if (describe_frames(sequence, info->duration, USUAL_FPS)) {
-        spin_note(sequence, "the file does not store its frame rate, assuming %d", USUAL_FPS);
+        spin_note(sequence, "the file does not store its frame rate: assumed %d frames per second",
+                  USUAL_FPS);
         return;
     }
     sequence->time_last = (double)last_visible_time(info->duration);
@@ -62,9 +63,10 @@ static spin_status describe(struct spin_model *m, struct spin_4dgs *info, size_t
     if (info->keyframes)
         spin_note(sequence, "a splat that changes is imported as one 4D splat for each of its "
                             "states");
-    spin_note(sequence,
-              "a splat is visible while its weight is at least %g, the threshold in the file",
-              info->cutoff);
+    spin_note(
+        sequence,
+        "a splat is visible while its Gaussian window is at least %g, the threshold in the file",
+        info->cutoff);
     spin_note(sequence, "time windows do not include their end: nothing is visible at %g s",
               info->duration);
     spin_note(sequence, "the format clamps colours of degree 0 to the visible range, 0 to 1");

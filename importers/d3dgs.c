@@ -407,7 +407,7 @@ static spin_status count_kept(struct tc_run *run)
 
 static const struct spin_plugin_option tc3dgs_options[] = {
     {"tc-mask", "MODE",
-     "what a low presence in the mask does: frame hides the Gaussian in that frame; avg, any and "
+     "effect of a low presence in the mask: frame hides the Gaussian in that frame; avg, any and "
      "all drop it from the clip if the presence is low on average, in any frame or in all frames; "
      "none: nothing",
      "frame"},
@@ -432,7 +432,7 @@ static spin_status open_mask(struct tc_run *run)
     size_t n = (size_t)run->base.n;
 
     if (!spin_npz_has(&run->base.npz, "mask"))
-        return spin_malformed("no array 'mask', which TC3DGS requires: use --from d3dgs");
+        return spin_malformed("there is no array 'mask', which TC3DGS requires: use --from d3dgs");
     SPIN_TRY(load_mask(run));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->row, (void **)&run->row));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->sum, (void **)&run->sum));

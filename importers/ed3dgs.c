@@ -314,7 +314,7 @@ static spin_status read_cloud(const char *path, struct model *m)
     n = (size_t)cloud.vertex->count;
     m->n_embedding = spin_model_count(cloud.vertex, "embedding_");
     if (n > 0 && (m->n_embedding == 0 || m->n_embedding > MLP_MAX_WIDTH))
-        return spin_malformed("'%s': %d properties embedding_*, expected 1 to %d", path,
+        return spin_malformed("'%s' has %d properties embedding_*, expected 1 to %d", path,
                               m->n_embedding, MLP_MAX_WIDTH);
     if (n > 0 && m->used[COLOUR] && cloud.sh_degree != 3)
         return spin_unsupported("'%s': SH of degree %d, but the network deforms SH of degree 3",

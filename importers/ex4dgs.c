@@ -427,8 +427,8 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
     SPIN_TRY(spin_chkpnt_bind(&m->torch, place, item_name(p, "xyz", item, name), p->moving ? 3 : 2,
                               p->moving ? keyed : plain, &t));
     if (p->moving && t.shape[1] > MOST_KEYS)
-        return spin_malformed("%s has %llu key frames, which is too many", name,
-                              (unsigned long long)t.shape[1]);
+        return spin_malformed("%s has %llu key frames, expected at most %d", name,
+                              (unsigned long long)t.shape[1], MOST_KEYS);
     p->n = (size_t)t.shape[0];
     p->n_keys = p->moving ? (int)t.shape[1] : 1;
     SPIN_TRY(take_sh(m, model, active, p));
@@ -675,8 +675,8 @@ static spin_status open_model(void *self, const char *path)
                   "4D splats are segments between key frames, with rotations within %g degrees of "
                   "the method's; segments fainter than 1/255 are left out",
                   NEAR);
-    spin_note(sequence, "the method's filter of 0.1 square pixels dims thin splats: drawn "
-                        "antialiased, which is similar");
+    spin_note(sequence, "the method's low-pass filter of 0.1 square pixels dims thin splats: they "
+                        "are drawn antialiased instead, which is similar");
     return SPIN_OK;
 }
 

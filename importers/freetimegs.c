@@ -119,10 +119,10 @@ static spin_status finish_splats(struct model *m)
         spin_note(sequence,
                   "the file does not contain the frame rate: assumed 30 frames per second");
     if (n_short > 0)
-        spin_note(sequence,
-                  "%s a duration below %g of the clip, clamped to that as in the method's renderer",
-                  spin_text_share(n_short, n, "Gaussian", "has", "have", (char[96]){0}),
-                  m->least_sigma);
+        spin_note(
+            sequence,
+            "%s a duration below %g of the clip, clamped to this limit as in the method's renderer",
+            spin_text_share(n_short, n, "Gaussian", "has", "have", (char[96]){0}), m->least_sigma);
     return SPIN_OK;
 }
 
@@ -152,7 +152,7 @@ static spin_status check_said(const struct spin_value *root)
 
         if (v && said[i].value && (!text || strcmp(text, said[i].value) != 0))
             return spin_unsupported("'%s' is '%.40s', expected '%s'", said[i].key,
-                                    text ? text : "no text", said[i].value);
+                                    text ? text : "not a string", said[i].value);
         if (v && !said[i].value && !is_off(v))
             return spin_unsupported("'%s' is enabled, which is not supported", said[i].key);
     }
@@ -177,8 +177,9 @@ static spin_status check_spec(const struct spin_value *spec)
         for (int k = 0; k < N_SAID && key; k++)
             ours = ours || strcmp(key, said[k].key) == 0;
         if (!ours)
-            return spin_unsupported("'model_spec' has '%.40s', which may be another model",
-                                    key ? key : "a key that is no text");
+            return spin_unsupported("'model_spec' has the key '%.40s', which FreeTimeGS does not "
+                                    "define: the checkpoint may be of another model",
+                                    key ? key : "a key that is not a string");
     }
     return check_said(spec);
 }
@@ -198,9 +199,9 @@ static spin_status check_names(const struct spin_value *splats)
         for (int c = 0; c < N_COLUMNS && key; c++)
             known = known || strcmp(key, columns[c].key) == 0;
         if (!known)
-            return spin_unsupported(
-                "'splats' has '%.40s', which FreeTimeGS lacks: this is another model",
-                key ? key : "a key that is no text");
+            return spin_unsupported("'splats' has the key '%.40s', which FreeTimeGS does not "
+                                    "define: this is another model",
+                                    key ? key : "a key that is not a string");
     }
     return SPIN_OK;
 }
@@ -261,7 +262,7 @@ static spin_status read_checkpoint(struct spin_model *base)
                                   "camera, is not imported");
     SPIN_TRY(bind_tensor(m, "means", 2, places, &t));
     if (t.shape[0] == 0)
-        return spin_malformed("0 Gaussians");
+        return spin_malformed("the file contains 0 Gaussians");
     dc[0] = rest[0] = (int64_t)t.shape[0];
     SPIN_TRY(bind_tensor(m, "sh0", 3, dc, &sh[0]));
     SPIN_TRY(bind_tensor(m, "shN", 3, rest, &sh[1]));
@@ -306,7 +307,7 @@ static spin_status read_comment(const struct spin_ply *ply, const char *key, dou
     char *end = NULL;
 
     if (!text)
-        return spin_malformed("no comment '%s', which a .ftgs.ply must have", key);
+        return spin_malformed("there is no comment '%s', which a .ftgs.ply must have", key);
     *out = strtod(text, &end);
     end += strspn(end, " \t\r");
     if (end == text || *end || !(*out >= least && *out <= most))
@@ -331,8 +332,9 @@ static spin_status check_header(const struct spin_ply *ply, struct model *m, int
         return spin_unsupported("comment 'duration_activation' is '%.40s', expected 'exp'",
                                 durations);
     if (comment_of(ply, "model_spec"))
-        return spin_unsupported("comment 'model_spec' is '%.40s', which may be another model",
-                                comment_of(ply, "model_spec"));
+        return spin_unsupported(
+            "comment 'model_spec' is '%.40s': the file may be of another model than FreeTimeGS",
+            comment_of(ply, "model_spec"));
     SPIN_TRY(read_comment(ply, "sh_degree", 0, 3, &degree));
     SPIN_TRY(read_comment(ply, "use_velocity", 0, 1, &moves));
     SPIN_TRY(read_comment(ply, "min_duration", 1e-30, 1e30, &m->least_sigma));

@@ -156,8 +156,10 @@ static spin_status add_layer(struct model *m, const struct spin_value *linear, b
     SPIN_TRY(spin_model_floats(&m->base, "weight", 2, shape, &info, &weight));
     if (info.shape[0] < 1 || info.shape[0] > MLP_MAX_WIDTH || info.shape[1] < 1 ||
         info.shape[1] > MLP_MAX_WIDTH)
-        return spin_malformed("a layer of the velocity network has %llu x %llu weights",
-                              (unsigned long long)info.shape[0], (unsigned long long)info.shape[1]);
+        return spin_malformed("a layer of the velocity network has %llu x %llu weights, expected 1 "
+                              "to %d in each dimension",
+                              (unsigned long long)info.shape[0], (unsigned long long)info.shape[1],
+                              MLP_MAX_WIDTH);
     shape[0] = (int64_t)info.shape[0];
     if (bias)
         SPIN_TRY(spin_model_floats(&m->base, "bias", 1, shape, NULL, &values));
@@ -219,7 +221,9 @@ static spin_status read_setting(const struct spin_value *config, const char *key
 {
     if (spin_value_number(spin_value_get(config, key), out) && *out >= least && *out <= most)
         return SPIN_OK;
-    return spin_unsupported("'%s' of the hash grid is missing or not %g to %g", key, least, most);
+    return spin_unsupported(
+        "setting '%s' of the hash grid is missing, or is not a number from %g to %g", key, least,
+        most);
 }
 
 /* Sets the sizes of all levels, as in tiny-cuda-nn, and returns the number of parameters of the
@@ -501,7 +505,7 @@ static spin_status check_object(struct model *m)
 
     if (!root || root->kind != SPIN_VALUE_OBJECT || strcmp(root->text, CLASS) != 0 ||
         !state_of(root))
-        return spin_unsupported("it contains %s, expected an object of the class %s",
+        return spin_unsupported("the file contains %s, expected an object of the class %s",
                                 spin_chkpnt_kind(root), CLASS);
     if (!duration || (duration->kind != SPIN_VALUE_FLOAT && duration->kind != SPIN_VALUE_INT))
         return spin_malformed("'max_duration' is %s, expected a number",
@@ -587,8 +591,8 @@ static spin_status describe(struct model *m, const char *asked)
              "FreeTimeGS++, %zu Gaussians, SH degree %d, %s", s->n, s->sh_degree,
              m->has_network ? "velocity network" : "explicit velocities");
     if (m->has_network)
-        spin_note(sequence, "the hash grid is evaluated with floats: a GPU rounds its values to "
-                            "half precision");
+        spin_note(sequence, "the hash grid is evaluated in single precision, whereas the method "
+                            "rounds its values to half precision");
     return SPIN_OK;
 }
 

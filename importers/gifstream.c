@@ -115,8 +115,9 @@ static spin_status read_settings(struct model *m, const char *path)
     m->knn = spin_yaml_bool(&m->base.settings, "knn", false);
     m->n_view = spin_yaml_bool(&m->base.settings, "view_adaptive", false) ? 3 : 0;
     if (spin_yaml_bool(&m->base.settings, "normalize_world_space", false))
-        spin_note(m->base.sequence, "the world was normalised for the training: positions are not "
-                                    "those of the data set");
+        spin_note(m->base.sequence,
+                  "training normalised the world (normalize_world_space): positions "
+                  "differ from those of the data set");
     return SPIN_OK;
 }
 
@@ -154,8 +155,8 @@ static spin_status read_sizes(struct model *m)
     if (m->k < 1 || m->k > MOST_OFFSETS || m->n_frames < 1 || m->n_frames > MOST_FRAMES ||
         m->width[FEATURES] < 1 || m->width[FEATURES] > MOST_FEATURES || m->per_frame < 1 ||
         m->per_frame > MOST_FEATURES)
-        return spin_malformed("no run has %zu offsets, %zu features and %zu features per frame for "
-                              "each anchor, in %zu frames",
+        return spin_malformed("each anchor has %zu offsets, %zu features and %zu features per "
+                              "frame, in %zu frames: these sizes are 0 or too large",
                               m->k, m->width[FEATURES], m->per_frame, m->n_frames);
     m->width[ANCHORS] = 3;
     m->width[SCALES] = 6;
@@ -190,8 +191,9 @@ static spin_status read_anchors(struct spin_model *base)
             spin_array_to_f32(&a, 0, a.count, m->tensor[t] + m->n * m->width[t]);
     }
     m->n += n;
-    return m->n <= INT_MAX / MOST_OFFSETS ? SPIN_OK
-                                          : spin_unsupported("there are too many anchors");
+    return m->n <= INT_MAX / MOST_OFFSETS
+               ? SPIN_OK
+               : spin_unsupported("there are more anchors than spin4d supports");
 }
 
 /* Reads the anchors of all files of the checkpoint. Each rank of the training wrote one file. */
@@ -633,7 +635,7 @@ static spin_status find_file(struct model *m, const char *path)
     SPIN_TRY(spin_model_find(&m->base, &streams, path, "compression/rank0"));
     if (streams && !spin_model_holds(path, "ckpts"))
         return spin_unsupported("'%s' has only the compressed streams in compression/, which are "
-                                "not read: give a run with ckpts/",
+                                "not supported: give a run with ckpts/",
                                 path);
     return spin_model_newest(&m->base, path, "ckpts", step_of, "ckpt_<step>_rank0.pt");
 }
@@ -678,15 +680,15 @@ static spin_status describe(struct model *m)
     if (n_pruned == m->n)
         spin_note(sequence, "all anchors are pruned: there are no splats");
     if (m->n_embed)
-        spin_note(sequence, "colours have the embedding of the first camera");
+        spin_note(sequence, "colours are computed with the embedding of the first camera");
     if (m->n_view && m->camera.n == 0) {
         sequence->columns = SPIN_COL_MEANS;
         sequence->sh_degree = -1;
         sequence->identity = true;
-        spin_note(sequence, "positions only: opacity, shape and colour depend on the direction of "
-                            "view; --camera X,Y,Z imports those seen from one position");
+        spin_note(sequence, "positions only: opacity, shape and colour depend on the viewing "
+                            "direction; --camera X,Y,Z imports them as seen from one position");
     } else if (m->n_view) {
-        spin_note(sequence, "opacity, shape and colour are those seen from the position of "
+        spin_note(sequence, "opacity, shape and colour are computed for the position of "
                             "--camera");
     }
     return SPIN_OK;

@@ -94,7 +94,7 @@ static spin_status read_settings(struct hash_model *m)
     } else if (!grid_args.at) {
         return spin_not_found(
             "%s%s%s does not give the bound of the scene, which is required: use --bound",
-            cfg->path ? "'" : "", cfg->path ? cfg->path : "no cfg_args, so the model",
+            cfg->path ? "'" : "", cfg->path ? cfg->path : "there is no cfg_args, so the model",
             cfg->path ? "'" : "");
     } else if ((s = spin_cfg_item(grid_args, "bound")).at) {
         if (!spin_cfg_number(s, &m->bound))
@@ -136,7 +136,7 @@ static spin_status load_offsets(struct hash_model *m, const char *name, uint64_t
 
     snprintf(what, sizeof what, "%s.offsets", name);
     if (!v)
-        return spin_malformed("no tensor '%s'", what);
+        return spin_malformed("there is no tensor '%s'", what);
     SPIN_TRY(spin_torch_tensor_of(&m->base.torch, v, what, 1, shape, &t));
     if (t.count < 2 || t.count > HASH_MAX_LEVELS + 1 || (t.kind != 'i' && t.kind != 'u'))
         return spin_malformed("tensor '%s' has %llu values, expected 2 to %d whole numbers", what,
@@ -169,7 +169,7 @@ static spin_status hash_load_grid(struct hash_model *m, const char *name, int n_
     snprintf(key, sizeof key, "%s.embeddings", name);
     SPIN_TRY(spin_model_floats(&m->base, key, 2, any, &info, &table));
     if (info.shape[1] != 1 && info.shape[1] != 2 && info.shape[1] != 4 && info.shape[1] != 8)
-        return spin_malformed("tensor '%s' has %llu features a row, expected 1, 2, 4 or 8", key,
+        return spin_malformed("tensor '%s' has %llu features per row, expected 1, 2, 4 or 8", key,
                               (unsigned long long)info.shape[1]);
     grid->n_dims = n_dims;
     grid->n_features = (int)info.shape[1];
@@ -226,7 +226,7 @@ static spin_status split_checkpoint(struct hash_model *m)
     if (spin_value_get(m->network, method->key))
         return spin_malformed("the pair is swapped: the network comes before the grid");
     if (!spin_value_get(m->grid, method->key))
-        return spin_malformed("no tensor '%s'", method->key);
+        return spin_malformed("there is no tensor '%s'", method->key);
     m->base.tensors = m->grid;
     return SPIN_OK;
 }

@@ -117,7 +117,9 @@ static spin_status read_settings(struct model *model)
     bool any = false;
 
     if (!cfg->path)
-        return spin_not_found("'%s': there is no cfg_args, which is required", model->base.path);
+        return spin_not_found(
+            "'%s': there is no cfg_args, which is required: copy it into the model's folder",
+            model->base.path);
     SPIN_TRY(refuse(cfg, "GLMD", true));
     SPIN_TRY(refuse(cfg, "TIA", true));
     if (spin_cfg_get(cfg, "LGD_method").at &&
@@ -244,7 +246,7 @@ static spin_status read_times(struct model *model)
     SPIN_TRY(spin_cfg_read_number(cfg, "TIA_num_segments", &count));
     if (!(count >= 1 && count <= MAX_SEGMENTS))
         return spin_not_found(
-            "'%s' has no canonical_times.npy, and '%s' no usable TIA_num_segments",
+            "'%s' has no canonical_times.npy, and '%s' has no valid TIA_num_segments",
             model->base.path, cfg->path);
     model->n_segments = (int)count;
     for (int i = 0; i < model->n_segments; i++)
@@ -274,7 +276,7 @@ static spin_status load_planes(struct model *model, struct hexplane *hex)
 {
     SPIN_TRY(spin_model_dict(&model->base));
     if (!spin_hex_find(&model->base))
-        return spin_malformed("no tensor 'deformation_net.grid.grids.0.0'");
+        return spin_malformed("there is no tensor 'deformation_net.grid.grids.0.0'");
     return spin_hex_load(&model->base, model->grid_pe, hex);
 }
 

@@ -206,7 +206,7 @@ static spin_status load_array(struct model *m, const char *key, size_t width, fl
         return spin_malformed("'%s' is missing or not an array [%s, %zu] of floating-point numbers",
                               key, m->n ? "Gaussians" : "G", width);
     if (t->shape[0] == 0)
-        return spin_malformed("0 Gaussians");
+        return spin_malformed("the file contains 0 Gaussians");
     m->n = (size_t)t->shape[0];
     SPIN_TRY(spin_model_scratch(&m->base, m->n, width * sizeof **out, (void **)out));
     spin_array_to_f32(t, 0, t->count, *out);
@@ -238,7 +238,7 @@ static spin_status read_part(struct model *m, const struct spin_value *code,
     spin_status status;
 
     if (!index || index->kind != SPIN_VALUE_BYTES)
-        return spin_malformed("an index is not bytes");
+        return spin_malformed("the index is not of type bytes");
     SPIN_TRY(spin_model_scratch(&m->base, m->n, sizeof *labels, (void **)&labels));
     status = huffman_build(table, &tree);
     if (status == SPIN_OK)

@@ -311,7 +311,7 @@ static void note_writer(const struct spin_ply *ply, const struct content *c,
     if (spin_ply_has(c->vertex, "filter_3D")) {
         spin_note(
             sequence,
-            "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians come out too small");
+            "property 'filter_3D' (Mip-Splatting) is ignored: small Gaussians are drawn too small");
         spin_warn("'%s': property 'filter_3D' (Mip-Splatting) is ignored", ply->path);
     }
     if (spin_ply_has(c->vertex, "embedding_0")) {
@@ -472,7 +472,7 @@ static spin_status describe(struct clip *clip)
         n_all += clip->files.frame[i].n;
     }
     if (n_all == 0)
-        return spin_malformed("'%s': 0 vertices", clip->files.frame[0].path);
+        return spin_malformed("'%s' contains 0 vertices", clip->files.frame[0].path);
     sequence->n_frames = (int)clip->files.n_frames;
     sequence->numbers = clip->numbers[0] >= 0 ? clip->numbers : NULL;
     sequence->counts = clip->counts;
@@ -544,7 +544,7 @@ static void drop_rows(struct clip *clip, const char *path, unsigned columns,
 
     spin_drop_nonfinite(columns, out, &n);
     if (n > 0 && !clip->warned_dropped)
-        spin_warn("'%s': %s with values that are not finite dropped (--strict refuses the file)",
+        spin_warn("'%s': dropped %s with values that are not finite (--strict refuses such files)",
                   path, spin_text_count((long long)n, "splat", text));
     clip->warned_dropped = clip->warned_dropped || n > 0;
 }

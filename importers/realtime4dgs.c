@@ -594,7 +594,7 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     m->stale = is_stale(&m->rows);
     SPIN_TRY(r4_read(base, !m->stale, &m->rows));
     if (m->rows.n == 0)
-        return spin_malformed("0 Gaussians");
+        return spin_malformed("the file contains 0 Gaussians");
     if (m->rows.rot_4d)
         SPIN_TRY(choose_convention(m));
     m->reading.transposed = !m->rows.rot_4d && m->rows.moving &&
@@ -732,7 +732,7 @@ static spin_status hybrid_read_rows(struct hybrid_model *m)
             SPIN_TRY(r4_read(&m->base, true, &m->half[h]));
     }
     if (moving->n == 0 && still->n == 0)
-        return spin_malformed("0 Gaussians");
+        return spin_malformed("the file contains 0 Gaussians");
     if (moving->n == 0 || still->n == 0)
         return SPIN_OK;
     if (moving->n_sh != still->n_sh)

@@ -89,7 +89,7 @@ static spin_status bind_tensor(struct model *m, const char *key, int n_dims, con
 
     snprintf(name, sizeof name, "%s%s", m->base.prefix, key);
     if (!v)
-        return spin_malformed("no tensor '%s'", name);
+        return spin_malformed("there is no tensor '%s'", name);
     return spin_chkpnt_bind(&m->base.torch, v, name, n_dims, shape, out);
 }
 
@@ -111,7 +111,7 @@ static spin_status count_rows(struct model *m)
 
     SPIN_TRY(bind_tensor(m, "xyz", 2, shape, &t));
     if (t.shape[0] == 0)
-        return spin_malformed("0 Gaussians");
+        return spin_malformed("the file contains 0 Gaussians");
     m->n = (size_t)t.shape[0];
     return SPIN_OK;
 }

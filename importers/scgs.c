@@ -144,8 +144,8 @@ static spin_status load_nodes(struct model *m)
         return SPIN_OK;
     }
     if ((size_t)m->n_near > m->n_nodes)
-        return spin_malformed("'%s' has K=%d, but there are %zu nodes", m->base.settings.cfg.path,
-                              m->n_near, m->n_nodes);
+        return spin_malformed("'%s' has K=%d, but there are only %zu nodes",
+                              m->base.settings.cfg.path, m->n_near, m->n_nodes);
     SPIN_TRY(spin_model_floats(&m->base, "_node_radius", 1, rows, NULL, &m->radius));
     return spin_model_floats(&m->base, "_node_weight", 2, rows, NULL, &m->weight);
 }
@@ -497,7 +497,7 @@ static void describe(struct model *m, const char *name)
     else
         spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");
     if (m->head[OPACITY_HEAD].n)
-        spin_note(sequence, "opacities are clamped to 0..1, which the method's renderer does not");
+        spin_note(sequence, "opacities are clamped to 0..1, but not in the method's renderer");
     if (iteration >= 0 && iteration < WARM_UP)
         spin_note(sequence, "training does not use the network before iteration %d", WARM_UP);
 }

@@ -64,7 +64,7 @@ static spin_status find_tensors(struct model *m)
 
     base->tensors = inner ? inner : base->torch.root;
     if (!base->tensors || base->tensors->kind != SPIN_VALUE_DICT)
-        return spin_malformed("it contains %s, expected a dict with the state dict 'model'",
+        return spin_malformed("the file contains %s, expected a dict with the state dict 'model'",
                               spin_chkpnt_kind(base->torch.root));
     if (spin_value_get(base->tensors, "module.fg.params.means"))
         base->prefix = "module.";
@@ -390,13 +390,15 @@ static spin_status describe(struct model *m)
     sequence->n_frames = (int)m->n_frames;
     sequence->time_last = (double)(m->n_frames - 1);
     snprintf(sequence->variant, sizeof sequence->variant,
-             "Shape of Motion, %zu Gaussians that move, %zu that rest, %zu bases", m->n_fore_kept,
+             "Shape of Motion, %zu dynamic and %zu static Gaussians, %zu bases", m->n_fore_kept,
              m->n - m->n_fore_kept, m->n_bases);
     spin_note(sequence, "times are numbers of frames: the file does not contain the frame rate");
-    spin_note(sequence, "the world is normalised: cameras of the data set fit only those of the "
-                        "checkpoint, 'w2cs'");
-    spin_note(sequence, "drawn as 3D splats; states of the method before August 2024 drew flat "
-                        "ones, which the file does not state");
+    spin_note(sequence,
+              "training normalised the world: only the cameras in the checkpoint ('w2cs') "
+              "match the Gaussians, not those of the data set");
+    spin_note(sequence,
+              "the splats are drawn as 3D splats; versions of the method before August 2024 "
+              "drew flat ones, but the file does not state its version");
     return SPIN_OK;
 }
 

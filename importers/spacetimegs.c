@@ -242,8 +242,9 @@ static spin_status load_decoder(struct spin_model *base)
     SPIN_TRY(load_layer(m, "mlp1.weight", PIXEL_HIDDEN, PIXEL_INPUTS, MLP_RELU));
     SPIN_TRY(load_layer(m, "mlp2.weight", 3, PIXEL_HIDDEN, MLP_PLAIN));
     if (base->tensors->n != 2)
-        return spin_unsupported("%zu tensors, expected mlp1.weight and mlp2.weight alone",
-                                base->tensors->n);
+        return spin_unsupported(
+            "the network has %zu tensors, expected only mlp1.weight and mlp2.weight",
+            base->tensors->n);
     return SPIN_OK;
 }
 
@@ -293,7 +294,7 @@ static spin_status choose_colours(const char *path, const char *save, struct mod
     else
         spin_note(
             m->base.sequence,
-            "full model: its network computes colours per pixel; imported are SH of degree 1, "
+            "full model: its network computes colours per pixel; the imported SH of degree 1 are "
             "fitted to the colours of pixels that a single Gaussian covers, for %d cameras",
             m->cameras.n);
     return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
@@ -388,7 +389,7 @@ static spin_status find_files(const char *path, struct model *m, const char **sa
         bool network = spin_text_ends(path, ".pt");
 
         if (!network && !spin_text_ends(path, ".ply"))
-            return spin_misuse("'%s' is neither the model's folder nor a PLY of it", path);
+            return spin_misuse("'%s' is neither the model's folder nor one of its PLY files", path);
         n -= network ? 3 : 4;
         SPIN_TRY(spin_model_text(&m->base, &m->base.path, "%.*s.ply", n, path));
         SPIN_TRY(spin_model_text(&m->base, &m->decoder, "%.*s.pt", n, path));

@@ -38,7 +38,7 @@ static spin_status describe(struct splat4d *s)
     sequence->identity = true;
     sequence->fps = s->clip.fps;
     sequence->sh_degree = 0;
-    snprintf(sequence->variant, sizeof sequence->variant, "a clip of %g frames a second",
+    snprintf(sequence->variant, sizeof sequence->variant, "a clip of %g frames per second",
              s->clip.fps);
     spin_note(sequence, "the format has no view-dependent colour");
     if (s->clip.smoothed)

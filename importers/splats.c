@@ -202,7 +202,7 @@ static spin_status open_clip(struct clip *clip, const struct format *format, con
     SPIN_TRY(spin_file_sequence_sort(&clip->base, &clip->files, false, sequence));
     SPIN_TRY(look_at_files(clip, &n_all));
     if (n_all == 0)
-        return spin_malformed("'%s': 0 splats", clip->files.frame[0].path);
+        return spin_malformed("'%s' contains 0 splats", clip->files.frame[0].path);
     if (clip->files.n_frames == 1 && clip->n_frames > 1)
         describe_clip(clip, sequence);
     else

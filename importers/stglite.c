@@ -154,7 +154,7 @@ static spin_status choose_dialect(struct model *m, const struct spin_ply_element
     if (n == 1 || (n == 2 && times_are_equal(&m->base.ply)))
         return SPIN_OK;
     if (n == 0)
-        return spin_malformed("'%s' has no property of time%s%s", m->base.path,
+        return spin_malformed("'%s' has no time property%s%s", m->base.path,
                               asked >= 0 ? " of dialect " : ": trbf_center, t or t_scale",
                               asked >= 0 ? dialects[asked].name : "");
     return spin_unsupported("'%s' has times for several viewers (%s and %s): choose one with "

@@ -57,13 +57,13 @@ static spin_status find_files(struct usd_model *m, const char *path)
     for (int i = 0; i < N_SUFFIXES; i++) {
         SPIN_TRY(spin_file_sequence_list(&m->base, path, suffixes[i], &files));
         if (files.n_frames > 0 && m->files.n_frames > 0)
-            return spin_unsupported("'%s' contains USD of several kinds and no clip.usda: give one "
-                                    "of the files",
+            return spin_unsupported("'%s' contains USD files with several extensions and no "
+                                    "clip.usda: give one of the files",
                                     path);
         m->files = files.n_frames > 0 ? files : m->files;
     }
     if (m->files.n_frames == 0)
-        return spin_not_found("'%s' contains no files of USD", path);
+        return spin_not_found("'%s' contains no USD files", path);
     return spin_file_sequence_sort(&m->base, &m->files, false, m->base.sequence);
 }
 
@@ -102,7 +102,7 @@ static void add_notes(const struct spin_usd_stage *s, struct spin_sequence_info 
     if (*s->other)
         spin_note(sequence, "prims of type %s are ignored", s->other);
     if (*s->missing)
-        spin_note(sequence, "a file that is referenced does not exist: %s", s->missing);
+        spin_note(sequence, "a referenced file does not exist: %s", s->missing);
 }
 
 /* Sets the frame numbers to the time codes, if all of these are integers. */
@@ -196,7 +196,7 @@ static spin_status open_usd(void *self, const char *path)
     for (size_t i = 0; i < m->files.n_frames; i++)
         SPIN_TRY(look_at_file(m, i, &n_all));
     if (n_all == 0)
-        return spin_malformed("'%s': 0 splats", m->base.path);
+        return spin_malformed("'%s' contains 0 splats", m->base.path);
     sequence->n_frames = (int)m->n_frames;
     sequence->counts = m->counts;
     sequence->columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
@@ -232,7 +232,7 @@ static spin_status usd_frame(void *self, int frame, double time, unsigned column
     SPIN_TRY(spin_usd_stage_read(&m->stage, m->files.n_frames > 1 ? 0 : (size_t)frame, m->turned,
                                  columns, out, &n));
     if (n > 0 && !m->warned)
-        spin_warn("'%s': %s with values that are not finite dropped", m->files.frame[m->at].path,
+        spin_warn("'%s': dropped %s with values that are not finite", m->files.frame[m->at].path,
                   spin_text_count((long long)n, "splat", text));
     m->warned = m->warned || n > 0;
     return SPIN_OK;

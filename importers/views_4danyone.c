@@ -37,7 +37,7 @@ static spin_status read_size(const spin_json *json, struct spin_camera *out)
 
     if (!spin_json_number(spin_json_get(json, "image_width"), &width) ||
         !spin_json_number(spin_json_get(json, "image_height"), &height))
-        return spin_malformed("no numbers 'image_width' and 'image_height'");
+        return spin_malformed("'image_width' and 'image_height' must both be numbers");
     return spin_views_size(width, height, out);
 }
 
@@ -49,7 +49,7 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     int64_t id;
 
     if (!spin_json_integer(spin_json_get(json, "camera_id"), &id) || id != place)
-        return spin_malformed("its 'camera_id' is not %lld, its index in the list",
+        return spin_malformed("'camera_id' is not %lld, the camera's index in the list",
                               (long long)place);
     SPIN_TRY(read_size(json, &out->camera));
     SPIN_TRY(spin_views_matrix(spin_json_get(json, "K"), "K", 3, k));
@@ -60,7 +60,7 @@ static spin_status read_camera(struct spin_model *m, const spin_json *json, int6
     if (video)
         SPIN_TRY(spin_model_name(m, m->path, video, &video));
     if (!video || !spin_views_is_safe_name(video) || !spin_video_is_name(video))
-        return spin_malformed("'video' is '%s', expected a video below the folder",
+        return spin_malformed("'video' is '%s', expected a video below the folder of the data set",
                               video ? video : "");
     name = spin_path_name(video);
     SPIN_TRY(spin_model_join(m, &film, m->path, "%s", video));

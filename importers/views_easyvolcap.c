@@ -203,7 +203,7 @@ static spin_status read_matrix(const spin_json *file, const char *key, const cha
     double has_rows = 0, has_cols = 0;
 
     if (!m)
-        return spin_malformed("no matrix '%s_%s'", key, name);
+        return spin_malformed("there is no matrix '%s_%s'", key, name);
     spin_json_number(spin_json_get(m, "rows"), &has_rows);
     spin_json_number(spin_json_get(m, "cols"), &has_cols);
     if (has_rows != rows || has_cols != cols || spin_json_length(data) != n)

@@ -31,7 +31,7 @@ static int probe(const struct spin_peek *peek)
 static spin_status read_side(const spin_json *root, const char *key, double *out)
 {
     if (!spin_json_number(spin_json_get(root, key), out))
-        return spin_malformed("no number '%s'", key);
+        return spin_malformed("there is no number '%s'", key);
     return SPIN_OK;
 }
 
@@ -55,7 +55,7 @@ static spin_status read_list(struct split *s, const spin_json *root, const char 
     size_t n_rows = spin_json_length(list);
 
     if (!list || !spin_json_is_array(list))
-        return spin_malformed("no list '%s'", key);
+        return spin_malformed("there is no list '%s'", key);
     if (n_rows == 0)
         return spin_malformed("list '%s' has no frames", key);
     if (s->n_rows == 0) {
@@ -65,7 +65,7 @@ static spin_status read_list(struct split *s, const spin_json *root, const char 
             return spin_malformed("list '%s' has no cameras in frame 0", key);
     }
     if (n_rows != s->n_rows || n_rows > INT_MAX)
-        return spin_malformed("list '%s' has %zu frames, expected %zu as 'k' has", key, n_rows,
+        return spin_malformed("list '%s' has %zu frames, expected %zu as in 'k'", key, n_rows,
                               s->n_rows);
     for (size_t t = 0; t < n_rows; t++) {
         size_t n = spin_json_length(spin_json_at(list, t));

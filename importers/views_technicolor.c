@@ -27,7 +27,7 @@ static spin_status fill_camera(const double *p, size_t n, struct spin_camera *c)
     double norm = 0, q[4], r[9];
 
     if (n != 12 && n != 14)
-        return spin_malformed("there are %zu values, expected 12 or 14", n);
+        return spin_malformed("the line has %zu values, expected 12 or 14", n);
     if (n == 14 && (p[5] != 0 || p[6] != 0))
         return spin_unsupported("there is a distortion of %g, %g: use the undistorted images", p[5],
                                 p[6]);
@@ -60,7 +60,8 @@ static spin_status read_line(char *line, struct spin_camera *c)
         if (!*word)
             continue;
         if (n == sizeof p / sizeof *p || !spin_views_is_number(word, &p[n++]))
-            return spin_malformed("'%.40s' is not a number, or there are more than 14", word);
+            return spin_malformed("'%.40s' is not a number, or the line has more than 16 values",
+                                  word);
     }
     return fill_camera(p, n, c);
 }

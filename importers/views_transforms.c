@@ -114,7 +114,7 @@ static spin_status read_size(const struct split *s, const spin_json *frame, size
     SPIN_TRY(read_number(s, frame, "w", &w, &has_w));
     SPIN_TRY(read_number(s, frame, "h", &h, &has_h));
     if (has_w != has_h)
-        return spin_malformed("no number '%s'", has_w ? "h" : "w");
+        return spin_malformed("there is no number '%s'", has_w ? "h" : "w");
     if (has_w) {
         SPIN_TRY(spin_views_size(w, h, camera));
         if (index > 0 && !spin_json_get(frame, "w") && !spin_json_get(frame, "h"))
@@ -164,7 +164,7 @@ static spin_status read_pose(const struct split *s, const spin_json *frame,
     double c2w[16];
 
     if (!m)
-        return spin_malformed("no 'transform_matrix'");
+        return spin_malformed("there is no 'transform_matrix'");
     SPIN_TRY(spin_views_matrix(m, "transform_matrix", 4, c2w));
     for (int i = 0; i < 3; i++) {
         c2w[4 * i + 1] = -c2w[4 * i + 1];
@@ -236,7 +236,8 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
     SPIN_TRY(spin_model_name(s->m, s->m->path, name, &name));
     name = without_dot(name);
     if (!spin_views_is_safe_name(name))
-        return spin_malformed("'file_path' is '%s', expected a path below the folder", name);
+        return spin_malformed(
+            "'file_path' is '%s', expected a path below the folder of the data set", name);
     if (time && (!spin_json_number(time, &view->time) || !isfinite(view->time)))
         return spin_malformed("'time' is not a number");
     s->timed = s->timed || time;
@@ -263,7 +264,7 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
 
     s->root = root;
     if (!frames || !spin_json_is_array(frames))
-        return spin_malformed("no list 'frames'");
+        return spin_malformed("there is no list 'frames'");
     if (n == 0)
         return spin_malformed("list 'frames' is empty");
     for (size_t i = 0; i < n; i++) {
@@ -479,7 +480,7 @@ static const struct spin_plugin_option options[] = {
      "transforms_test.json"},
     {"ending", "TEXT", "extension of the images, if their names in the file lack it", ".png"},
     {"pose", "RULE",
-     "right: correct poses; 4dgaussians: with the wrong sign of the translation's x of 4DGaussians",
+     "right: correct poses; 4dgaussians: the translation's x has the wrong sign, as in 4DGaussians",
      "right"},
     {"hold", "N",
      "transforms.json: hold out every N-th image by name, including the first; 0: none (default: "

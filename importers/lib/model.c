@@ -538,7 +538,7 @@ spin_status spin_model_vertices(struct spin_model *m, const char *path,
     SPIN_TRY(spin_model_ply(m, path));
     SPIN_TRY(spin_ply_vertices(&m->ply, vertex));
     if ((*vertex)->count == 0)
-        return spin_malformed("'%s': 0 vertices", path);
+        return spin_malformed("'%s' contains 0 vertices", path);
     if ((*vertex)->count > INT_MAX)
         return spin_unsupported("'%s': more than 2^31 vertices", path);
     return SPIN_OK;
@@ -567,7 +567,7 @@ spin_status spin_model_read(struct spin_model *m, const char *path, const char *
 
     SPIN_TRY(spin_model_cloud(m, path, &cloud));
     if (cloud.vertex->count == 0)
-        return spin_malformed("'%s': 0 vertices", path);
+        return spin_malformed("'%s' contains 0 vertices", path);
     SPIN_TRY(spin_splats_reserve(out, (size_t)cloud.vertex->count, columns, cloud.sh_degree));
     SPIN_TRY(spin_gs_ply_read(&cloud, columns, 0, out));
     if (!extra)
@@ -639,7 +639,7 @@ spin_status spin_model_floats(struct spin_model *m, const char *key, int n_dims,
 
     snprintf(name, sizeof name, "%s%s", m->prefix, key);
     if (!v)
-        return spin_malformed("no tensor '%s'", name);
+        return spin_malformed("there is no tensor '%s'", name);
     SPIN_TRY(spin_torch_floats(&m->torch, v, name, n_dims, shape, info ? info : &unused, out));
     return keep_block(m, *out);
 }

@@ -44,7 +44,7 @@ static spin_status ntc_count(const spin_json *object, const char *key, int least
     double value;
 
     if (!spin_json_number(spin_json_get(object, key), &value))
-        return spin_malformed("no number '%s'", key);
+        return spin_malformed("there is no number '%s'", key);
     if (!(value >= least && value <= most && value == floor(value)))
         return spin_unsupported("'%s' is %g, expected %d to %d", key, value, least, most);
     *out = (int)value;
@@ -73,7 +73,7 @@ static spin_status ntc_read_shape(const spin_json *root, struct ntc_shape *s)
     double growth = 2;
 
     if (!net)
-        return spin_malformed("no object 'network'");
+        return spin_malformed("there is no object 'network'");
     SPIN_TRY(ntc_word(net, "otype", "FullyFusedMLP", "CutlassMLP", true));
     SPIN_TRY(ntc_word(net, "activation", "ReLU", "ReLU", true));
     SPIN_TRY(ntc_word(net, "output_activation", "None", "none", false));
@@ -190,7 +190,7 @@ static spin_status ntc_fill(const char *path, struct spin_torch *torch, struct n
 
     for (int i = 0; i < 3; i++) {
         if (!spin_value_get(torch->root, keys[i]))
-            return spin_malformed("no tensor '%s'", keys[i]);
+            return spin_malformed("there is no tensor '%s'", keys[i]);
     }
     SPIN_TRY(ntc_read_bounds(torch, keys[0], n->low));
     SPIN_TRY(ntc_read_bounds(torch, keys[1], n->high));

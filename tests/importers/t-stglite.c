@@ -120,7 +120,7 @@ static void test_lies(const char *model)
     static const struct lie lies[] = {
         {FILE_OF, "drop trbf_scale", "'trbf_scale'", "half a window"},
         {FILE_OF, "drop trbf_center", "'trbf_center'", "the other half"},
-        {FILE_OF, "drop trbf_center; drop trbf_scale", "no property of time", "no window"},
+        {FILE_OF, "drop trbf_center; drop trbf_scale", "no time property", "no window"},
         {FILE_OF, "drop motion_1", "2 properties motion_*", "half a velocity"},
         {FILE_OF, "put motion_3", "4 properties motion_*", "a path beyond the velocity"},
         {FILE_OF, "drop motion_ 0 2", "0 properties motion_*", "no velocity"},
