@@ -1,6 +1,6 @@
 /* Common code of both forms in which USD is exported: a folder of text layers (exporters/usd.c),
- * and one crate or package (usd_file.c). Both write the same attributes, in the schema
- * ParticleField3DGaussianSplat, and the same cameras. */
+ * and one crate, package or text file (usd_file.c, usd_text_file.c). Both write the same
+ * attributes, in the schema ParticleField3DGaussianSplat, and the same cameras. */
 #pragma once
 
 #include "exporters/lib/camera_path.h"
@@ -11,6 +11,9 @@
 #define SPIN_USD_PRIM "Splats"
 #define SPIN_USD_APERTURE 36.0 /* horizontal aperture of every camera */
 #define SPIN_USD_FLOATS 48     /* largest number of floats of one row in an attribute */
+#define SPIN_USD_NUMBER 16     /* characters of the longest number in text, with separators */
+#define SPIN_USD_STILL "still.usda"
+#define SPIN_USD_TEXT_SCHEMAS "    prepend apiSchemas = [\"ColorSpaceAPI\"]\n"
 /* If no colour space is given, readers assume that colours are linear light. This is the only name
  * in OpenUSD for colours as they are displayed, with the transfer curve and the primaries of sRGB.
  */
@@ -26,7 +29,8 @@ extern const struct spin_usd_form spin_usd_forms[SPIN_USD_COLUMNS];
 /* A clip in one file. */
 struct spin_usd_file {
     bool packed;         /* the file is a package (.usdz) */
-    struct spin_out out; /* the crate; a temporary file if it is to be put into a package */
+    bool text;           /* the file is text (.usda) */
+    struct spin_out out; /* the crate; a temporary file if a package or text is made from it */
     struct spin_usdc_writer crate;
     /* [n] the samples of each attribute and of the extent. */
     uint64_t *value[SPIN_USD_COLUMNS + 1];
@@ -84,6 +88,16 @@ void spin_usd_extent(const struct spin_usd_export *x, float extent[6]);
 /* Returns a hash of one attribute of all rows of the frame and of the choice of rows to keep. */
 uint64_t spin_usd_hash(const struct spin_usd_export *x, enum spin_usd_column a);
 
+/* ---- Text ------------------------------------------------------------------------------------ */
+
+/* Makes the table `halves`. */
+spin_status spin_usd_make_halves(struct spin_usd_export *x);
+/* Print the header of a layer with the time codes from first to last, the attributes of the splats
+ * that never have time samples, and the cameras. */
+void spin_usd_print_head(const struct spin_usd_export *x, int first, int last, FILE *to);
+void spin_usd_print_uniforms(const struct spin_usd_export *x, FILE *to);
+spin_status spin_usd_print_cameras(const struct spin_usd_export *x, FILE *to);
+
 /* ---- Cameras --------------------------------------------------------------------------------- */
 
 struct spin_usd_camera {
@@ -115,4 +129,6 @@ spin_status spin_usd_file_open(void *self, const struct spin_export_job *job);
 spin_status spin_usd_file_add(void *self, const struct spin_frame_info *info,
                               const struct spin_splats *splats);
 spin_status spin_usd_file_close(void *self);
+/* Writes the clip of an unfinished crate to the output as text. */
+spin_status spin_usd_write_text(struct spin_usd_export *x);
 void spin_usd_file_free(struct spin_usd_export *x);

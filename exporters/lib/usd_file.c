@@ -1,7 +1,7 @@
-/* Writes a clip as one crate, or as a package that contains it. Attributes have one time sample per
- * frame; programs read a sample only when they show its frame. An array that equals that of the
- * previous frame is stored once; an attribute that never changes has a plain value, without
- * samples. */
+/* Writes a clip as one crate, or as a package that contains it; usd_text_file.c converts the crate
+ * to text. Attributes have one time sample per frame; programs read a sample only when they show
+ * its frame. An array that equals that of the previous frame is stored once; an attribute that
+ * never changes has a plain value, without samples. */
 #include <stdlib.h>
 
 #include "base/base.h"
@@ -202,6 +202,7 @@ spin_status spin_usd_file_open(void *self, const struct spin_export_job *job)
     struct spin_usd_file *f = &x->file;
     uint64_t bytes = 0, n_sh = (uint64_t)spin_sh_count(x->frames.rows.sh_degree);
 
+    f->text = spin_text_ends_any_case(job->output, ".usda");
     f->packed = spin_text_ends_any_case(job->output, ".usdz");
     for (int a = 0; a <= SPIN_USD_COLUMNS; a++)
         SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof **f->value, (void **)&f->value[a]));
@@ -210,7 +211,9 @@ spin_status spin_usd_file_open(void *self, const struct spin_export_job *job)
     f->out.sync = job->sync;
     spin_usdc_begin(&f->crate, &f->out);
     for (int i = 0; i < job->n_frames && job->counts; i++)
-        bytes += job->counts[i] * (x->half ? 28 + 6 * n_sh : 44 + 12 * n_sh);
+        bytes += f->text   ? x->frames.format->bytes(x, job->counts[i])
+                 : x->half ? job->counts[i] * (28 + 6 * n_sh)
+                           : job->counts[i] * (44 + 12 * n_sh);
     if (job->counts)
         spin_frames_log_size(job->output, job->n_frames, bytes + 4096, true);
     return SPIN_OK;
@@ -253,6 +256,8 @@ spin_status spin_usd_file_close(void *self)
 {
     struct spin_usd_export *x = self;
 
+    if (x->file.text)
+        return spin_usd_write_text(x);
     add_layer(x);
     add_splats(x);
     SPIN_TRY(add_cameras(x));

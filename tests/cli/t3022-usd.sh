@@ -40,7 +40,7 @@ for name in names:
         assert abs(x - y) <= 2e-6 * abs(x) + 1e-9, (name, x, y)
 P
     ok $? "$input: written again, the same"
-    for end in usdc usdz; do
+    for end in usdc usdz usda; do
         run "$bin/spin-export" "$work/$name.spin" -o "$work/$name.$end" --fps 24
         is "$code" 0 "$input: one file, $end"
         run "$bin/spin-import" "$work/$name.$end" -o "$work/one.spin" --force
@@ -75,15 +75,20 @@ fails 1 spin-import "a clip that is missing"
 err_has "frame_00001.usda" "names the file"
 
 # One file: what is refused, and what stays when it fails.
-run "$bin/spin-export" "$work/tracks.spin" -o "$work/clip.usda"
-fails 2 spin-export "a text file with several frames"
+run "$bin/spin-export" "$work/tracks.spin" -o "$work/frame_%d.usdc"
+fails 2 spin-export "a crate for each frame"
+err_has "end the pattern with .usda" "says what to do"
+run "$bin/spin-export" "$work/tracks.spin" -o "$work/named/f_%d.usda" --range 1:3
+is "$code $(ls "$work/named" | grep -c '^f_[12].usda$')" "0 2" "text layers that are named by a pattern"
 run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.usdz"
 fails 1 spin-export "a package that exists"
 run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.usdz" --force --half
 is "$code" 0 "--force overwrites it"
 err_has "usd rounds values; rms error" "half floats are reported"
-(ulimit -f 16 && exec "$bin/spin-export" -q "$work/tracks.spin" -o "$work/full.usdz") >"$work/out" 2>"$work/err"
-is "$?" 1 "a limit on files"
-nothing_at "$work/full.usdz" "nothing was written"
+for end in usdz usda; do
+    (ulimit -f 16 && exec "$bin/spin-export" -q "$work/tracks.spin" -o "$work/full.$end") >"$work/out" 2>"$work/err"
+    is "$?" 1 "$end: a limit on files"
+    nothing_at "$work/full.$end" "nothing was written"
+done
 is "$(ls "$work" | grep -c 'tmp\.')" 0 "and no temporary file stays"
 done_testing

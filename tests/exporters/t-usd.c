@@ -385,13 +385,33 @@ static bool text_is(struct spin_usd_field *list, const char *name, const char *w
     return same;
 }
 
-/* One crate with the whole clip: what changes has samples, the rest a plain value; a package has
- * the same crate, aligned to 64 bytes. */
-static void test_crate(bool half)
+/* A package has the same crate, aligned to 64 bytes. */
+static void test_package(struct spin_export_job *job, const struct spin_map *crate)
+{
+    struct spin_zip zip;
+    struct spin_map member;
+    char path[4200];
+    bool good;
+
+    snprintf(path, sizeof path, "%s", in_folder("clip.usdz"));
+    job->output = path;
+    ok(run_clip(job) && spin_zip_open(path, &zip) == SPIN_OK && zip.n == 1 &&
+           strcmp(zip.member[0].name, "clip.usdc") == 0 && zip.member[0].method == 0,
+       "a package: %s", spin_last_error());
+    good = spin_map_open(path, &member) == SPIN_OK && member.size > crate->size + 64 &&
+           memcmp(member.data + 64, crate->data, crate->size) == 0;
+    ok(good, "contains the same crate at a multiple of 64 bytes");
+    spin_zip_close(&zip);
+    spin_map_close(&member);
+}
+
+/* One file with the whole clip, a crate or text: what changes has samples, the rest a plain
+ * value. */
+static void test_file(const char *name, bool half)
 {
     const char *pairs[] = {"axes", "source", half ? "half" : NULL, "", NULL};
     struct spin_plugin_values values = {pairs};
-    struct spin_export_job job = {.output = in_folder("clip.usdc"),
+    struct spin_export_job job = {.output = in_folder(name),
                                   .n_frames = 3,
                                   .fps = 24,
                                   .force = true,
@@ -399,17 +419,15 @@ static void test_crate(bool half)
                                   .values = &values};
     struct spin_usd_layer layer = {.size = 0};
     struct spin_usd_value flag;
-    struct spin_zip zip;
-    struct spin_map map, member;
+    struct spin_map map;
     double v[160];
-    char path[4200];
     bool good;
 
     for (int f = 0; f < 3; f++) {
         make_frame(&clip[f], 40, 0, 7);
         clip[f].means[3] = 0.5f * (float)f;
     }
-    if (!ok(run_clip(&job), "writes a crate: %s", spin_last_error()) ||
+    if (!ok(run_clip(&job), "writes %s: %s", name, spin_last_error()) ||
         !ok(spin_map_open(job.output, &map) == SPIN_OK &&
                 spin_usd_open(map.data, map.size, &layer) == SPIN_OK,
             "it is read: %s", spin_last_error()))
@@ -443,32 +461,24 @@ static void test_crate(bool half)
     ok(text_is(spin_usd_prim_at(&layer, "/Splats")->attribute, "colorSpace:name",
                "srgb_rec709_scene"),
        "the colour space");
-    snprintf(path, sizeof path, "%s", in_folder("clip.usdz"));
-    job.output = path;
-    ok(run_clip(&job) && spin_zip_open(path, &zip) == SPIN_OK && zip.n == 1 &&
-           strcmp(zip.member[0].name, "clip.usdc") == 0 && zip.member[0].method == 0,
-       "a package: %s", spin_last_error());
-    good = spin_map_open(path, &member) == SPIN_OK && member.size > map.size + 64 &&
-           memcmp(member.data + 64, map.data, map.size) == 0;
-    ok(good, "contains the same crate at a multiple of 64 bytes");
-    spin_zip_close(&zip);
+    if (strstr(name, ".usdc"))
+        test_package(&job, &map);
     spin_usd_close(&layer);
-    spin_map_close(&member);
     spin_map_close(&map);
 }
 
-/* The cameras of test_cameras() in a crate. */
-static void test_crate_cameras(struct spin_export_job *job)
+/* The cameras of test_cameras() in one file. */
+static void test_file_cameras(struct spin_export_job *job, const char *name)
 {
     static const double second[16] = {0, -1, 0, 0, 0, 0, 1, 0, -1, 0, 0, 0, 2, -2, -3, 1};
     struct spin_usd_layer layer = {.size = 0};
     struct spin_map map;
     double v[160] = {0};
 
-    job->output = in_folder("cameras.usdc");
+    job->output = in_folder(name);
     if (!ok(run_clip(job) && spin_map_open(job->output, &map) == SPIN_OK &&
                 spin_usd_open(map.data, map.size, &layer) == SPIN_OK,
-            "a crate with cameras: %s", spin_last_error()))
+            "%s with cameras: %s", name, spin_last_error()))
         return;
     ok(numbers(&layer, "/Cameras/cam_07", "xformOp:transform", 6, 16, v) == 1, "a moving camera");
     for (int k = 0; k < 16; k++)
@@ -548,7 +558,8 @@ static void test_cameras(void)
                   "            7: ((0, 0, 1, 0), (0, 1, 0, 0), (-1, 0, 0, 0), (4, -5, -6, 1)),\n"),
        "the path, at even times in the clip");
     free(text);
-    test_crate_cameras(&job);
+    test_file_cameras(&job, "cameras.usdc");
+    test_file_cameras(&job, "cameras.usda");
     spin_views_free(&views);
 }
 
@@ -593,8 +604,10 @@ TAP_MAIN
     test_stride(0, NULL, 10, 30);
     test_stride(10, "5", 5, 15);
     test_still();
-    test_crate(false);
-    test_crate(true);
+    for (int half = 0; half < 2; half++) {
+        test_file("clip.usdc", half);
+        test_file("clip.usda", half);
+    }
     test_cameras();
     test_edges();
     n_more = 2; /* clip.usda and manifest.usda */
