@@ -1,12 +1,14 @@
-/* Detects images with a flat border: counts the most frequent colour among the border pixels. */
+/* Computes a histogram of the border pixels of images, and counts the pixels of the most frequent
+ * colour. */
 #include "eval/borders.h"
 
 #include "base/base.h"
 
 enum {
     MOST_VIEWS = 24,
-    LEVELS = 64, /* per channel: a level and its two neighbours cover 12 of 256 values, more than
-                  * the noise of JPEG */
+    /* Number of histogram levels per channel; a level and its two neighbours cover 12 of 256
+       values, more than the noise of JPEG. */
+    LEVELS = 64,
     COLOURS = LEVELS * LEVELS * LEVELS
 };
 
@@ -15,7 +17,7 @@ static void count_pixel(const uint8_t *rgb, uint32_t *count)
     count[(rgb[0] / 4 * LEVELS + rgb[1] / 4) * LEVELS + rgb[2] / 4]++;
 }
 
-/* Adds the border pixels of an image to the histogram. Returns their number. */
+/* Adds the border pixels of an image to the histogram, and returns the number of these pixels. */
 static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rgb8, uint32_t *count)
 {
     size_t w = (size_t)camera->width, h = (size_t)camera->height;
@@ -31,9 +33,9 @@ static uint64_t count_border(const struct spin_camera *camera, const uint8_t *rg
     return 2 * (uint64_t)(w + h);
 }
 
-/* Returns the number of pixels of the most frequent colour and of its neighbours in the histogram,
- * since a flat colour with noise may spread over two levels per channel. Sets colour to
- * the former. */
+/* Sets colour to the most frequent colour in the histogram. Returns the number of pixels of this
+ * colour and of the adjacent levels, since a flat colour with noise may extend over two levels per
+ * channel. */
 static uint64_t largest_group(const uint32_t *count, float colour[3])
 {
     int best = 0, at[3];

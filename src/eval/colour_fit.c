@@ -21,8 +21,8 @@ void spin_colour_sums(int camera, size_t plane, const float *image, const float 
         }
 }
 
-/* Fits truth = gain * image + offset for channel c over all views of a camera. The gain is 0 if the
- * rendered images have only one value. */
+/* Fits ground truth = gain * rendered image + offset in channel c over all views of a camera. The
+ * gain is 0 if all pixels of the rendered images have the same value. */
 static void fit_channel(const struct spin_colour_sums *view, size_t n_views, int camera, int c,
                         double *gain, double *offset)
 {

@@ -1,4 +1,5 @@
-/* Finds dynamic regions from the data set's masks or from its images. */
+/* Reads masks of dynamic pixels from the files of the data set, or computes them from its images.
+ */
 #include "eval/dynamic_mask.h"
 
 #include "base/base.h"
@@ -7,16 +8,17 @@
 enum {
     MOST_ROWS = SPIN_MOVING_ROWS,
     FEWEST_ROWS = 3,
-    FRIENDS = 4 /* minimum number of dynamic neighbours; otherwise a pixel is a speck */
+    FRIENDS = 4 /* a dynamic pixel with fewer dynamic neighbours is a speck */
 };
 
-/* A larger difference from the median is dynamic. The threshold is above the noise of JPEG and of a
- * good camera (sigma about 4 of 255), and below the contrast of a ball in front of a wall. */
+/* A pixel is dynamic if it differs from the median by more than this. The threshold is above the
+ * noise of JPEG and of a good camera (standard deviation about 4 of 255), and below the contrast of
+ * a ball in front of a wall. */
 static const float threshold = 20.0f / 255.0f;
 
 struct spin_median {
     int camera_id;
-    uint8_t *rgb; /* [h][w][3]; NULL: the camera moves, or has too few frames */
+    uint8_t *rgb; /* [h][w][3] median; NULL: the camera moves, or has too few frames */
 };
 
 /* ---- The median over time -------------------------------------------------------------------- */
@@ -118,7 +120,7 @@ static spin_status find_median(struct spin_dynamic_mask *m, int camera_id, const
 
 /* ---- The rule -------------------------------------------------------------------------------- */
 
-/* Counts the ones among the eight neighbours of (x, y). */
+/* Counts the pixels of value 1 among the eight neighbours of (x, y). */
 static int count_around(int width, int height, const uint8_t *map, int x, int y)
 {
     int sum = 0;
@@ -159,8 +161,8 @@ void spin_dynamic_mask_rule(int width, int height, const float *truth, const uin
 
 static const float black[3];
 
-/* Reads a foreground mask with values 0 and 1, or 0 and 255. A mask of another size than the image
- * is sampled at the pixel centres. */
+/* Reads a foreground mask with values 0 and 1, or 0 and 255. If the size of the mask differs from
+ * that of the image, the mask is sampled at the centres of the image's pixels. */
 static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     int width = view->camera.width, height = view->camera.height, w, h;
@@ -181,8 +183,8 @@ static spin_status read_mask(struct spin_dynamic_mask *m, const struct spin_view
     return SPIN_OK;
 }
 
-/* Sets the mask where alpha is above 0.5. The difference between the image composited over white
- * and over black is 1 - alpha. */
+/* Sets the mask to 1 where alpha is above 0.5. Alpha is computed from the image composited over
+ * white and over black, whose difference is 1 - alpha. */
 static spin_status read_alpha(struct spin_dynamic_mask *m, const struct spin_view *view)
 {
     static const float white[3] = {1, 1, 1};

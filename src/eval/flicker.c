@@ -1,16 +1,17 @@
-/* Flicker: renders every static camera frame by frame and sums the differences between successive
- * images. */
+/* Renders the views of each static camera frame by frame and sums the differences between
+ * successive images. */
 #include "eval/flicker.h"
 
 #include "base/base.h"
 #include "io/image.h"
 #include "io/ranks.h"
 
-/* The images of one view. Successive views of a camera swap the two. */
+/* The images of one view. struct flicker contains two, for the previous and the current view of a
+ * camera. */
 struct moment {
     float *render, *image; /* [3][h][w] */
     uint8_t *dynamic;      /* [h][w] 0 or 1 */
-    int frame;             /* index in the clip; -1: nothing was rendered yet */
+    int frame;             /* index of the frame in the clip; -1: no view so far */
 };
 
 struct flicker {
@@ -78,8 +79,8 @@ static spin_status list_cameras(const struct spin_metrics *m, struct spin_flicke
 
 /* ---- The strip ------------------------------------------------------------------------------- */
 
-/* Finds the row that has the most dynamic pixels, summed over the camera's frames; the middle row
- * if there are no dynamic pixels. */
+/* Finds the row with the most dynamic pixels in all frames of the camera; without dynamic pixels,
+ * the middle row. */
 static spin_status choose_row(const struct flicker *f, int camera, int *row)
 {
     const struct spin_metrics *m = f->m;
@@ -123,7 +124,7 @@ static spin_status open_strip(struct flicker *f, int camera)
     return spin_alloc(n, 3 * sizeof(float), (void **)&s->render);
 }
 
-/* Copies the row of an image of `plane` pixels to row `at` of a strip. */
+/* Copies row s->row of an image of `plane` pixels to row `at` of the strip image `to`. */
 static void copy_row(const struct spin_flicker_strip *s, const float *image, size_t plane, int at,
                      float *to)
 {
@@ -157,7 +158,8 @@ static spin_status load_moment(struct flicker *f, const struct spin_pair *pair, 
     return SPIN_OK;
 }
 
-/* Adds the differences between two successive frames. A pixel is static if it is static in both. */
+/* Adds the differences between two successive frames. Samples are static if their pixel is static
+ * in both frames. */
 static void add_step(const struct moment *a, const struct moment *b, size_t plane,
                      struct spin_flicker_sums *sums)
 {
@@ -208,7 +210,7 @@ static spin_status measure_camera(struct flicker *f, struct spin_flicker_sums *s
     return SPIN_OK;
 }
 
-/* Measures the cameras of this rank. */
+/* Measures those static cameras that this rank has to measure. */
 static spin_status measure_own(struct flicker *f, struct spin_flicker_sums *sums, size_t n)
 {
     for (size_t i = (size_t)spin_rank(); i < n; i += (size_t)spin_n_ranks())

@@ -1,5 +1,5 @@
-/* LPIPS: the two networks as tables of layers, reading of weights, convolution, and the distance
- * between features f and g of two images:
+/* LPIPS: tables of the layers of both networks, reading of weights, convolution, and the distance
+ * between two images with the features f and g:
  *
  *     x = (2 image - 1 - shift) / scale
  *     f_s = features after the ReLU of stage s, divided at each pixel by their norm over channels
@@ -13,17 +13,19 @@
 
 enum { MOST_LAYERS = 13, STAGES = SPIN_LPIPS_STAGES, BLOCK = 64 };
 
-/* ScalingLayer of lpips: ImageNet's mean and standard deviation, for images in -1..1. */
+/* Mean and standard deviation of ImageNet for images in -1..1, as in the class ScalingLayer of the
+ * package lpips. */
 static const float shift[3] = {-0.030f, -0.088f, -0.188f};
 static const float scale[3] = {0.458f, 0.448f, 0.450f};
-static const double smallest_length = 1e-10; /* added to the norm of a pixel, as in lpips */
+/* Added to the norm of the features of a pixel, as in the package lpips. */
+static const double smallest_length = 1e-10;
 
 /* A convolution followed by ReLU. */
 struct layer {
     int place; /* N in torchvision's features.N */
     int n_in, n_out, kernel, stride, pad;
-    int pool;   /* window of the max pooling before the convolution, with stride 2; 0: none */
-    bool stage; /* the output of this layer contributes to the distance */
+    int pool;   /* window size of a max pooling with stride 2 before the convolution; 0: none */
+    bool stage; /* true if the output of this layer contributes to the distance */
 };
 
 static const struct layer vgg[] = {
@@ -54,8 +56,8 @@ struct spin_lpips {
     /* Buffers for images of one size. */
     int width, height;
     int out_width[MOST_LAYERS], out_height[MOST_LAYERS];
-    float *feature[2][STAGES]; /* features of the two images */
-    float *work[2], *padded;   /* input and output of a layer; its input padded with zeros */
+    float *feature[2][STAGES]; /* features of the two images after each stage */
+    float *work[2], *padded;   /* input and output of a layer; input padded with zeros */
     float *scratch;            /* [threads][SCRATCH] */
 };
 
@@ -68,7 +70,7 @@ static bool has_shape(struct spin_torch *t, const char *key, int n_dims, const i
     return v && v->kind == SPIN_VALUE_TENSOR && spin_array_has_shape(&v->tensor, n_dims, shape);
 }
 
-/* The network to which the convolutions in a file belong; -1: unknown. */
+/* Returns the network whose convolutions a file contains; -1: unknown. */
 static int backbone_of(struct spin_torch *t)
 {
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -82,7 +84,7 @@ static int backbone_of(struct spin_torch *t)
     return -1;
 }
 
-/* Number of channels in the output of stage s. */
+/* Returns the number of channels in the output of stage s. */
 static int stage_channels(int network, int s)
 {
     const struct layer *layer = networks[network].layer;
@@ -92,7 +94,7 @@ static int stage_channels(int network, int s)
     return layer->n_out;
 }
 
-/* The network to which the linear heads in a file belong; -1: unknown. */
+/* Returns the network whose linear heads a file contains; -1: unknown. */
 static int lin_of(struct spin_torch *t)
 {
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
@@ -270,21 +272,21 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
 
 /* ---- Convolution ----------------------------------------------------------------------------- */
 
-/* A convolution is the matrix product out [n_out][pixels] = weights [n_out][terms] x patches
- * [terms][pixels]. A term is a pair of an input channel and a position in the kernel. A task
- * computes COLUMNS output pixels, and processes DEPTH terms at a time, so that their patches stay
- * in the cache. Each output is summed in the order of the terms, so the result does not depend on
- * the number of threads. */
+/* A convolution is computed as the matrix product out [n_out][pixels] = weights [n_out][terms] x
+ * patches [terms][pixels]. A term is a pair of an input channel and a position in the kernel. A
+ * task computes COLUMNS output pixels, DEPTH terms at a time, so that the patches of these terms
+ * remain in the cache. Each output is summed in the order of the terms, so the result does not
+ * depend on the number of threads. */
 enum { COLUMNS = 96, DEPTH = 256, MOST_OUT = 512, SCRATCH = (DEPTH + MOST_OUT) * COLUMNS };
 
 struct convolution {
     const struct layer *layer;
-    const float *weights, *bias, *in; /* in [n_in][in_height][in_width], padded with zeros */
+    const float *weights, *bias, *in; /* in: [n_in][in_height][in_width], padded with zeros */
     float *out, *scratch;
     size_t in_width, in_height, out_width, plane; /* plane: number of output pixels */
 };
 
-/* Gathers the inputs of term k for output pixels [first, first + n). */
+/* Gathers the inputs of term k for the output pixels [first, first + n). */
 static void gather_patches(const struct convolution *c, size_t k, size_t first, size_t n, float *to)
 {
     size_t side = (size_t)c->layer->kernel, stride = (size_t)c->layer->stride;
@@ -481,7 +483,8 @@ static void run_network(struct spin_lpips *l, const float *image, float *const *
     }
 }
 
-/* The distance summed over a block of n pixels of a stage. Channel c begins at c * plane. */
+/* Returns the distance in a stage, summed over a block of n <= BLOCK pixels. Channel c of f and g
+ * begins at c * plane. */
 static double block_distance(int n_channels, size_t plane, size_t n, const float *f, const float *g,
                              const float *lin)
 {

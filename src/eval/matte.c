@@ -1,4 +1,4 @@
-/* Finds the alpha of input images, in their files or from the colours of their pixels. */
+/* Determines the alpha of input images, from their files or from the colours of their pixels. */
 #include "eval/matte.h"
 
 #include <stdlib.h>
@@ -11,19 +11,20 @@
 
 enum {
     TOLERANCE = 6, /* largest difference from the background colour that counts as noise */
-    MARGIN = 2     /* width of the unknown pixels around what is not empty */
+    MARGIN = 2     /* pixels within this distance of a pixel that is not empty are unknown */
 };
 
-static const double least_share = 0.05; /* of transparent pixels */
+/* Least share of transparent pixels for SPIN_SURROUNDED_BY_ALPHA. */
+static const double least_share = 0.05;
 
 /* ---- Colours --------------------------------------------------------------------------------- */
 
-/* The pixels of an image while its empty region grows from the border. */
+/* Flood fill of the empty region of an image from its border. */
 struct region {
     int width, height;
     const uint8_t *rgb8, *background;
     uint8_t *empty;  /* [h][w] 0 or 1 */
-    uint32_t *stack; /* pixels whose neighbours are still to be visited */
+    uint32_t *stack; /* empty pixels whose neighbours were not visited yet */
     size_t n;
 };
 
@@ -60,7 +61,8 @@ static void grow_from_border(struct region *r)
     }
 }
 
-/* Sets to[i] to the minimum of the n values of a row or column from[k * step] within MARGIN. */
+/* Sets value i of a row or column to the minimum of the values from i - MARGIN to i + MARGIN. The
+ * row or column has n values, which are `step` bytes apart. */
 static void shrink_line(const uint8_t *from, uint8_t *to, int n, size_t step)
 {
     for (int i = 0; i < n; i++) {
@@ -100,7 +102,8 @@ spin_status spin_matte_of_colours(int width, int height, const uint8_t *rgb8,
 
 /* ---- Alpha ----------------------------------------------------------------------------------- */
 
-/* The difference between an image composited over white and over black is 1 - alpha. */
+/* Computes alpha from the image composited over white and over black, whose difference is 1 -
+ * alpha. */
 static spin_status read_alpha(const struct spin_view *view, uint8_t *out)
 {
     static const float black[3] = {0, 0, 0}, white[3] = {1, 1, 1};
@@ -125,7 +128,7 @@ static spin_status read_alpha(const struct spin_view *view, uint8_t *out)
 
 enum { MOST_VIEWS = 24 };
 
-/* Sets *share to the share of transparent pixels in the images. */
+/* Sets *share to the share, 0..1, of pixels with an alpha below 0.5 in the images. */
 static spin_status find_share(const struct spin_views *views, const struct spin_pair *pairs,
                               size_t n, double *share)
 {

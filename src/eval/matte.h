@@ -1,25 +1,24 @@
-/* Mattes: the alpha of input images that show a subject in front of one flat colour.
+/* Mattes: the alpha of input images that show a subject in front of a flat colour.
  *
- * Trained over one background only, splats may render the colour of the background with opaque
- * splats, and the subject with transparent ones. Both are wrong over any other background. Where
- * the alpha of the input images is known, they can be composited over other backgrounds, and splats
- * learn it. */
+ * If splats are trained over a single background, opaque splats may reproduce the colour of the
+ * background, and transparent splats parts of the subject. Both are wrong over any other
+ * background. Where the alpha of the input images is known, training composites the images over
+ * random backgrounds, from which splats learn the alpha. */
 #pragma once
 
 #include "scene/clip.h"
 
-/* What surrounds the subject of the images. */
+/* Surroundings of the subject in the images. */
 enum spin_surroundings {
-    SPIN_SURROUNDED_BY_SCENE, /* nothing: a scene fills the images */
+    SPIN_SURROUNDED_BY_SCENE, /* there is no subject: a scene fills the images */
     SPIN_SURROUNDED_BY_COLOUR,
-    SPIN_SURROUNDED_BY_ALPHA /* the image files have alpha, and transparent pixels */
+    SPIN_SURROUNDED_BY_ALPHA /* the image files have an alpha channel with transparent pixels */
 };
 
-/* Finds what surrounds the subject in the n views of `pairs`, of which it decodes at most 24,
- * evenly spaced. ALPHA: all files have alpha, and at least 5 % of the pixels are transparent.
- * COLOUR: at least half of the border pixels have the same colour, except for noise; sets colour to
- * it, 0..1.
- */
+/* Sets *out to the surroundings of the subject in the n views of `pairs`. Decodes at most 24 of
+ * these views, evenly spaced. ALPHA: all image files have alpha, and at least 5 % of the pixels are
+ * transparent. COLOUR: at least half of the border pixels have the same colour, up to noise.
+ * Otherwise SCENE. Sets colour to the most frequent colour of the border pixels, 0..1. */
 spin_status spin_surroundings_find(const struct spin_views *views, struct spin_image_cache *images,
                                    const struct spin_pair *pairs, size_t n,
                                    enum spin_surroundings *out, float colour[3]);
@@ -27,18 +26,20 @@ spin_status spin_surroundings_find(const struct spin_views *views, struct spin_i
 struct spin_mattes {
     const struct spin_views *views; /* NULL: there are no mattes */
     struct spin_image_cache *images;
-    bool alpha;            /* from the alpha of the files; otherwise from the colours of pixels */
-    uint8_t background[3]; /* colour of empty pixels */
-    uint8_t **kept;      /* [views->n] mattes computed so far, as far as `budget` allows; or NULL */
-    size_t held, budget; /* bytes */
+    /* True: mattes are the alpha of the files; false: they are computed from colours. */
+    bool alpha;
+    uint8_t background[3]; /* colour of pixels outside the subject */
+    uint8_t **kept;        /* [views->n] cached mattes; NULL: not cached */
+    size_t held, budget;   /* size of the cache, and its limit, in bytes */
 };
 
-/* Opens mattes of the views of these pairs, from the alpha of the files or, if the subject is
- * surrounded by the background colour of `images`, from the colours of pixels: those that have the
- * background colour, except for noise, are connected to the border of the image, and are not beside
- * a pixel that is not empty are empty, and the alpha of all others is unknown. Otherwise m->views
- * remains NULL. A quarter of the budget of `images` becomes that of the mattes. Sets *surroundings
- * to those of the subject. */
+/* Opens mattes for the views of these pairs. If the image files have alpha, the mattes are this
+ * alpha. If the subject is surrounded by the background colour of `images`, the mattes are computed
+ * from colours: pixels are empty (alpha 0) if they have the background colour, up to noise, are
+ * connected to the border of the image by such pixels, and are more than two pixels away from any
+ * other pixel; the alpha of all other pixels is unknown. In all other cases, m->views remains NULL.
+ * A quarter of the memory budget of `images` is assigned to the mattes. Sets *surroundings to the
+ * result of spin_surroundings_find(). */
 spin_status spin_mattes_open(const struct spin_views *views, struct spin_image_cache *images,
                              const struct spin_pair *pairs, size_t n, struct spin_mattes *m,
                              enum spin_surroundings *surroundings);
@@ -47,6 +48,7 @@ void spin_mattes_close(struct spin_mattes *m);
 /* Sets out [h][w] to the matte of a view: 0 where alpha is unknown, otherwise 1 + 254 alpha. */
 spin_status spin_mattes_find(struct spin_mattes *m, size_t view, uint8_t *out);
 
-/* Computes a matte from the colours of the image rgb8 [h][w][3]; exported for tests. */
+/* Sets out [h][w] to a matte of the image rgb8 [h][w][3], computed from colours: 1 for empty
+ * pixels, otherwise 0. Exported for tests. */
 spin_status spin_matte_of_colours(int width, int height, const uint8_t *rgb8,
                                   const uint8_t background[3], uint8_t *out);

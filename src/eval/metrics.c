@@ -1,4 +1,4 @@
-/* Evaluation: renders every view, compares it with the ground truth, and averages the measures. */
+/* Renders all views, compares them with the ground truth, and averages the measures. */
 #include "eval/metrics.h"
 
 #include "base/base.h"
@@ -23,8 +23,8 @@ spin_status spin_write_beside(const char *path, int width, int height, const flo
     return spin_image_save(path, (int)whole, height, sheet, false);
 }
 
-/* Renders the view from the source into *out, which the caller frees. NULL if there is no source.
- */
+/* Renders the view from the source into *out, which the caller frees; sets *out to NULL if there is
+ * no source. */
 static spin_status draw_source(struct spin_metrics *m, const struct spin_pair *pair, float **out)
 {
     const struct spin_camera *c = &m->clip->views.view[pair->view].camera;
@@ -66,8 +66,9 @@ static spin_status show_frame(struct spin_metrics *m, int frame)
     return spin_player_show(m->player, index);
 }
 
-/* Computes the measures of a view from the sums v. If `regions` is true, also computes them inside
- * and outside the dynamic regions, unless a region has too few pixels for a meaningful PSNR. */
+/* Computes the measures of a view from the sums v. plane: number of measured pixels. If `regions`
+ * is true, also computes the PSNR inside and outside the dynamic regions, unless a region has too
+ * few pixels for a meaningful value. */
 static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool regions,
                         double n_dynamic, struct spin_quality *q)
 {
@@ -93,7 +94,7 @@ static void set_quality(const double v[SPIN_MEASURE_VALUES], double plane, bool 
         q->psnr_static = spin_psnr(v[SPIN_MEASURE_OUTSIDE] / (3 * (plane - n_dynamic)));
 }
 
-/* Renders pair i on the device. */
+/* Renders pair i on the device, and adds the times to m->seconds_decode and m->seconds_draw. */
 static spin_status draw_one(struct spin_metrics *m, size_t i)
 {
     const struct spin_pair *pair = &m->pairs[i];
@@ -119,7 +120,7 @@ struct pictures {
     uint8_t *rgb8, *mask; /* ground truth [h][w][3]; dynamic mask, one bit per pixel */
 };
 
-/* Loads the ground truth and, if `regions`, its dynamic mask. */
+/* Loads the ground truth of a view and, if `regions` is true, its dynamic mask. */
 static spin_status load_ground_truth(struct spin_metrics *m, size_t view, size_t plane,
                                      bool regions, struct pictures *p, size_t *n_dynamic)
 {
@@ -134,8 +135,8 @@ static spin_status load_ground_truth(struct spin_metrics *m, size_t view, size_t
 
 /* ---- The subject only ------------------------------------------------------------------------ */
 
-/* Number of pixels of the mask [h][w] after dilation by half the SSIM window. All other pixels have
- * an SSIM of 1, since their windows contain only background. */
+/* Returns the number of pixels of mask [h][w] after dilation by half the SSIM window. All other
+ * pixels have an SSIM of 1, since their windows contain only background. */
 static size_t count_grown(const uint8_t *mask, int width, int height)
 {
     size_t n = 0;
@@ -154,7 +155,7 @@ static size_t count_grown(const uint8_t *mask, int width, int height)
 }
 
 /* Measures the subject only: replaces all pixels outside the mask by the background, in ground
- * truth and rendered image, and divides by the number of pixels of the mask. */
+ * truth and rendered image, and averages errors over the pixels of the mask. */
 static spin_status measure_subject(struct spin_metrics *m, const struct spin_camera *c, size_t view,
                                    struct pictures *p, struct spin_quality *q)
 {
@@ -188,13 +189,14 @@ static spin_status measure_subject(struct spin_metrics *m, const struct spin_cam
     return SPIN_OK;
 }
 
-/* The results of a view that ranks exchange. */
+/* The results of a view, which ranks exchange. */
 struct measured {
     struct spin_eval_view view;
     struct spin_colour_sums sums;
 };
 
-/* Renders the view over one minus the background, and compares it with the same ground truth. */
+/* Computes psnr_opposite without mattes: renders the view over the opposite background and compares
+ * it with the unchanged ground truth. */
 static spin_status measure_opposite(struct spin_metrics *m, const struct spin_camera *c,
                                     const uint8_t *rgb8, double *psnr)
 {
@@ -209,8 +211,9 @@ static spin_status measure_opposite(struct spin_metrics *m, const struct spin_ca
     return SPIN_OK;
 }
 
-/* Renders the view over one minus the background, and compares its pixels of known alpha with the
- * ground truth over the same background, and its other pixels as before. */
+/* Computes psnr_opposite with mattes: at pixels of known alpha, renders the view over the opposite
+ * background and compares it with the ground truth composited over the same background; at other
+ * pixels, both images keep the background. */
 static spin_status measure_alpha(struct spin_metrics *m, const struct spin_camera *c, size_t view,
                                  const struct pictures *p, double *psnr)
 {
@@ -336,7 +339,7 @@ struct spin_quality spin_eval_mean(const struct spin_eval_report *r, const int *
 
 int spin_metrics_rank(int frame) { return frame % spin_n_ranks(); }
 
-/* Sends the results of each rank to all ranks, in view [n_pairs], and sums the times over the
+/* Distributes the results of each rank to view [n_pairs] of all ranks, and adds up the times of all
  * ranks. */
 static spin_status merge_views(struct spin_metrics *m, struct measured *view)
 {
@@ -364,8 +367,8 @@ static spin_status merge_views(struct spin_metrics *m, struct measured *view)
     return SPIN_OK;
 }
 
-/* Sets psnr_colour_fitted of all views. It is NaN if only the subject was measured, since the fit
- * would include the background around the subject. */
+/* Sets psnr_colour_fitted of all views. If only the subject was measured, sets it to NaN, since the
+ * fit would include the background around the subject. */
 static spin_status add_fitted(struct measured *view, size_t n, bool subject)
 {
     SPIN_FREED struct spin_colour_sums *sums = NULL;

@@ -15,7 +15,7 @@
 /* An array of parameters in device memory, with gradients and Adam moments. */
 
 struct spin_param {
-    float SPIN_DEV *p, *g, *m, *v; /* [n] [n] parameters, gradients, first and second moments */
+    float SPIN_DEV *p, *g, *m, *v; /* [n] parameters, gradients, first and second moments */
     size_t n, pad;                 /* pad: number of unused floats before each array */
 };
 

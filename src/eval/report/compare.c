@@ -1,5 +1,5 @@
-/* Writes a comparison of several runs: curves, and for some views the images of all runs with an
- * enlarged crop and the difference from the ground truth. */
+/* Writes a comparison of several runs: curves, and for a few views the images of all runs, each
+ * with an enlarged crop and the difference from the ground truth. */
 #include "eval/report/compare.h"
 
 #include "base/base.h"
@@ -8,15 +8,16 @@
 #include "io/output.h"
 #include "io/template.h"
 
-/* GAP: pixels between images; GAIN: factor of difference images; LABEL: height of names, pixels. */
+/* GAP: pixels between images. GAIN: factor on the differences in difference images. LABEL: height
+ * of the names of the runs, in pixels. */
 enum { GAP = 4, GAIN = 4, LABEL = 24 };
 
 extern const char spin_compare_html[]; /* compare.html */
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* Chooses the views and crops to show: fast motion; in a clip without fast motion, the centres of
- * the worst views. */
+/* Chooses the views and crops to show: crops with fast motion or, in a clip without fast motion,
+ * the centres of the views with the lowest PSNR. */
 static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *clip,
                                struct spin_image_cache *pixels, const struct spin_pair *pairs,
                                const struct spin_eval_report *report)
@@ -52,7 +53,7 @@ static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *c
     return SPIN_OK;
 }
 
-/* Adds image n to a row and allocates it. */
+/* Allocates image n of a row. */
 static spin_status add_picture(struct spin_compare_row *row, int n, uint8_t **out)
 {
     void *grown = realloc(row->picture, ((size_t)n + 1) * sizeof *row->picture);
@@ -104,7 +105,7 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
 
         if (at >= report->n_views || report->view[at].frame != c->row[i].frame ||
             report->view[at].camera != c->row[i].camera)
-            return SPIN_OK; /* the views differ, which the caller reports */
+            return SPIN_OK; /* the views of the runs differ, which the caller reports */
     }
     for (size_t i = 0; i < c->n_rows; i++)
         SPIN_TRY(draw_row(&c->row[i], c->n, clip, pixels, &pairs[c->row[i].crop.pair], player,
@@ -151,7 +152,8 @@ static void put_frame(struct sheet *s, int x, int y, int width, int height)
     }
 }
 
-/* Draws an image, and its enlarged crop into the lower corner that is farther from the crop. */
+/* Draws an image, and its enlarged crop in the lower left or lower right corner, whichever is
+ * farther from the crop. */
 static void put_picture(struct sheet *s, int x0, const struct spin_compare_row *row,
                         const uint8_t *picture)
 {
@@ -206,7 +208,7 @@ static spin_status make_sheet(const struct spin_compare *c, const struct spin_co
     return SPIN_OK;
 }
 
-/* Draws a sheet into *s, and encodes it as base64 of a PNG. The caller frees *text and s->rgb. */
+/* Draws a sheet into *s, and sets *text to its PNG in base64. The caller frees *text and s->rgb. */
 static spin_status sheet_text(const struct spin_compare *c, const struct spin_compare_row *row,
                               char **text, struct sheet *s)
 {
@@ -228,8 +230,8 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
 
 /* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* Draws the measure `key` over the frames, with one line per run. If `file` is true, writes a
- * complete SVG file, otherwise an element for an HTML page. */
+/* Draws a chart of the measure `key` over the frames, with one line per run. If `file` is true,
+ * writes a complete SVG file, otherwise an element for an HTML page. */
 static spin_status draw_curves(const struct spin_compare *c, const char *key, const char *title,
                                const char *unit, bool file, FILE *to)
 {
@@ -337,8 +339,8 @@ static spin_status open_figure(struct spin_output_folder *folder, const char *na
     return spin_out_open(path, true, out);
 }
 
-/* Writes an SVG that contains the sheet and, above its images, the names of the runs. `picture` is
- * the PNG of the sheet in base64. */
+/* Writes an SVG with the sheet and, above its images, the names of the runs. `picture` is the PNG
+ * of the sheet in base64. */
 static void write_svg(const struct spin_compare *c, const struct spin_compare_row *row,
                       const struct sheet *s, const char *picture, FILE *to)
 {

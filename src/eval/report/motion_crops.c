@@ -1,9 +1,10 @@
-/* Finds fast motion from differences between three consecutive frames, using summed-area tables. */
+/* Finds fast motion by the differences between three consecutive frames, with summed-area tables.
+ */
 #include "eval/report/motion_crops.h"
 
 #include "base/base.h"
 
-static const float threshold = 20.0f / 255.0f; /* above noise, as in dynamic_mask.c */
+static const float threshold = 20.0f / 255.0f; /* above the noise of images, as in dynamic_mask.c */
 
 struct search {
     const struct spin_clip *clip;
@@ -13,7 +14,7 @@ struct search {
     double *area;                /* [h + 1][w + 1] summed-area table of speed */
 };
 
-/* The view of the pair's camera in another frame of the clip; -1: none. */
+/* Returns the view of the pair's camera in another frame of the clip; -1 if there is none. */
 static long neighbour_view(const struct search *s, const struct spin_pair *pair, int frame)
 {
     const struct spin_views *views = &s->clip->views;
@@ -39,10 +40,11 @@ static float pixel_change(const float *a, const float *b, size_t plane, size_t i
     return most;
 }
 
-/* Computes s->speed of each pixel: its difference from the previous or from the next frame,
- * whichever is smaller, minus the difference between the previous and the next frame. An object
- * that passes by has a high speed, since the background is the same before and after. A striped
- * shirt that turns has a low speed, since all three frames differ. */
+/* Computes s->speed of each pixel: its difference from the previous or the next frame, whichever is
+ * smaller, minus the difference between the previous and the next frame. A pixel that an object
+ * covers in one frame only has a high speed, since its background is the same in the previous and
+ * the next frame. A moving striped shirt has a low speed, since all three frames differ. Sets
+ * *found to false if the camera has no previous or next frame. */
 static spin_status find_speed(struct search *s, const struct spin_pair *pair, bool *found)
 {
     const struct spin_camera *c = &s->clip->views.view[pair->view].camera;
@@ -66,7 +68,7 @@ static spin_status find_speed(struct search *s, const struct spin_pair *pair, bo
     return SPIN_OK;
 }
 
-/* Sum of speed in a window, clipped to the image. */
+/* Returns the sum of the speed in a window, clipped to the image. */
 static double sum_in(const struct search *s, const struct spin_camera *c, int x, int y, int side)
 {
     int x0 = x > 0 ? x : 0, y0 = y > 0 ? y : 0;
@@ -81,8 +83,8 @@ static double sum_in(const struct search *s, const struct spin_camera *c, int x,
 static int clamp_offset(int v, int most) { return v < 0 ? 0 : v < most ? v : most; }
 
 /* Finds the window with the highest score: the speed in its core minus a quarter of the speed
- * around the core. A ball in front of a wall gets a higher score than the leg of a person who moves
- * as a whole. */
+ * around the core. A small object with a static background, such as a ball in front of a wall, thus
+ * has a higher score than a part of a large moving object. */
 static void best_window(struct search *s, const struct spin_camera *c, struct spin_crop *out)
 {
     int w = c->width, h = c->height, core = h / 9 < 8 ? 8 : h / 9, side = 3 * core;
@@ -196,7 +198,8 @@ size_t spin_motion_crops_worst(const struct spin_eval_view *view, size_t n_views
 {
     size_t n = 0;
 
-    for (int pass = 0; pass < 2; pass++) /* first pass: one view per camera; second: any view */
+    /* First pass: one view per camera; second pass: any view. */
+    for (int pass = 0; pass < 2; pass++)
         while (n < most) {
             size_t worst = n_views;
 

@@ -1,6 +1,6 @@
 /* Writes an evaluation as a JSON document, and as an HTML page. The page is made from the template
- * page.html, the JSON document, curves, crops of fast motion, the worst views and the options of
- * the training. Pages of equal runs differ only in the measured speed. */
+ * page.html, the JSON document, curves, crops of fast motion, the views with the lowest PSNR, and
+ * the options of the training. Pages of equal runs differ only in the measured speed. */
 #include "eval/report/report.h"
 
 #include "base/base.h"
@@ -16,10 +16,10 @@ enum {
     WORST = 4,
     LOSS_POINTS = 300,
     PICTURES = 4,
-    GAIN = 4 /* factor of difference images */
+    GAIN = 4 /* factor on the differences in difference images */
 };
 
-/* "background_shows" is true if the PSNR over opposite backgrounds differs by this many dB. */
+/* "background_shows" is true if psnr and psnr_opposite differ by at least this, in dB. */
 static const double BACKGROUND_SHOWS = 0.3;
 
 extern const char spin_report_page[]; /* page.html */
@@ -48,7 +48,8 @@ static spin_json *quality_json(const struct spin_eval_report *r, const struct sp
     return j;
 }
 
-/* Adds the mean flicker of n cameras to an object. Adds nothing if flicker was not measured. */
+/* Adds the mean flicker of n cameras to a JSON object, or nothing if n is 0, that is, if flicker
+ * was not measured. */
 static void add_flicker(const struct spin_flicker_sums *sums, size_t n, spin_json *j)
 {
     struct spin_flicker mean = spin_flicker_mean(sums, n);
@@ -60,7 +61,8 @@ static void add_flicker(const struct spin_flicker_sums *sums, size_t n, spin_jso
     spin_json_set_number(j, "flicker_dynamic", mean.dynamic_error);
 }
 
-/* Adds the flicker of a camera, if the camera is static and flicker was measured. */
+/* Adds the flicker of a camera to a JSON object, if the camera is static and flicker was measured.
+ */
 static void add_camera_flicker(const struct spin_eval_report *r, int camera, spin_json *j)
 {
     for (size_t i = 0; i < r->n_flicker; i++)
@@ -71,7 +73,7 @@ static void add_camera_flicker(const struct spin_eval_report *r, int camera, spi
 static spin_json *bytes_json(const struct spin_eval_report *r, const struct spin_bundle_bytes *s)
 {
     spin_json *j = spin_bundle_bytes_json(s);
-    /* Sum of the parts of the bundle that the measured attributes need. */
+    /* Total size of those parts of the bundle that contain the measured attributes. */
     uint64_t measured = r->trained   ? s->positions + s->tracks + s->table + s->heads
                         : r->refined ? s->refined
                                      : s->source;
@@ -95,7 +97,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
 
         while (r->view[k].camera != v->camera)
             k++;
-        if (k == i) { /* the first view of a camera */
+        if (k == i) { /* this is the first view of the camera */
             mean = spin_eval_mean(r, NULL, &v->camera);
             spin_json_push(cameras, one = quality_json(r, &mean));
             spin_json_set_integer(one, "id", v->camera);
@@ -126,7 +128,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
     spin_json_set_number(j, "seconds_decode", r->seconds_decode);
     spin_json_set_number(j, "seconds_draw", r->seconds_draw);
     spin_json_set_integer(j, "left_out", (int64_t)r->left_out);
-    if (r->n_bundle_frames > 0) { /* 0 for the source, whose report has no storage */
+    if (r->n_bundle_frames > 0) { /* 0 in the report of the source, which has no storage */
         spin_json_set(j, "storage", bytes_json(r, &r->storage));
         spin_json_set(j, "storage_unpacked", bytes_json(r, &r->unpacked));
     }
@@ -138,7 +140,7 @@ spin_json *spin_eval_json(const struct spin_eval_report *r, enum spin_split spli
 
 /* ---- Curves ---------------------------------------------------------------------------------- */
 
-/* Reads number `key` of every object in an array; NaN if the key is missing. */
+/* Reads the member `key` of all objects in an array; NaN if it is missing or not a number. */
 static void read_numbers(const spin_json *array, const char *key, double *out)
 {
     for (size_t i = 0; i < spin_json_length(array); i++) {
@@ -147,8 +149,8 @@ static void read_numbers(const spin_json *array, const char *key, double *out)
     }
 }
 
-/* Draws the PSNR over the frames: solid lines for whole images, dashed lines for dynamic regions.
- */
+/* Draws a chart of the PSNR over the frames: solid lines for whole images, dashed lines for dynamic
+ * regions. */
 static spin_status draw_frames(const spin_json *const report[2], FILE *to)
 {
     static const char *const names[2][2] = {{"after", "after, dynamic"},
@@ -249,11 +251,12 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
 
 struct pictures {
     const struct spin_report *r;
-    float *picture[PICTURES]; /* [3][h][w] each: ground truth, source, result, difference */
+    /* [3][h][w] each: ground truth, source, measured splats, difference. */
+    float *picture[PICTURES];
     uint8_t *rgb;
 };
 
-/* Appends a crop of an image to the list `to`, as a base64 PNG. */
+/* Appends a crop of an image to the JSON array `to`, as a PNG in base64. */
 static spin_status put_picture(struct pictures *p, const struct spin_camera *c, const float *image,
                                const struct spin_crop *crop, spin_json *to)
 {
@@ -280,7 +283,8 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
     return SPIN_OK;
 }
 
-/* Loads the ground truth of a pair, renders its other images and computes the difference. */
+/* Loads the ground truth of pair i, renders the pair from the source (if there is one) and from the
+ * measured splats, and computes the difference image. */
 static spin_status draw_pair(struct pictures *p, size_t i)
 {
     const struct spin_pair *pair = &p->r->pairs[i];
@@ -323,7 +327,7 @@ static spin_status add_row(struct pictures *p, const struct spin_crop *crop, con
     return SPIN_OK;
 }
 
-/* Adds one row of one camera over time, of the images and of the renders. */
+/* Adds the flicker strips of the images and of the renders. */
 static spin_status add_strip(struct pictures *p, spin_json *page)
 {
     const struct spin_flicker_strip *s = p->r->strip;
@@ -376,7 +380,7 @@ out:
 
 /* ---- The page -------------------------------------------------------------------------------- */
 
-/* Adds a row for each camera and a row for all cameras. */
+/* Adds a table row for each camera, and a row with the means over all cameras. */
 static void add_cameras(spin_json *page, const spin_json *const report[2])
 {
     static const char *const when[] = {"now", "then"};
@@ -431,7 +435,7 @@ static spin_status fill_page(const struct spin_report *r, spin_json *page)
     static const char *const split[] = {"test ", "training ", " "};
     const spin_json *report[2] = {spin_eval_json(r->after, r->split),
                                   r->before ? spin_eval_json(r->before, r->split) : NULL};
-    /* After a training of 4D splats, the result is stored as the source. */
+    /* Trained 4D splats are stored as the source of their bundle. */
     bool source = !r->after->trained && !r->after->refined;
     spin_json *trained = spin_json_get(r->clip->bundle.json, source ? "trained_4d" : "trained");
     spin_json *options = spin_trained_options(trained);

@@ -1,5 +1,5 @@
-/* Writes an evaluation as a JSON document, or as an HTML page with curves, tables and images that
- * needs no other files. */
+/* Writes an evaluation as a JSON document, or as a self-contained HTML page with curves, tables and
+ * images. */
 #pragma once
 
 #include "eval/flicker.h"
@@ -7,7 +7,7 @@
 
 struct spin_report {
     const char *path, *log; /* path of the page; log file of spin-retrain --log, or NULL */
-    double trained_psnr;    /* PSNR of the test views at the end of training; NaN: unknown */
+    double trained_psnr;    /* test PSNR recorded in the bundle by spin-retrain; NaN: unknown */
     bool force;             /* replace an existing page */
     const char *input;      /* path of the bundle, as given by the user */
     enum spin_split split;
@@ -16,13 +16,13 @@ struct spin_report {
     struct spin_image_cache *pixels;
     const struct spin_pair *pairs; /* [after->n_views] measured pairs */
     struct spin_player *player;
-    const struct spin_eval_report *after;   /* results of player */
-    struct spin_player *source;             /* splats of the source; NULL: no comparison */
-    const struct spin_eval_report *before;  /* results of source */
-    const struct spin_flicker_strip *strip; /* shown if it has an image */
+    const struct spin_eval_report *after;   /* results with the splats of `player` */
+    struct spin_player *source;             /* player of the source; NULL: no comparison */
+    const struct spin_eval_report *before;  /* results with the splats of `source` */
+    const struct spin_flicker_strip *strip; /* shown unless it is empty */
 };
 
-/* Creates the document that --json prints; see spin-eval(1). */
+/* Returns the JSON document of spin-eval --json, see spin-eval(1). The caller frees it. */
 spin_json *spin_eval_json(const struct spin_eval_report *report, enum spin_split split);
 
 spin_status spin_report_write(const struct spin_report *report);

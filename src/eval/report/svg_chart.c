@@ -1,4 +1,4 @@
-/* Line charts: axes with round numbers, lines, and points with tooltips. */
+/* Draws line charts: axes with round numbers, lines, and points with tooltips. */
 #include "eval/report/svg_chart.h"
 
 #include <float.h>
@@ -49,7 +49,7 @@ static bool measure_range(const struct spin_svg_chart *chart, struct frame *f)
     return f->x1 - f->x0 > 1e-9 * fmax(1, fabs(f->x1));
 }
 
-/* Extends the range of y to round numbers. */
+/* Extends the range of y to multiples of the tick distance; a single value gets a range of 1. */
 static void round_frame(struct frame *f)
 {
     double step;

@@ -1,5 +1,5 @@
-/* Reads the log of a run and averages it for a chart. A resumed run appends to the same file and
- * may repeat iterations: the last values of an iteration are used. */
+/* Reads the log of a training and averages the loss for a chart. A resumed run appends to the same
+ * file and may repeat iterations; the values of the last repetition are used. */
 #include "eval/report/train_log.h"
 
 #include "base/base.h"
@@ -60,7 +60,7 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
         spin_status status;
 
         if (!stop)
-            break; /* the last line is incomplete: the run is still writing, or was killed */
+            break; /* incomplete last line: spin-retrain is still running, or was killed */
         snprintf(name, sizeof name, "line %d", number);
         status = spin_json_parse(name, at, (size_t)(stop - at), &j);
         if (status == SPIN_OK)
@@ -71,7 +71,7 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
     return SPIN_OK;
 }
 
-/* Averages the loss over intervals with the same number of entries. */
+/* Averages the loss over intervals of equally many entries, except the last one. */
 static void average_loss(struct spin_train_log *h, size_t most)
 {
     size_t each = (h->n_steps + most - 1) / most, k = 0;
