@@ -216,9 +216,10 @@ void spin_antialias_bake_log(const struct spin_antialias_bake *b)
         return;
     if (b->width > 0)
         snprintf(size, sizeof size, "%d x %d pixels", b->width, b->height);
-    spin_log(0,
-             "antialiasing baked for %s: opacities x %.3f on average; against the antialiased "
-             "splats in %s: %.2f dB, instead of %.2f dB without baking",
-             size, b->sum_factors / b->n_splats, spin_text_count(b->n_images, "image", count),
-             decibels(b->after, b->n_values), decibels(b->before, b->n_values));
+    spin_log(
+        0,
+        "antialiasing baked for %s: opacities are multiplied by %.3f on average; compared with "
+        "antialiased images, the PSNR of %s is %.2f dB, or %.2f dB without baking",
+        size, b->sum_factors / b->n_splats, spin_text_count(b->n_images, "image", count),
+        decibels(b->after, b->n_values), decibels(b->before, b->n_values));
 }

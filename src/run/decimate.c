@@ -675,8 +675,8 @@ spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibe
         SPIN_TRY(spin_decimation_choose(d, SPIN_DECIMATE_SHARE, middle));
         SPIN_TRY(spin_decimation_measure(d, &found));
         if (found.n_pictures == 0)
-            return spin_unsupported(
-                "--decimate: no image shows a splat, so the loss cannot be measured");
+            return spin_unsupported("--decimate: no image shows a splat, so the loss cannot be "
+                                    "measured: give a number or a share of splats instead");
         if (found.psnr >= decibels)
             high = middle;
         else
@@ -726,9 +726,9 @@ spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes
     ++*n_tries;
     n_low = (double)n;
     if (n_low > bytes)
-        return spin_unsupported(
-            "--decimate: the smallest possible output has %llu bytes, more than %.0f",
-            (unsigned long long)n, bytes);
+        return spin_unsupported("--decimate: the smallest possible output has %llu bytes, more "
+                                "than %.0f: give a larger size",
+                                (unsigned long long)n, bytes);
     while (*n_tries < TRIES && n_low < 0.98 * bytes) {
         double part = (0.995 * bytes - n_low) / (n_high - n_low);
         double share = low + (high - low) * fmin(fmax(part, 0.02), 0.98);

@@ -60,7 +60,8 @@ static spin_status open_clip(struct eval *e)
             "no held-out camera is outside the range of directions of the training "
             "cameras: hold outer cameras out with spin-retrain --test-outer");
     if (e->n_pairs == 0)
-        return spin_not_found("the data set has no views in this split");
+        return spin_not_found(
+            "the data set has no views in this split: choose another with --split");
     SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,
                                    &e->pixels));
     if (o->mask)
@@ -88,10 +89,9 @@ static void warn_exposures(const struct eval *e)
             n += id == e->clip.views.view[e->pairs[i].view].camera_id;
         }
     if (n > 0)
-        spin_warn(
-            "%s to cameras whose exposure was learned; the mean exposure is rendered instead, "
-            "so these scores are too low",
-            spin_text_share(n, e->n_pairs, "view", "belongs", "belong", (char[96]){0}));
+        spin_warn("%s to cameras whose exposure was learned; they are rendered with the mean "
+                  "exposure, so their scores are too low",
+                  spin_text_share(n, e->n_pairs, "view", "belongs", "belong", (char[96]){0}));
 }
 
 static spin_status open_players(struct eval *e)
@@ -286,7 +286,8 @@ static spin_status run_eval(struct eval *e)
     }
     SPIN_TRY(spin_metrics_run(&m, &report->mean));
     if (!report->mean.valid)
-        return spin_not_found("--mask: the subject is in no view of this split");
+        return spin_not_found(
+            "--mask: the subject is in no view of this split: choose another with --split");
     if (o->temporal)
         SPIN_TRY(spin_flicker_run(&m, &report->flicker, &report->n_flicker,
                                   o->report && !e->compare ? &e->strip : NULL));

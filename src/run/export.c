@@ -320,8 +320,8 @@ static spin_status begin_export(struct export *x)
     job.counts = x->counts;
     job.counts_are_bounds = x->filter.varies && !x->splats_4d;
     if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats were trained with antialiasing, which viewers cannot learn from "
-                  "'%s' files: enable it in the viewer, or bake it with --bake-antialias",
+        spin_warn("these splats were trained with antialiasing, which '%s' files do not record: "
+                  "enable it in the viewer, or bake it with --bake-antialias",
                   o->to);
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
@@ -472,9 +472,10 @@ static spin_status open_bake(struct export *x)
         return spin_misuse("--bake-antialias: '%s' draws with antialiasing: omit the option",
                            x->o->to);
     if (x->o->bake_antialias && x->splats_4d)
-        return spin_unsupported("--bake-antialias applies to frames, but '%s' stores 4D splats, "
-                                "whose opacities have no camera: choose a format of frames",
-                                x->o->to);
+        return spin_unsupported(
+            "--bake-antialias applies to frames, but '%s' stores 4D splats, "
+            "whose opacities do not depend on the camera: choose a format that stores frames",
+            x->o->to);
     return spin_antialias_bake_open(&x->bake, x->o, &x->clip, x->from, is_antialiased(x),
                                     &x->device);
 }
@@ -497,7 +498,9 @@ static spin_status run_export(struct export *x)
     SPIN_TRY(spin_exporter_check_name(x->exporter, o->output));
     SPIN_TRY(spin_plugin_check(o->to, x->exporter->options, o->plugin_pairs));
     if (o->check && !x->exporter->checks)
-        return spin_misuse("--check: exporter '%s' cannot read its output back", o->to);
+        return spin_misuse(
+            "--check: exporter '%s' does not support reading its output back: omit the option",
+            o->to);
     if (o->transparent && !x->exporter->alpha)
         return spin_misuse(
             "--background none: the output of '%s' has no alpha channel; use --to images", o->to);

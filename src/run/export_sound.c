@@ -74,7 +74,7 @@ static bool can_follow(const struct spin_export_options *o, const struct spin_ex
                   "output lacks the sound '%s'",
                   fps, asked, x->sound.name);
     else if (x->sound.start >= n_frames / x->fps || (length > 0 && x->sound.start + length <= 0))
-        spin_warn("the sound '%s' is silent during the exported frames: the output lacks it",
+        spin_warn("the sound '%s' does not play during the exported frames: the output lacks it",
                   x->sound.name);
     else
         return true;
@@ -89,8 +89,8 @@ static spin_status place_sound(const struct spin_export_options *o, const struct
     x->fps = fps > 0 ? fps : asked_fps(o);
     if (!(x->fps > 0)) {
         x->fps = USUAL_FPS / stride;
-        spin_warn("the frame rate of the clip is unknown, assuming %d for its sound: set it with "
-                  "--fps",
+        spin_warn("the frame rate of the clip is unknown, assuming %d frames per second for its "
+                  "sound: set it with --fps",
                   USUAL_FPS);
     }
     x->sound.start -= frames_before(o, clip) / (x->fps * stride);

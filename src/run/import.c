@@ -651,7 +651,7 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
     if (n == 0)
         return SPIN_OK;
     return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), overflows "
-                          "a float (scales that do so: %zu): remove these splats from the file",
+                          "a float, as one of %zu such scales: remove these splats from the file",
                           im->input, im->meta.frame[i].number, first / 3,
                           (double)s->log_scales[first], n);
 }
@@ -985,8 +985,8 @@ static spin_status find_4d(struct import *im)
                   "--frames and --times sample the 4D splats: the bundle stores the sampled frames "
                   "instead of the 4D splats");
     if (sampled && im->sequence.sound && o->n_frames != im->sequence.n_clip_frames)
-        spin_note(&im->sequence, "--frames and --times change the speed of the clip, which its "
-                                 "sound does not follow");
+        spin_note(&im->sequence, "--frames and --times change the speed of the clip, but not "
+                                 "that of its sound");
     return SPIN_OK;
 }
 
@@ -1063,7 +1063,7 @@ static spin_status describe_views(const struct spin_views *views, char out[120])
 
     SPIN_TRY(count_cameras(views, &n));
     if (n > 1 && (size_t)n == views->n && views->n_dataset_frames == n)
-        snprintf(out, 120, "%d images, a still or a video of one camera", n);
+        snprintf(out, 120, "%d images, a static scene or the video of one camera", n);
     else
         snprintf(out, 120, "%s and %s", spin_text_count(n, "camera", cameras),
                  spin_text_count(views->n_dataset_frames, "frame", frames));
@@ -1090,11 +1090,12 @@ static spin_status explain_data_set(const struct import *im, spin_status status)
         (views.n == 0 && spin_views_open(path, NULL, &views, NULL, 0) != SPIN_OK))
         return spin_fail(status, "%s", error);
     SPIN_TRY(describe_views(&views, content));
-    return spin_fail(SPIN_E_NOT_RECOGNISED,
-                     "'%s' is a data set (%s) of %s, not a run: give the folder that a method "
-                     "wrote, or points of each frame as PLY, and this folder with --data, see "
-                     "docs/how-to/from-videos.md",
-                     path, importer->name, content);
+    return spin_fail(
+        SPIN_E_NOT_RECOGNISED,
+        "'%s' is a data set (%s) of %s, not a run: give the folder that a method "
+        "wrote, or a PLY file of points for each frame, and this folder with --data; see "
+        "docs/how-to/from-videos.md",
+        path, importer->name, content);
 }
 
 /* Returns whether o->input is an archive that may contain a run, and not a file of a format that is

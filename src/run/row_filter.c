@@ -53,9 +53,9 @@ static spin_status check_views(const struct spin_clip *clip, int least)
             n += clip->views.view[v].dataset_frame == clip->dataset_frame[f] &&
                  !clip->views.view[v].test;
         if (n < least)
-            return spin_misuse("--min-views %d: frame %d has %d training view%s", least,
-                               clip->bundle.meta.frame[clip->frame[f]].number, n,
-                               n == 1 ? "" : "s");
+            return spin_misuse(
+                "--min-views %d: frame %d has %d training view%s: give a smaller number", least,
+                clip->bundle.meta.frame[clip->frame[f]].number, n, n == 1 ? "" : "s");
     }
     return SPIN_OK;
 }

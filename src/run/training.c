@@ -22,7 +22,7 @@ void spin_training_warn_background(const struct spin_bundle *bundle, enum spin_s
                    fabs(value[c] - (double)background[c]) > 1e-6;
     if (differs)
         spin_warn("the splats were trained over a different background: --background %g,%g,%g %s "
-                  "over the same one",
+                  "over that of the training",
                   value[0], value[1], value[2], what);
 }
 

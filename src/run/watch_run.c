@@ -60,7 +60,7 @@ static void draw_curves(const struct spin_train_log *h, FILE *to)
                                    .whole = true};
 
     spin_svg_chart_write(to, &chart);
-    chart.title = "Loss, means over stretches";
+    chart.title = "Loss, averaged over intervals of iterations";
     chart.y_name = "loss";
     chart.line = &loss;
     spin_svg_chart_write(to, &chart);

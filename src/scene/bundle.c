@@ -282,9 +282,11 @@ static spin_status open_clip_of_state(struct spin_bundle *b)
     if (!spin_path_exists(clip))
         return spin_unsupported(
             "it is the checkpoint of an unfinished training: continue it with spin-retrain "
-            "--resume; with --watch DIR, the clip so far is DIR/state.spin");
+            "--resume; if the training uses --watch DIR, DIR/state.spin is the clip so far");
     spin_npz_close(&b->npz);
-    spin_log(0, "'%s' is the checkpoint of an unfinished training: reading the clip so far, '%s'",
+    spin_log(0,
+             "'%s' is the checkpoint of an unfinished training: reading the clip that was saved "
+             "with it, '%s'",
              b->path, clip);
     return spin_npz_open(clip, &b->npz);
 }
@@ -339,15 +341,17 @@ static spin_status find_group(const struct spin_bundle *b, int frame, enum spin_
     *out = group_of(b, from);
     missing = columns & ~out->columns;
     if (frame < 0 || frame >= b->meta.n_frames)
-        return spin_not_found("'%s' has no frame %d, only 0 to %d", b->path, frame,
+        return spin_not_found("'%s' has no frame %d, only frames 0 to %d", b->path, frame,
                               b->meta.n_frames - 1);
     if (missing && from == SPIN_FROM_REFINED)
-        return spin_not_found("'%s' has no refined splats with these columns", b->path);
+        return spin_not_found("'%s' has no refined splats with column '%s'", b->path,
+                              spin_column_name(missing));
     if (missing)
-        return spin_not_found(
-            "'%s': the source has no column '%s'%s", b->path, spin_column_name(missing),
-            (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0 ? ", only positions: run spin-retrain"
-                                                         : "");
+        return spin_not_found("'%s': the source has no column '%s'%s", b->path,
+                              spin_column_name(missing),
+                              (b->meta.columns & SPIN_COL_ATTRIBUTES) == 0
+                                  ? "; it has only positions: run spin-retrain first"
+                                  : "");
     return spin_map_check(&b->npz.zip.map);
 }
 
@@ -395,8 +399,8 @@ static spin_status load_4d(struct spin_bundle *b, struct spin_splats_4d *s)
     }
     SPIN_TRY(spin_splats_4d_finish(s, &n_dropped, NULL));
     return n_dropped ? spin_malformed(
-                           "source/4d: %s values that are not finite or rotations of "
-                           "length zero",
+                           "source/4d: %s values that are not finite or out of range, "
+                           "or rotations of length zero",
                            spin_text_share(n_dropped, meta->n, "row", "has", "have", (char[96]){0}))
                      : SPIN_OK;
 }
@@ -769,7 +773,7 @@ spin_status spin_bundle_writer_finish(struct spin_bundle_writer *w,
     text = spin_json_text(root, true);
     spin_json_free(root);
     if (!text) {
-        status = spin_fail(SPIN_E_MEMORY, "no memory for meta.json");
+        status = spin_fail(SPIN_E_MEMORY, "not enough memory to write meta.json");
         goto out;
     }
     SPIN_TRY_OUT(write_sound(w, &meta->sound));

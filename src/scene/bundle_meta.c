@@ -188,8 +188,8 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
     SPIN_TRY(spin_meta_integer(json, "n", 1, UINT32_MAX, &n));
     SPIN_TRY(spin_meta_integer(json, "degree", 0, 3, &degree));
     if (meta->columns != (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES) || meta->static_columns)
-        return spin_malformed(
-            "meta.json: 'columns' must list the means and all attributes if there are 4D splats");
+        return spin_malformed("meta.json: if there are 4D splats, 'columns' must list the means "
+                              "and all attributes, and 'static_columns' must be empty");
     *s = (struct spin_splats_4d){.n = (size_t)n,
                                  .degree = (int)degree,
                                  .sh_degree = meta->sh_degree,

@@ -42,8 +42,9 @@ spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bund
     spin_bundle_values_get(&v, 0, (size_t)v.count, out->values);
     for (size_t i = 0; i < v.count; i++)
         if (!isfinite(out->values[i]))
-            return spin_malformed("array 'trained/tracks' is not finite in row %zu",
-                                  i / SPIN_TRACK_WIDTH);
+            return spin_malformed(
+                "array 'trained/tracks' has a value that is not finite in row %zu",
+                i / SPIN_TRACK_WIDTH);
     return SPIN_OK;
 }
 

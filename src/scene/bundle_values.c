@@ -219,8 +219,8 @@ static spin_status attach_key(struct spin_bundle *b, const char *series, const c
                               " rows",
                               name, rows, key->shape[0]);
     if (!same)
-        return spin_malformed("array '%s' holds differences from frame 0, but frame 0 has another "
-                              "type or width",
+        return spin_malformed("array '%s' holds differences from frame 0, but frame 0 has a "
+                              "different type or width",
                               name);
     out->key = key->words;
     out->n_key = rows * out->width;

@@ -45,8 +45,8 @@ static void warn_duplicates(const struct spin_views *views)
         const struct spin_view *v = &views->view[i], *before = v - 1;
 
         if (v->dataset_frame == before->dataset_frame && v->camera_id == before->camera_id) {
-            spin_warn("'%s' and '%s' are both camera %d of frame %d", before->path, v->path,
-                      v->camera_id, v->number >= 0 ? v->number : v->dataset_frame);
+            spin_warn("'%s' and '%s' are both images of camera %d in frame %d", before->path,
+                      v->path, v->camera_id, v->number >= 0 ? v->number : v->dataset_frame);
             return;
         }
     }
@@ -55,7 +55,7 @@ static void warn_duplicates(const struct spin_views *views)
 static spin_status sort_views(struct spin_views *views)
 {
     if (views->n == 0)
-        return spin_malformed("there are no views");
+        return spin_malformed("the data set has no images");
     qsort(views->view, views->n, sizeof *views->view, by_row_and_camera);
     views->n_dataset_frames = views->view[views->n - 1].dataset_frame + 1;
     for (size_t i = 0; i < views->n; i++) {
@@ -351,7 +351,7 @@ spin_status spin_views_warn_single(const struct spin_views *views)
     SPIN_TRY(has_one_view_each(views, &single));
     if (single)
         spin_warn("the data set has one image per frame, each of another camera position: this is "
-                  "right for the video of one moving camera; if its %zu images were taken at the "
+                  "right for the video of one moving camera; if the %zu images were taken at the "
                   "same time, put them into a folder for each frame (see colmap in "
                   "spin-importers(7))",
                   views->n);
@@ -565,7 +565,7 @@ spin_status spin_view_check_size(const struct spin_view *view, int width, int he
     if (fabs(view->camera.width - expected) <= allowed)
         return SPIN_OK;
     return spin_malformed(
-        "image '%s' has %d x %d pixels, which is another shape than the camera's %d x %d",
+        "image '%s' has %d x %d pixels, which differ in aspect ratio from the camera's %d x %d",
         view->path, width, height, view->camera.width, view->camera.height);
 }
 
@@ -601,8 +601,8 @@ spin_status spin_views_check_cameras(const struct spin_views *views, bool warns)
             continue;
         status = check_image(&views->view[i], &width, &height);
         if (status == SPIN_OK && width + 1 < camera->width && n_small++ == 0)
-            snprintf(first, sizeof first, "%d x %d for %d x %d pixels of camera %d", width, height,
-                     camera->width, camera->height, views->view[i].camera_id);
+            snprintf(first, sizeof first, "%d x %d instead of %d x %d pixels for camera %d", width,
+                     height, camera->width, camera->height, views->view[i].camera_id);
         if (status == SPIN_OK || status == SPIN_E_UNSUPPORTED)
             seen[n++] = views->view[i].camera_id;
         if (status == SPIN_E_NOT_FOUND || status == SPIN_E_UNSUPPORTED)

@@ -128,13 +128,13 @@ static bool describe_folder(const char *path, bool want_views, char *text, size_
         snprintf(text, n_text, "it contains an archive, '%s': unpack it", first);
     else if (want_views)
         snprintf(text, n_text,
-                 "it is a folder of %ss without a known file of cameras: see spin-importers(7) for "
-                 "the supported data sets",
+                 "it is a folder of %ss without a supported file of cameras: see spin-importers(7) "
+                 "for the supported data sets",
                  strchr(kind->name, ' ') + 1);
     else
         snprintf(text, n_text,
                  "it is a folder of %ss, not of splats: give the folder that a method wrote, and "
-                 "this one with --data",
+                 "this folder with --data",
                  strchr(kind->name, ' ') + 1);
     return true;
 }

@@ -134,7 +134,7 @@ spin_status spin_kept_cameras_read(const spin_json *list, struct spin_views *out
         struct spin_view view = {0};
 
         if (!read_entry(spin_json_at(list, i), &view))
-            return spin_malformed("meta.json: entry %zu of 'cameras' is not a camera", i);
+            return spin_malformed("meta.json: entry %zu of 'cameras' is not a valid camera", i);
         SPIN_TRY(add_camera(out, &view.camera, view.camera_id, view.test));
     }
     return SPIN_OK;
@@ -176,7 +176,7 @@ static spin_status read_run(const spin_json *list, struct spin_views *out)
         size_t same = 0;
 
         if (!read_run_entry(spin_json_at(list, i), &camera))
-            return spin_malformed("entry %zu is not a camera", i);
+            return spin_malformed("entry %zu is not a valid camera", i);
         while (same < out->n && !is_same_camera(&out->view[same].camera, &camera))
             same++;
         if (same == out->n)

@@ -54,7 +54,7 @@ void spin_lenses_warn(const struct spin_lenses *lenses, const struct spin_views 
 
         if (spin_lenses_find(lenses, &view->camera) < 0) {
             spin_warn("camera %d matches none of the learned lenses: its images are rendered "
-                      "without falloff",
+                      "without lens falloff",
                       view->camera_id);
             return;
         }

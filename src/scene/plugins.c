@@ -107,7 +107,7 @@ static bool is_name(const char *name)
 static const char *importer_lacks(const struct spin_importer *importer)
 {
     if (importer->abi != SPIN_PLUGIN_ABI)
-        return "an importer was built for another version of spin.h";
+        return "an importer was built for another version of spin.h: rebuild it";
     if (!is_name(importer->name))
         return "an importer has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!importer->summary)
@@ -122,14 +122,14 @@ static const char *importer_lacks(const struct spin_importer *importer)
 static const char *exporter_lacks(const struct spin_exporter *exporter)
 {
     if (exporter->abi != SPIN_PLUGIN_ABI)
-        return "an exporter was built for another version of spin.h";
+        return "an exporter was built for another version of spin.h: rebuild it";
     if (!is_name(exporter->name))
         return "an exporter has an invalid name: use a-z, 0-9, '-' and '_'";
     if (!exporter->summary)
         return "an exporter has no summary";
     if (!exporter->begin || (!exporter->frame && !exporter->splats_4d) || !exporter->end ||
         !exporter->abort)
-        return "an exporter lacks one of begin(), frame(), end() and abort()";
+        return "an exporter lacks begin(), end(), abort(), or both frame() and splats_4d()";
     return NULL;
 }
 

@@ -347,10 +347,10 @@ static spin_status find_by_probe(const struct spin_peek *peek, bool want_views,
         return peek->is_folder ? search_subfolders(peek, want_views, out, in)
                                : fail_unknown(peek, want_views);
     if (c.second && c.score - c.second_score < TIE)
-        return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "cannot recognise '%s': it may be '%s' or '%s'; choose one with %s",
-                         peek->path, c.best->name, c.second->name,
-                         want_views ? "--data-from" : "--from");
+        return spin_fail(
+            SPIN_E_NOT_RECOGNISED,
+            "cannot recognise '%s': importers '%s' and '%s' may read it: choose one with %s",
+            peek->path, c.best->name, c.second->name, want_views ? "--data-from" : "--from");
     *out = c.best;
     return SPIN_OK;
 }

@@ -141,10 +141,11 @@ static spin_status add_views(const struct reading *r, const struct spin_viewpoin
 
 static void add_note(const struct spin_viewpoints *p, struct spin_views *out)
 {
-    snprintf(out->notes, sizeof out->notes,
-             "the images are drawn from the clip itself, by %d cameras %s; %.1f %% of what moves "
-             "is visible to fewer than three of them\n",
-             p->n, p->room ? "inside a room" : "around the subject", 100 * p->few_moving);
+    snprintf(
+        out->notes, sizeof out->notes,
+        "the images are rendered from the clip itself, by %d cameras %s; %.1f %% of the dynamic "
+        "splats are visible to fewer than three cameras\n",
+        p->n, p->room ? "inside a room" : "around the subject", 100 * p->few_moving);
 }
 
 static spin_status read_views(const char *path, const struct spin_plugin_values *values,
@@ -158,7 +159,8 @@ static spin_status read_views(const char *path, const struct spin_plugin_values 
     SPIN_TRY(parse_options(values, &o));
     SPIN_TRY(spin_bundle_open(path, &r.bundle));
     if (SPIN_COL_ATTRIBUTES & ~r.bundle.meta.columns)
-        status = spin_unsupported("it contains points without opacities, which cannot be drawn");
+        status =
+            spin_unsupported("the clip contains points without opacities, which cannot be drawn");
     else
         status = spin_viewpoints_open(&o, r.bundle.meta.n_frames, read_frame, &r, &points);
     if (status == SPIN_OK)

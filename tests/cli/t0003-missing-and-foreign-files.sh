@@ -79,7 +79,7 @@ foreign "$work/empty" "is an empty folder: give the one that a method wrote"
 foreign "https://example.org/a.ply" "is a URL: download it first"
 foreign "$work/in/out/x*.ply" "is a pattern: give the folder, '$work/in/out'"
 for pair in "$work/a.zip=is a ZIP" "$work/film.mp4=is a video: give the folder" "$work/empty=is an empty folder: give the one with" \
-    "$work/pictures=is a folder of images without a known file of cameras" "https://example.org/a=is a URL" "$work/no*=is a pattern"; do
+    "$work/pictures=is a folder of images without a supported file of cameras" "https://example.org/a=is a URL" "$work/no*=is a pattern"; do
     run "$bin/spin-import" "$clip" --data "${pair%%=*}" -o "$work/new.spin"
     fails 1 spin-import "--data ${pair##*/}"
     err_has "'$(echo "${pair%%=*}" | sed 's/[*]/[*]/')': it ${pair#*=}" "--data: it ${pair#*=}"

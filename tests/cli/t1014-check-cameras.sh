@@ -65,7 +65,7 @@ ok $? "and drawn"
 variant twice 's/\[3, 7, 12, 19,/[7, 7, 7, 7,/g'
 run "$bin/spin-import" --check-cameras "$work/both" --data "$work/twice" "$clip" --json
 is "$code" 0 "a camera that is there more than once"
-err_has "^warning: '$work/twice/ims/[0-9]*/000008.jpg' and '$work/twice/ims/[0-9]*/000008.jpg' are both camera 7 of frame 0$" \
+err_has "^warning: '$work/twice/ims/[0-9]*/000008.jpg' and '$work/twice/ims/[0-9]*/000008.jpg' are both images of camera 7 in frame 0$" \
     "is a warning"
 ! grep -q "ims/\([0-9]*/\)000008.jpg' and '$work/twice/ims/\1" "$work/err"
 ok $? "that names two files"
@@ -78,7 +78,7 @@ is "$(grep -c '"file"' "$work/out")" "$(find "$work/both" -name '*.png' | wc -l)
 variant swapped 's/"w": 160, "h": 90/"w": 90, "h": 160/'
 run "$bin/spin-import" --data "$work/swapped" "$clip" -o "$work/swapped.spin"
 fails 1 spin-import "width and height swapped"
-err_has "camera 0: image '[^']*ims/0/000008.jpg' has 160 x 90 pixels, which is another shape than the camera's 90 x 160" \
+err_has "camera 0: image '[^']*ims/0/000008.jpg' has 160 x 90 pixels, which differ in aspect ratio from the camera's 90 x 160" \
     "camera, image and both sizes are named"
 nothing_at "$work/swapped.spin" "nothing was written"
 run "$bin/spin-import" --data "$clip" "$clip" -o "$work/clip.spin"

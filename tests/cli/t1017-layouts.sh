@@ -61,7 +61,7 @@ rm "$work"/alone/*.ply
 mkdir "$work/frames"
 cp -r "$work/alone" "$work/frames/frame000000"
 run "$bin/spin-import" "$work/alone" -o "$work/none.spin"
-err_has "is a data set (colmap) of 3 images, a still or a video of one camera, not a run" "nor is one of single images"
+err_has "is a data set (colmap) of 3 images, a static scene or the video of one camera, not a run" "nor is one of single images"
 run "$bin/spin4d" "$work/alone" -o "$work/none.html"
 is "$code $(grep -c 'is a data set (colmap) of 3 images' "$work/err")" "1 1" "spin4d says it once"
 run "$bin/spin4d" "$work/frames" -o "$work/none.html"

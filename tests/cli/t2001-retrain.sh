@@ -283,7 +283,7 @@ fails 2 spin-retrain "two cameras must be left"
 
 # A warning if an export uses another background than the training.
 run "$bin/spin-export" "$work/outer.spin" --to images --background white --range 0:1 -o "$work/over-white"
-err_has "^warning: the splats were trained over a different background: --background 0,0,0 draws over the same one\$" "images over white"
+err_has "^warning: the splats were trained over a different background: --background 0,0,0 draws over that of the training\$" "images over white"
 run "$bin/spin-export" "$work/outer.spin" --to images --background white --transparent --range 0:1 -o "$work/over-nothing"
 ! grep -q background "$work/err"
 ok $? "not for images with alpha"

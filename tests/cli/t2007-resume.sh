@@ -46,7 +46,7 @@ stopped() {
         fails 1 spin-export "a state without its clip"
     else
         is "$code $(ls "$work/as-it-was" | tr '\n' ' ')" "0 frame_00001.ply sequence.json " "the clip as it was is exported ($1)"
-        err_has "is the checkpoint of an unfinished training: reading the clip so far, '.*stopped.spin.part.spin'\$" "and called that"
+        err_has "is the checkpoint of an unfinished training: reading the clip that was saved with it, '.*stopped.spin.part.spin'\$" "and called that"
     fi
     run "$bin/spin-retrain" "$in" -o "$work/stopped.spin" $small $length --save-every 10
     fails 1 spin-retrain "an unfinished run without --resume ($1)"

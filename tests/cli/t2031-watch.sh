@@ -18,7 +18,7 @@ is "$(find "$work/page/pictures" -name '*.png' | wc -l)" 8 "a picture of each of
 sed -e 's/^show(//' -e 's/)$//' "$work/page/now.js" >"$work/out"
 is_json "now.js calls show() with JSON"
 for what in '"iteration": *40,' '"iterations": *40,' '"done": *true' 'iteration_0000040.png"' 'PSNR of the test views' \
-    'Loss, means over stretches'; do
+    'Loss, averaged over intervals of iterations'; do
     out_has "$what" "which has $what"
 done
 ! grep -q 'iteration_0000030' "$work/out"

@@ -50,7 +50,7 @@ ok $? "unless it is not wanted"
 
 # Frames: keyframes and deltas, and TSOG.
 run "$bin/spin-import" "$work/a.4dgs" -o "$work/frames.spin" --frames 5
-out_has "change the speed of the clip, which its sound does not follow" "the import of sampled frames says so"
+out_has "change the speed of the clip, but not that of its sound" "the import of sampled frames says so"
 run "$bin/spin-import" "$work/a.4dgs" -o "$work/all.spin" --frames 120
 ! grep -q "change the speed" "$work/out"
 ok $? "unless these are all frames"
@@ -79,7 +79,7 @@ file extract "$work/cut.4dgs" "$work/a.wav"
 is "$(file heard "$work/a.wav")" "2.5 s from 0.5" "the file of --sound begins with the bundle"
 run "$bin/spin-export" "$work/a.spin" -o "$work/mute.4dgs" --range 100:120
 is "$code" 0 "frames after the end of the sound"
-err_has "the sound 'tone' is silent during the exported frames" "are reported"
+err_has "the sound 'tone' does not play during the exported frames" "are reported"
 run "$bin/spin-export" "$work/a.spin" -o "$work/fast.4dgs" --fps 60
 err_has "speed of the clip from 30 to 60 frames per second: the output lacks the sound 'tone'" "another speed, too"
 

@@ -30,13 +30,13 @@ awk '{ after = before = 0
        for (i = 1; i < NF; i++) if ($(i + 1) ~ /^dB/) { if (!after) after = $i; else before = $i }
        exit !(after > before + 3) }' "$work/said"
 ok $? "the loss is reported: $(cat "$work/said")"
-grep -q "for the size of the training's images: opacities x 0\.[0-9]* on average" "$work/said"
+grep -q "for the size of the training's images: opacities are multiplied by 0\.[0-9]* on average" "$work/said"
 ok $? "with the size and the mean factor"
 
 # Small images need lower opacities, large ones hardly any change.
 factor() {
     run "$bin/spin-export" "$work/anti.spin" --to ply -o "$work/size" --force --bake-antialias "$1"
-    sed -n 's/.*opacities x \([0-9.]*\) on average.*/\1/p' "$work/err"
+    sed -n 's/.*opacities are multiplied by \([0-9.]*\) on average.*/\1/p' "$work/err"
 }
 small=$(factor 20x12) large=$(factor 8000x4500)
 awk -v s="$small" -v l="$large" 'BEGIN { exit !(s < 0.7 && l > 0.97 && l <= 1) }'

@@ -261,7 +261,7 @@ warns "a camera with all points behind it" \
     "'$work/behind/sparse/0': all points are behind the camera of image '$second': its pose may be wrong, \
 or in OpenGL's axes" \
     "the data set has one image per frame, each of another camera position: this is right for the video of one moving \
-camera; if its 9 images were taken at the same time, put them into a folder for each frame (see colmap in spin-importers(7))"
+camera; if the 9 images were taken at the same time, put them into a folder for each frame (see colmap in spin-importers(7))"
 
 with renamed
 warns "folders of other names" "'$work/renamed/images': the folders of frames are not named like the cameras of the model: \
@@ -340,7 +340,7 @@ first=$(find "$work/small/ims/0" -type f | sort | head -n 1)
 cp "$work/eighty/cam_00_frame_00000.png" "$first"
 run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q
 warns "a picture that is smaller than its camera" "the images of 1 of 8 cameras are smaller than their cameras and are enlarged, \
-such as 80 x 45 for 160 x 90 pixels of camera 0: use a smaller --scale to avoid that"
+such as 80 x 45 instead of 160 x 90 pixels for camera 0: use a smaller --scale to avoid that"
 run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q --scale 0.5
 warns "at the size that it has"
 
@@ -350,7 +350,7 @@ export_to() { run "$bin/spin-export" "$1" --to "$2" -o "$work/$2" --force --devi
 for to in splat gltf usd; do
     export_to "$work/out.spin" $to
     warns "antialiased splats as $to" \
-        "these splats were trained with antialiasing, which viewers cannot learn from '$to' files: enable it in the viewer, or bake it with --bake-antialias"
+        "these splats were trained with antialiasing, which '$to' files do not record: enable it in the viewer, or bake it with --bake-antialias"
 done
 export_to "$work/out.spin" ply
 warns "antialiased splats as ply"

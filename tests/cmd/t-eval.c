@@ -167,7 +167,8 @@ static void test_pictures(void)
        "not over the same, nor of the source");
     ok(shell("%s/spin-export %s/net.spin -o %s/bg.html --background white", bin, folder, folder) ==
                0 &&
-           strstr(said, "a different background: --background 0,0,0 draws over the same one"),
+           strstr(said,
+                  "a different background: --background 0,0,0 draws over that of the training"),
        "spin-export says it, too");
     ok(shell("for of in '--to images -o %s/bg1 --background none' '--to images -o %s/bg2' '--to "
              "ply -o %s/bg3 --background white' '--to images -o %s/bg4 --source --background "

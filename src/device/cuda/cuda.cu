@@ -282,12 +282,12 @@ spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before)
         return fail(
             SPIN_E_MEMORY,
             "cannot render a view: %llu pairs of splats and tiles exceed the limit of %llu: "
-            "the splats or the image are too large",
+            "render a smaller image, or remove splats that are very large",
             (unsigned long long)pairs, (unsigned long long)SPIN_MAX_PAIRS);
     if (before + pairs > UINT32_MAX)
         return fail(SPIN_E_MEMORY,
                     "cannot render this many views at once: %llu pairs of splats and tiles exceed "
-                    "2^32",
+                    "2^32: render fewer at once",
                     (unsigned long long)(before + pairs));
     return SPIN_OK;
 }
