@@ -45,7 +45,7 @@ struct export
     struct spin_pattern pattern; /* names of the files; text NULL: spin_image_name() */
     int start;                   /* number of the first image; -1: the clip's numbers */
     bool clamps;
-    uint64_t n_bright; /* number of pixels brighter than a display, without --clamp */
+    uint64_t n_bright; /* number of pixels brighter than white; not counted with --clamp */
     float brightest;   /* largest colour value of these pixels; 1 is white */
     enum which which;
     int n_unseen; /* number of frames without a view that --views selects */
@@ -123,8 +123,8 @@ static spin_status path_of(const struct export *x, int number, char *name, char 
     return spin_path_join(x->folder.path, name, path);
 }
 
-/* Renders an image and writes it to path_of(). number: number of the frame, or of the image on the
- * camera path. */
+/* Renders an image and writes it to path_of(). `number` is the number of the frame or, on a camera
+ * path, that of the image. */
 static spin_status export_picture(struct export *x, char *name, int number, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)

@@ -13,8 +13,8 @@
  *
  * STG-lite, a PLY with motion_0..2 for SuperSplat-4D and OpenSplat4D: paths are linear. Time is in
  * seconds from the first frame. Each viewer reads properties of its own for time: trbf_scale of
- * SuperSplat-4D is the logarithm of sigma times the root of 2, since its window has no factor 1/2;
- * scale_t of OpenSplat4D is the logarithm of sigma. */
+ * SuperSplat-4D is log(sqrt(2) sigma), since its window has no factor 1/2; scale_t of OpenSplat4D
+ * is log(sigma). */
 #include "base/base.h"
 #include "exporters/lib/time_windows_check.h"
 #include "formats/gs_ply.h"
@@ -34,7 +34,8 @@ struct layout {
     const char *importer; /* the importer that reads the format */
     int degree;           /* highest degree of a path */
     bool seconds;         /* unit of time in the file; true: seconds, false: clip lengths */
-    bool cov2d; /* the format stores two factors of the screen-space covariance, and pads SH */
+    bool cov2d; /* the format stores two factors of the screen-space covariance; SH are padded to
+                   degree 3 */
     double most_seconds; /* the largest sigma to write; 0: MOST_SIGMA clip lengths */
     void (*print_header)(struct export *x);
     /* Converts row i. All floats of `to` are 0 before the call. */

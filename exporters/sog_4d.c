@@ -48,8 +48,8 @@ struct export
 {
     const struct spin_export_job *job;
     const struct container *kind;
-    /* if `frames`: a copy of the job, in which splats_4d contains the rows of all frames, and a
-     * frame's time is its index */
+    /* If `frames`: a copy of the job in which splats_4d contains the rows of all frames, and the
+     * time of a frame is its index. */
     struct spin_export_job own;
     bool frames;     /* true: the clip consists of frames, not of 4D splats */
     double *places;  /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
@@ -66,7 +66,7 @@ struct export
     double fade_lost; /* largest error of an opacity that the quantisation of times and sigmas
                          causes */
     struct spin_out out;
-    struct spin_sound sound; /* without data if there is none */
+    struct spin_sound sound; /* sound.data is NULL if there is none */
     unsigned char *samples;  /* memory of `sound`, or NULL */
 
     /* In the following arrays, rows are in the order of the file. */
@@ -560,8 +560,8 @@ static void print_still(FILE *to, const struct export *x)
     print_files(to, x, SPIN_4D_CENTROIDS, 2);
 }
 
-/* Prints the sound. TSOG has no members for its start and its name, so they are stored in an
- * extension of spin4d. */
+/* Prints the sound. TSOG has no members for the start and the name of a sound, so these are stored
+ * in an extension of spin4d. */
 static void print_sound(FILE *to, const struct spin_sound *s)
 {
     fprintf(to, ",\"audio\":{\"file\":\"sound%s\",\"mimeType\":\"%s\",\"volume\":%.9g,",
@@ -937,7 +937,7 @@ static spin_status write_all(struct export *x)
     return x->job->check ? check_file(x) : SPIN_OK;
 }
 
-/* In TSOG, a sound starts with the clip. A WAV file that starts later therefore gets silence at its
+/* In TSOG, a sound starts with the clip. A WAV file is therefore padded with silence or cut at its
  * beginning. */
 static spin_status choose_sound(struct export *x, const struct spin_sound *s)
 {

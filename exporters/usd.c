@@ -165,8 +165,8 @@ static spin_status write_still(struct spin_usd_export *x)
     return spin_out_commit(&out);
 }
 
-/* Returns the number of decimal places that resolve a millionth of the diagonal of this bounding
- * box. */
+/* Returns the number of decimal places that resolve a millionth of the diagonal of the bounding box
+ * e: its minimum, then its maximum. */
 static int decimals_of(const float e[6])
 {
     double square = 0, step;
@@ -226,7 +226,7 @@ static uint64_t usd_bytes(const void *self, size_t n)
 
 /* ---- The stage ------------------------------------------------------------------------------- */
 
-/* Declares the attributes whose values the clips provide. */
+/* Declares the attributes whose values come from the value clips. */
 static void print_attributes(const struct spin_usd_export *x, FILE *to)
 {
     fprintf(to, "    float3[] extent\n");

@@ -1,6 +1,6 @@
-/* Renders the clip to a video: MP4 or WebM, as the output's extension says. The camera is one of
- * the data set's or moves while the clip plays. An image may consist of several panels side by
- * side. */
+/* Renders the clip to a video: MP4 or WebM, depending on the extension of the output. The camera is
+ * one of the data set's or moves while the clip plays. An image may consist of several panels side
+ * by side. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
@@ -52,8 +52,8 @@ static spin_status choose_camera(struct export *x)
     return SPIN_OK;
 }
 
-/* Returns the sound of the video, or NULL and a warning if the video does not have the speed of the
- * clip. */
+/* Returns the sound of the video. If the video does not play at the speed of the clip, warns and
+ * returns NULL. */
 static const struct spin_sound *sound_of(const struct spin_camera_path *d)
 {
     const struct spin_export_job *job = d->job;
