@@ -82,9 +82,8 @@ static double steepest(const struct spin_page_rows *r)
 
 void spin_page_rows_begin(struct spin_page_rows *r)
 {
-    /* Lebesgue constants of interpolation at evenly spaced nodes, indexed by the degree: the
-     * largest error between the nodes, divided by the largest error at the nodes, cannot exceed
-     * this. */
+    /* Lebesgue constants of interpolation at evenly spaced nodes, indexed by the degree: upper
+     * limits of the largest error between the nodes, divided by the largest error at the nodes. */
     static const double lebesgue[] = {1, 1, 1.25, 1.64};
     const struct spin_splats_4d *s = r->splats;
     const struct spin_page_bounds *b = &r->space.bounds;
@@ -300,9 +299,9 @@ static bool quantise_side(const struct spin_page_rows *r, const int32_t *extra, 
     return quantise(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
 }
 
-/* Codes the window of a piece and sets *opacity to the opacity that the window is multiplied with.
- * If the product hardly varies within the piece, *opacity is a constant value of this product and
- * no window is coded. */
+/* Codes the window of a piece and sets *opacity to the opacity by which the window is multiplied.
+ * If the product of both hardly varies within the piece, sets *opacity to the middle of its range
+ * and codes no window. */
 static bool number_window(const struct spin_page_rows *r, const struct piece *p, int32_t *key,
                           double *opacity)
 {

@@ -55,8 +55,9 @@ bool spin_page_rows_can(const double *times, int n_frames, double *step);
 /* Chooses the quantisation steps and the columns. */
 void spin_page_rows_begin(struct spin_page_rows *r);
 /* Writes the rows that the filter keeps. The filter's frame must be that of spin_splats_of_4d().
- * The first block contains the rows that are visible for long; the others are in order of time.
- * Each block is decoded and compared with the bounds before it is passed to the sink. */
+ * The first block contains the rows that are visible for more than two key intervals; the other
+ * blocks are in order of time. Each block is decoded and compared with the bounds before it is
+ * passed to the sink. */
 spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_rows *rows,
                                  spin_page_rows_sink sink, void *context);
 /* Returns the parameters that the page needs to decode the rows. */

@@ -55,7 +55,8 @@ enum { SPIN_PAGE_WIDTH = SPIN_PAGE_COLUMNS + 1, SPIN_PAGE_VALUE_SH = SPIN_PAGE_S
 bool spin_page_number_row(const struct spin_page_space *space, const float *const *value,
                           const uint8_t *present, int n_frames, int n_sh, int32_t *key,
                           int32_t *number, size_t pitch);
-/* Quantises a row that exists in one frame only: key[columns] in whole steps. */
+/* Quantises a row that exists in one frame only: writes key[columns], in whole steps. Returns false
+ * if a number is too large. */
 bool spin_page_number_own(const struct spin_page_space *space, const float *value, int n_sh,
                           int32_t *key);
 /* Convert a rotation vector to a quaternion w x y z, and a quaternion to the shorter of its two

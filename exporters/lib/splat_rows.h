@@ -89,8 +89,8 @@ spin_status spin_splat_rows_parse_rotate(const char *text, double q[4]);
  * after a failure. */
 spin_status spin_splat_rows_begin(struct spin_splat_rows *rows, const struct spin_export_job *job,
                                   const double *axes);
-/* Parses the value of --sh and sets *out to the SH degree to write. kept: the degree of the splats,
- * which the value "keep" stands for; -1: the splats have no SH. */
+/* Parses the value of --sh and sets *out to the SH degree to write. `kept` is the degree of the
+ * splats, which the value "keep" selects, or -1 if they have no SH. */
 spin_status spin_splat_rows_parse_sh(const char *text, int kept, int *out);
 /* For 4D splats: computes, for the job's report, how many of the kept rows are visible in a frame
  * on average. from: for each row, the row of job->splats_4d that it was made from; NULL: the

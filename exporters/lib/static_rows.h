@@ -45,7 +45,8 @@ spin_status spin_static_rows_find(struct spin_static_rows *still, struct spin_sp
  * the frame has changed since it was first read. */
 spin_status spin_static_rows_leave_out(struct spin_static_rows *still, struct spin_splat_rows *rows,
                                        int number);
-/* Call it in the first frame, after spin_static_rows_leave_out(): keeps only the static rows. */
+/* Keeps only the static rows. To be called in the first frame, after spin_static_rows_leave_out().
+ */
 void spin_static_rows_only(const struct spin_static_rows *still, struct spin_splat_rows *rows);
 /* Sets *order to a list of all kept rows of a frame: first the dynamic rows, then the static rows
  * in the order of the first frame. */

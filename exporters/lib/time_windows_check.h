@@ -17,6 +17,6 @@ struct spin_time_windows_check {
                        not quantised */
 };
 
-/* Fills job->report->check with the largest errors over all frames of the job. SPIN_E_IO if the
- * file does not contain what was written. */
+/* Fills job->report->check with the largest errors over all frames of the job. Returns SPIN_E_IO if
+ * the file does not contain the values that were written. */
 spin_status spin_time_windows_check(const struct spin_time_windows_check *of);

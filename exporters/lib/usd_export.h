@@ -77,13 +77,13 @@ const char *spin_usd_type_of(const struct spin_usd_export *x, enum spin_usd_colu
 const char *spin_usd_name_of(const struct spin_usd_export *x, enum spin_usd_column a);
 uint32_t spin_usd_half_bits(float h);
 
-/* Sets `out` to the values of the current attribute of row i as readers will get them, adds their
+/* Sets `out` to the values of the current attribute of row i as readers decode them, adds their
  * rounding errors to quant, and returns the number of values. Sets *group to the number of values
  * in a tuple. Quaternions are w x y z. */
 size_t spin_usd_row(const struct spin_usd_export *x, size_t i, float out[SPIN_USD_FLOATS],
                     size_t *group, struct spin_quant_error *quant);
-/* Sets extent to the bounding box of the ellipsoids of all kept splats; the radii of an ellipsoid
- * are three standard deviations. */
+/* Sets extent to the bounding box of the ellipsoids of all kept splats: the minimum, then the
+ * maximum. The radii of an ellipsoid are three standard deviations. */
 void spin_usd_extent(const struct spin_usd_export *x, float extent[6]);
 /* Returns a hash of one attribute of all rows of the frame and of the choice of rows to keep. */
 uint64_t spin_usd_hash(const struct spin_usd_export *x, enum spin_usd_column a);

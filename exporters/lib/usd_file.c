@@ -50,7 +50,8 @@ static size_t row_items(const struct spin_usd_export *x, enum spin_usd_column a)
     return a == SPIN_USD_SH ? (size_t)spin_sh_count(x->frames.rows.sh_degree) : 1;
 }
 
-/* Writes an attribute of the current frame, and sets *out to the word that represents its array. */
+/* Writes an attribute of the current frame, and sets *out to the value with which fields of the
+ * crate refer to its array. */
 static spin_status write_array(struct spin_usd_export *x, enum spin_usd_column a, uint64_t *out)
 {
     size_t n = x->frames.rows.n_kept, items = row_items(x, a), bytes;

@@ -16,9 +16,9 @@ A frame has the inputs of gsplat's rasterization(): means [n,3]; quats [n,4], un
 scales [n,3], standard deviations; opacities [n], 0 to 1; sh [n,k,3], k = (degree + 1)^2.
 frame(i, torch=True) returns tensors. The file format is described in spin-bundle(5).
 
-Of a scene far from 0, frame() returns means, and views() poses, in the coordinates of the source,
-as float64. To render such a scene in float32, pass relative=True to both: they are then relative to
-clip.shift, as they are stored.
+If the scene is far from 0, frame() returns means and views() returns poses as float64, in the
+coordinates of the source. To render such a scene in float32, pass relative=True to both functions:
+means and poses are then relative to clip.shift, as they are stored.
 
 A file that cannot be opened raises OSError. A file that is not a bundle, is damaged, or lacks what
 is requested raises ValueError, whose text begins with the path. A frame beyond the clip raises
@@ -43,8 +43,8 @@ import numpy as np
 Frame = collections.namedtuple("Frame", "means quats scales opacities sh")
 NO_TRACK = 0xFFFFFFFF
 PRIMES = np.array([1, 2654435761, 805459861, 3674653429], np.uint32)
-# The exceptions that NumPy, zipfile and json raise for damaged files. NumPy parses headers of
-# arrays as Python.
+# The exceptions that NumPy, zipfile and json raise for damaged files. NumPy parses the headers of
+# arrays as Python code, which can raise SyntaxError and TokenError.
 DAMAGE = (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, RuntimeError, SyntaxError,
           tokenize.TokenError, zipfile.BadZipFile, zlib.error, struct.error)
 
@@ -192,8 +192,8 @@ class Clip:
                set, "log_gain" and "offset", each of r, g and b; empty without --learn-exposure
     data       the data set's folder, or None
     versions   versions that frame() can return, the default first: "retrained", "frames", "source"
-    splats_4d  metadata of the source's 4D splats, which slice() returns at any time; None: the
-               source is frames
+    splats_4d  metadata of the source's 4D splats, which slice() evaluates at any time; None if the
+               source consists of frames
     shift      [3], added to all stored positions; zeros unless the scene is far from 0
     meta       meta.json
     """
@@ -405,7 +405,7 @@ class Clip:
 
     def _modernise(self):
         """Converts the metadata of versions 1 to 3, in which "trained" was called "network" and
-        held the field's parameters directly."""
+        contained the field's parameters directly."""
         net = self.meta.pop("network")
         self._was = "network/"
         self.meta["trained"] = {**net, "field": None if net.get("explicit") else net}
@@ -452,8 +452,9 @@ class Clip:
         return means, scale, rotation, sh.reshape(len(sh), 16, 3)[:, :k], logit[:, 0]
 
     def _own_values(self, index):
-        """Returns the positions of a frame, and the values that are added to those of the field, or
-        None if there are none. With tracks, both are sums of the frame's and the tracks' values."""
+        """Returns the positions of a frame and its residuals, which are added to the values of the
+        field; None if there are no residuals. With tracks, positions and residuals are sums of the
+        frame's and the tracks' values."""
         tracks = self._trained.get("tracks")
         means, residual = (f"trained/{name}/{index:05d}" for name in ("means", "residual"))
         if not tracks:
