@@ -358,7 +358,7 @@ SPIN_OWN_EXPORTER(ftgs, "ftgs", prepare_ftgs, write_file, free_export,
                   .options = ftgs_options, .checks = true, .splats_4d = true);
 
 SPIN_OWN_EXPORTER(sogst_ply, "sogst-ply", prepare_sogst, write_file, free_export,
-                  .summary = "4D splats as the PLY that encoders of .sogst take, without loss",
+                  .summary = "4D splats as the PLY that encoders of .sogst read, without loss",
                   .options = seconds_options, .checks = true, .splats_4d = true);
 
 SPIN_OWN_EXPORTER(stglite, "stglite", prepare_stglite, write_file, free_export,

@@ -945,8 +945,8 @@ static spin_status choose_sound(struct export *x, const struct spin_sound *s)
         return SPIN_OK;
     SPIN_TRY(spin_sound_align(s, &x->sound, &x->samples));
     if (x->sound.start != 0)
-        spin_warn("players other than spin4d start the sound '%s' %.3g s %s, since TSOG has no "
-                  "word for its start: use a WAV file, which is cut",
+        spin_warn("players other than spin4d start the sound '%s' %.3g s %s, since TSOG cannot "
+                  "store its start: use a WAV file, which spin-export shifts",
                   s->name, fabs(s->start), s->start < 0 ? "late" : "early");
     if (s->gain > 1)
         spin_warn("TSOG stores a volume of at most 1: the sound '%s', whose gain is %.3g, is "

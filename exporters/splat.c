@@ -88,10 +88,10 @@ static const struct spin_frames_format format = {
 static spin_status splat_begin(const struct spin_export_job *job, void **self)
 {
     if (job->sh_degree > 0)
-        spin_log(0, "splat cannot store view-dependent colours: SH above degree 0 is dropped");
+        spin_log(0, ".splat cannot store view-dependent colours: SH above degree 0 are dropped");
     return spin_frames_begin(&format, job, self);
 }
 
 SPIN_EXPORTER(splat, "splat", SPIN_FRAMES_FUNCTIONS,
-              .summary = "a folder with one .splat per frame: 32 bytes a Gaussian, no SH",
+              .summary = "a folder with one .splat per frame: 32 bytes per Gaussian, no SH",
               .options = options, .checks = true, .begin = splat_begin);

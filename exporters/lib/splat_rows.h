@@ -49,7 +49,8 @@
 #define SPIN_ROWS_OPTION_SH                                                                        \
     {                                                                                              \
         "sh", "DEGREE",                                                                            \
-            "SH degree to write, 0 to 3, filled up with zeros; keep: that of the bundle", "keep"   \
+            "SH degree to write, 0 to 3, padded with zeros; keep: the degree of the bundle",       \
+            "keep"                                                                                 \
     }
 #define SPIN_ROWS_OPTIONS                                                                          \
     {"up", "AXIS",                                                                                 \

@@ -143,7 +143,7 @@ fi
 
 run "$bin/spin-import" fixtures/3dgstream -o "$work/one.spin" --range 0:1
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one"
-err_has "SH above degree 0 is dropped" "splat: SH of degree 1 is left out, and it is said"
+err_has "SH above degree 0 are dropped" "splat: SH of degree 1 is left out, and it is said"
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one-checked" --check
 rows=$(sed -n 's/^read back: 1 frame, \([0-9]*\) splats.*/\1/p' "$work/out")
 out_has "lost in $rows of $rows splats, which splat does not store" "--check: of how many splats it is lost"
