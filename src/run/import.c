@@ -651,7 +651,7 @@ static spin_status check_scales(const struct import *im, int i, const struct spi
     if (n == 0)
         return SPIN_OK;
     return spin_malformed("cannot read '%s': frame %d: the scale of row %zu, exp(%g), overflows "
-                          "a float, as one of %zu such scales: remove these splats from the file",
+                          "a float (number of such scales: %zu): remove these splats from the file",
                           im->input, im->meta.frame[i].number, first / 3,
                           (double)s->log_scales[first], n);
 }
