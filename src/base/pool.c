@@ -44,7 +44,7 @@ struct spin_pool {
     void *context;
     int n_tasks;
 
-    /* Number of the job << 32 | number of its tasks not taken yet. */
+    /* (number of the job) << 32 | (number of its tasks that no thread has taken yet) */
     _Alignas(64) atomic_uint_least64_t word;
     _Alignas(64) atomic_int pending;  /* number of unfinished tasks of the job */
     _Alignas(64) atomic_int sleepers; /* number of workers that wait on `work` */

@@ -25,5 +25,6 @@ void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *c
  * first, end) processes rows first..end-1. */
 typedef void (*spin_rows_fn)(void *context, size_t first, size_t end);
 void spin_pool_rows(struct spin_pool *pool, size_t n, size_t piece, spin_rows_fn fn, void *context);
-/* Returns the index of the calling thread in the pool, 0..n_threads-1. Call this only within fn. */
+/* Returns the index of the calling thread in the pool, 0..n_threads-1. Call this only within a
+ * task. */
 int spin_pool_worker(void);

@@ -110,7 +110,7 @@ struct spin_args_command {
     const char *plugin_selector; /* option that chooses a plug-in, such as "from" */
     bool lists_exporters;        /* true: --help lists the exporters */
     bool takes_many;             /* true: the command accepts more than one positional argument */
-    /* Hint that the error about a second positional argument contains, or NULL. */
+    /* Hint in the error message about a second positional argument, or NULL. */
     const char *several;
     /* Completions of the first positional argument, NULL-terminated, or NULL. */
     const char *const *words;

@@ -35,7 +35,7 @@ static bool parse_grid(const struct spin_args_row *row, const char *text)
 
 #define SPIN_ARG_GRID SPIN_ARG_CUSTOM, .parse = parse_grid
 
-/* Rows of options.def; the default is appended to the help text. */
+/* Macros that convert the rows of options.def to options. The help texts end with the default. */
 #define HEADING(text) SPIN_ARG_HEADING(text),
 #define UNSET ""
 #define ALL(...) " (" #__VA_ARGS__ ")"

@@ -26,8 +26,8 @@ typedef void (*spin_kd_visit)(void *context, uint32_t point);
 void spin_kd_tree_within(const struct spin_kd_tree *tree, const float at[3], float reach,
                          spin_kd_visit visit, void *context);
 
-/* Signed distance of the point `at` from the splitting plane of the node whose median is at
- * position `place` of the order: positive on the side of larger coordinates. */
+/* Returns the signed distance of the point `at` from the splitting plane of the node whose median
+ * is order[place]. It is positive on the side of larger coordinates. */
 static inline float spin_kd_gap(const struct spin_kd_tree *t, size_t place, const float at[3])
 {
     return at[t->axis[place]] - t->points[(size_t)t->order[place] * 3 + t->axis[place]];

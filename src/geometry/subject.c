@@ -8,8 +8,8 @@
 #define LEAST_SHARE 0.3f
 
 enum {
-    STARTS = 30,  /* starts of the search for the densest ball */
-    SHIFTS = 12,  /* mean-shift steps from each start */
+    STARTS = 30,  /* number of starting points of the search for the densest ball */
+    SHIFTS = 12,  /* mean-shift steps from each starting point */
     FEW = 20,     /* a clip with fewer dynamic splats is treated as static */
     MOST = 40000, /* largest number of splats that the search examines */
     SAMPLES = 60, /* sample points along a ray */

@@ -12,19 +12,19 @@
 #define MOST_DISTANCE                                                                              \
     5.0 /* largest distance, in radii of the subject: the scene may be unbounded */
 enum {
-    DIRECTIONS = 200, /* directions that decide whether the scene is a room */
+    DIRECTIONS = 200, /* number of rays that decide whether the scene is a room */
     TRIES = 8,        /* largest number of steps inwards to find a free view */
     ACROSS = 16,      /* columns and rows of the grid of rays that probes a view */
     DOWN = 9,
     SAMPLES = 40,     /* sample points along each of these rays */
     MOST_PLACES = 60, /* directions to try per camera before the search ends */
-    TARGETS = 400,    /* number of targets in the subject, and in the whole scene */
-    DRAWS = 4000,     /* largest number of random draws to find that many targets */
+    TARGETS = 400,    /* number of targets in the subject, and again in the whole scene */
+    DRAWS = 4000,     /* largest number of random draws to find TARGETS targets */
     AIMS = 13,        /* number of points among which each camera chooses its target */
     LEAST_CAMERAS = 8,
     AZIMUTHS = 24, /* positions on a circle */
 };
-/* Independent streams of random numbers. */
+/* Numbers of independent random streams. */
 enum { NEAR_CENTRE = 2, DISTANCE, AIM, SUBJECT, REST };
 
 struct target {
@@ -195,7 +195,7 @@ static void find_room(struct placing *p)
     p->far = fmin(p->far, wall[first + n_far / 2]);
 }
 
-/* ---- Places ---------------------------------------------------------------------------------- */
+/* ---- Camera positions ------------------------------------------------------------------------ */
 
 /* Returns whether splats absorb at least 30 % of a ray from the eye. */
 static bool is_covered(const struct placing *p, const double eye[3], const double ray[3],

@@ -31,10 +31,11 @@ struct spin_voxels {
     size_t n_splats, capacity;
     /* [n] opaque area in each sampled frame, blurred over 3 x 3 x 3 cells */
     float *mass[SPIN_VOXEL_FRAMES];
-    float *mean;      /* [n] mean of `mass` over the frames */
-    float *colour[4]; /* [n] mean colour, and mean of its squared length, weighted by mass */
-    float *opacity;   /* [n] mean extinction per unit of length over the frames, not blurred */
-    float *walls;     /* [n] extinction by static parts, which most frames contain, blurred */
+    float *mean; /* [n] mean of `mass` over the frames */
+    /* [n] 0..2: mean colour; 3: mean of the squared length of the colour; weighted by `mass` */
+    float *colour[4];
+    float *opacity; /* [n] mean extinction per unit of length over the frames, not blurred */
+    float *walls;   /* [n] extinction by static parts, which most frames contain, blurred */
 };
 
 /* Reads up to SPIN_VOXEL_FRAMES of n_frames frames. Fails with SPIN_E_UNSUPPORTED if they have no

@@ -22,7 +22,7 @@ spin_status spin_map_check(const struct spin_map *map);
  * and are mapped again on access, so that large files can be read in little memory. Bytes outside
  * the map are ignored. */
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
-/* The same without the check: the caller ensures that the bytes belong to a map. */
+/* The same without checking whether the bytes belong to a map, which the caller must ensure. */
 void spin_map_release(const void *bytes, size_t n);
 /* Returns the CRC-32 of n bytes, as zip and gzip define it. crc: the CRC-32 of all bytes that
  * precede them, or 0 if there are none. */

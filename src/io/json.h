@@ -36,8 +36,8 @@ void spin_json_rename(spin_json *object, const char *from, const char *to);
  * when this thread created one of the values. */
 char *spin_json_text(const spin_json *j, bool indent);
 
-/* *text receives a finished report as indented text, allocated. The document is freed, also after a
- * failure. */
+/* Sets *text to the document as indented text, which the caller frees. Frees the document, also
+ * after a failure. */
 spin_status spin_json_finish(spin_json *document, char **text);
 
 /* Look up a member or item, or read a value or its type. These functions return NULL, 0 or false if

@@ -32,9 +32,9 @@ struct field {
 struct reader {
     const struct spin_numbering *names;
     struct spin_name_parts *parts; /* [n] */
-    struct field *field;           /* [n_fields] without the numbers in hashes */
+    struct field *field;           /* [n_fields] the numbers of the names, except those in hashes */
     size_t n_fields;
-    bool hashes; /* some word of the names is a hash */
+    bool hashes; /* true: the names contain a hash */
     struct spin_numbers *out;
 };
 
@@ -128,8 +128,9 @@ static bool word_shape(const struct spin_name_parts *parts, size_t j, char shape
     return hex;
 }
 
-/* Whether word j is a hash: in all names it is hexadecimal, and its shape differs between names. A
- * single name has a hash if its shape alternates several times. */
+/* Returns whether word j is a hash. It must be hexadecimal in all names, and contain a digit in at
+ * least one. If there are several names, its letters or their positions must differ between names;
+ * in a single name, it must consist of at least four letters and runs of digits. */
 static bool is_hash_word(const struct reader *r, size_t j)
 {
     char first[64], shape[64];
@@ -245,8 +246,8 @@ static void use_decimals(struct reader *r, size_t index)
 
 static uint64_t gcd(uint64_t a, uint64_t b) { return b ? gcd(b, a % b) : a; }
 
-/* Returns a number in units of 1e-6 if the field is decimal, and of 1 if not. 2^62 is added, so
- * that negative numbers stay in order. */
+/* Returns the value of a number as an integer, in units of 1e-6 if the field is decimal. 2^62 is
+ * added so that negative numbers sort correctly. */
 static uint64_t ticks_of(const struct spin_name_value *v, bool decimal)
 {
     uint64_t size = v->part[1] % UINT64_C(1000000000000);
@@ -450,10 +451,10 @@ static bool same_values(const struct reader *r, const struct field *a, const str
     return true;
 }
 
-/* Whether number a, which is irregular, may still be the frame number although number b is regular:
- * in "x1_y1, x2_y2, x3_y9", the second number may count the frames of a sequence with gaps. This
- * excludes counts of splats, which begin at 1000 or above, rounded times, and numbers that order
- * the names differently than b. */
+/* Returns whether the irregular number a may be the frame number although number b is regular. For
+ * example, in "x1_y1, x2_y2, x3_y9", the second number may count the frames of a sequence with
+ * gaps. Numbers that begin at 1000 or above (counts of splats), rounded times, and numbers that
+ * order the names differently than b are excluded. */
 static bool may_count(const struct reader *r, const struct field *a, const struct field *b)
 {
     const struct spin_name_value *first = value_of(r, a->order[0], a->index);

@@ -471,9 +471,9 @@ enum global {
     G_ENCODE,
     G_LOAD_FROM_BYTES,
     G_OBJECT,
-    /* The following are accepted only in a model that was saved as an object, from the class of the
-       model on: this class; the classes of its parts, whose states are read as data; constants; and
-       set(). */
+    /* The following are accepted only if the model was saved as an object, and only after its class
+       was loaded: this class, the classes of its parts, whose states are read as data, constants,
+       and set(). */
     G_MODEL,
     G_PART,
     G_CONSTANT,
@@ -899,7 +899,7 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
         return push_int(m, integer);
     if (t.kind == 'b')
         return push_constant(m, integer ? &m->yes : &m->no, SPIN_VALUE_BOOL, integer != 0);
-    /* spin_value_number() reads a tensor of one element, of any float type. */
+    /* Let spin_value_number() convert the float, which may be of any type, as a tensor. */
     SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     node->v.tensor = t;
     spin_value_number(&node->v, &number);

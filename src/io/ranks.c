@@ -13,7 +13,7 @@ enum { TEXT = 1000 };
 static const double patience_s = 5;
 
 struct notice {
-    int status, heard; /* heard: the sender itself failed only because of a notice */
+    int status, heard; /* heard: 1 if the sender failed only because another rank had failed */
     char text[TEXT];
 };
 

@@ -35,6 +35,6 @@ spin_status spin_ranks_agree(spin_status status);
  * failure to all of them. Always true for a single rank. */
 bool spin_ranks_agreed(void);
 
-/* *bytes receives how many bytes this rank has sent, and *seconds how long it spent in the
- * functions above. */
+/* Sets *bytes to the number of bytes that this rank has sent, and *seconds to the time that it has
+ * spent in the functions above. */
 void spin_ranks_spent(uint64_t *bytes, double *seconds);

@@ -27,12 +27,12 @@ static bool has_at(const unsigned char *data, size_t size, size_t at, const char
 
 /* ---- WAV ------------------------------------------------------------------------------------- */
 
-/* The chunks of a WAV file that locate its samples. */
+/* Position and layout of the samples in a WAV file. */
 struct wav {
     size_t data, n_data; /* offset and size of the samples */
     /* bytes per sample of all channels; samples per second; bits per sample */
     uint32_t block, rate, depth;
-    uint32_t coding; /* 1: integers, 3: floats, 0xfffe: given in a longer header */
+    uint32_t coding; /* 1: integers; 3: floats; 0xfffe: see the extension of the header */
 };
 
 static bool find_samples(const unsigned char *data, size_t size, struct wav *out)

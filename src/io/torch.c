@@ -130,8 +130,8 @@ static bool has_crc(const struct spin_torch_file *f, const char *name)
     return member && spin_zip_read(&f->zip, member, true, PICKLE_LIMIT, &data, &owned) == SPIN_OK;
 }
 
-/* Read a member's bytes. A CRC mismatch is an error, unless no CRC in the file matches: torch can
- * be told not to compute CRCs, so the mismatch then only causes a warning. */
+/* Read a member's bytes. A CRC mismatch is an error if the CRC of another member matches. Otherwise
+ * it is only a warning, since torch can be told not to compute CRCs. */
 static spin_status read_member(struct spin_torch_file *f, const struct spin_zip_member *member,
                                uint64_t limit, const unsigned char **data, void **owned)
 {

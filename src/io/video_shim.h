@@ -40,7 +40,8 @@ struct spin_video_writer;
 struct spin_video_sound {
     const uint8_t *data;
     size_t size;
-    /* time of the video in seconds at which the sound starts; if negative, that much is cut off */
+    /* time of the video in seconds at which the sound starts; -t: the first t seconds of the sound
+     * are cut off */
     double start;
     double gain; /* factor of the amplitude */
 };

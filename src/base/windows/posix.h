@@ -170,7 +170,7 @@ int sigaction(int number, const struct sigaction *in, struct sigaction *none);
 #define sigdelset(set, number) ((void)(set))
 #define pthread_sigmask(how, set, old) ((void)(set), (void)(old))
 #define signal posix_signal
-/* Does nothing, and returns SIG_DFL. Signals other than these three do not occur. */
+/* Does nothing, and returns SIG_DFL. No signals other than SIGINT, SIGTERM and SIGBUS occur. */
 void (*posix_signal(int number, void (*how)(int)))(int);
 int pause(void);
 
