@@ -327,7 +327,7 @@ static void test_networks(const char *root)
         {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
          "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\",\"n_levels\":32,"
          "\"n_features_per_level\":4,\"log2_hashmap_size\":9,\"base_resolution\":8}}",
-         "no usable size", "a grid with more levels than numbers"},
+         "the hash grid is too large", "a grid with more levels than numbers"},
     };
     const char *folder = link_packed(root, true), *network = path_in(folder, "NTCs/NTC_000000.pth");
     struct spin_map map;

@@ -144,7 +144,7 @@ static void test_fixture(const char *folder, const char *name)
            fabs(duration - 1 / 30.0 - run.sequence.time_last) < 1e-9 &&
            strstr(run.sequence.notes, "does not store its frame rate"),
        "%s: 30 frames a second, the last before %g", name, duration);
-    ok(strstr(run.sequence.notes, "weight is at least ") &&
+    ok(strstr(run.sequence.notes, "window is at least ") &&
            strstr(run.sequence.notes, "clamps colours"),
        "%s: what differs is said", name);
     ok(spin_importer_find(file, NULL, false, &found) == SPIN_OK && found == run.importer,

@@ -73,7 +73,7 @@ static void test_settings(const char *model)
                   "text start_frame: 0=>start_frame: 60;"
                   "text normalize_world_space: false=>normalize_world_space: true");
     ok(opens(path_in(copy, "ckpts"), camera, &run) && run.sequence.numbers[0] == 60 &&
-           strstr(run.sequence.notes, "was normalised"),
+           strstr(run.sequence.notes, "normalised the world"),
        "frames of a later GOP, in a world that was normalised");
     run_close(&run);
     copy = edited(model, "cfg.yml", "text knn: false=>knn: true;text n_knn: 6=>n_knn: 40");
