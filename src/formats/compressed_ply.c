@@ -8,7 +8,8 @@
 #define SCALE_LIMIT 20.0f /* limit of |log scale|, as in splat-transform */
 #define SQRT2 1.41421356237309505f
 
-/* Files must have at least the first twelve ranges; old files lack the ranges of colour. */
+/* Files must have at least the first twelve values of range_names; old files lack the colour
+ * ranges. */
 enum { N_RANGES_NEEDED = 12 };
 
 static const char *const range_names[SPIN_COMPRESSED_RANGES] = {
@@ -249,8 +250,8 @@ spin_status spin_compressed_find(const struct spin_ply *ply, struct spin_compres
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the ranges into *out, [chunks][SPIN_COMPRESSED_RANGES]. If the file has no ranges of
- * colour, these ranges are set to 0..1. */
+/* Allocates *out with the shape [chunks][SPIN_COMPRESSED_RANGES], and reads the ranges. If the file
+ * has no colour ranges, they are set to 0..1. */
 static spin_status read_ranges(const struct spin_compressed_ply *f, float **out)
 {
     size_t n = (size_t)f->chunk->count;

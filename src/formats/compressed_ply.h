@@ -1,8 +1,8 @@
 /* PlayCanvas's compressed PLY (splat-transform, SuperSplat): a binary little-endian PLY with the
  * elements `chunk`, `vertex` and, for SH above degree 0, `sh`.
  *
- * Gaussians are grouped into chunks of 256. A chunk stores the minimum and maximum of position, log
- * scale and colour. A vertex stores four words, quantised within the ranges of its chunk:
+ * A chunk is a group of 256 splats, and stores the minimum and maximum of their positions, log
+ * scales and colours. A vertex stores four words, quantised within the ranges of its chunk:
  *
  *     packed_position, packed_scale   x, y, z in 11, 10 and 11 bits; x in the highest bits
  *     packed_rotation                 2 bits: index of the largest of w x y z, which is omitted;
@@ -10,7 +10,7 @@
  *     packed_color                    r, g, b and opacity in 8 bits each; the range of opacity is
  *                                     0 to 1
  *
- * `sh` stores f_rest_*, channel-major, as bytes: 256 steps over [-4, 4]. */
+ * An element of `sh` stores f_rest_*, channel-major, as bytes: 256 steps over [-4, 4]. */
 #pragma once
 
 #include "formats/gs_ply.h"
@@ -28,17 +28,18 @@ static inline size_t spin_compressed_chunks(size_t n)
     return n / SPIN_COMPRESSED_CHUNK + (n % SPIN_COMPRESSED_CHUNK != 0);
 }
 
-/* Returns the size of the data after the header, in bytes. */
+/* Returns the size in bytes of a file with n splats, without its header. */
 uint64_t spin_compressed_body(int sh_degree, size_t n);
 /* Writes the header of a file with n rows. Arguments and result are those of
  * spin_gs_ply_header(). */
 size_t spin_compressed_header(int sh_degree, size_t n, const char *comments,
                               char text[SPIN_GS_PLY_MAX_HEADER]);
-/* Packs one chunk of n rows, at most 256, in native byte order: `range` receives the ranges of the
- * chunk, `word` the four words of each row. Clamps row[].log_scale to -20..20. */
+/* Packs one chunk of n rows, at most 256, in native byte order. range: receives the ranges of the
+ * chunk; word: [n], receives the four words of each row. Clamps row[].log_scale to -20..20 in
+ * place. */
 void spin_compressed_pack(struct spin_gaussian *row, size_t n, float range[SPIN_COMPRESSED_RANGES],
                           uint32_t (*word)[4]);
-/* Decodes a row in the same way as readers of the format. */
+/* Decodes a row exactly as readers of the format do. */
 void spin_compressed_unpack(const uint32_t word[4], const float range[SPIN_COMPRESSED_RANGES],
                             struct spin_gaussian *out);
 /* Packs the f_rest_* of one row into out [spin_n_rest()]. sh: n_sh coefficients [k][3]; missing
@@ -51,7 +52,7 @@ void spin_compressed_pack_sh(const float *sh, int n_sh, int sh_degree, unsigned 
 
 struct spin_compressed_ply {
     const struct spin_ply *ply; /* borrowed */
-    /* If the file has SH degree 0, `sh` is NULL. */
+    /* Elements of the PLY. sh: NULL if the SH degree is 0. */
     const struct spin_ply_element *vertex, *chunk, *sh;
     /* Indices of the vertex properties packed_*. */
     int packed[4];

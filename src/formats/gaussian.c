@@ -61,7 +61,7 @@ void spin_little_endian(void *words, size_t n)
 #endif
 }
 
-/* Rotates the SH coefficients of one row; coefficients n_from and above of `out` become 0. */
+/* Rotates the n_from SH coefficients of one row; the remaining coefficients of `out` become 0. */
 static void place_sh(const float *from, int n_from, const struct spin_scene_rotation *turn,
                      float *out, int n_out)
 {
@@ -106,7 +106,7 @@ void spin_splats_place(const struct spin_splats *from, unsigned columns,
     }
 }
 
-/* Whether all values of a row are finite. */
+/* Returns whether all values of row i are finite. */
 static bool is_finite_row(const float *const all[5], const size_t width[5], unsigned columns,
                           size_t i)
 {
@@ -162,7 +162,7 @@ spin_status spin_check_columns(const char *const what[5], unsigned columns, size
     const size_t width[5] = {3, 4, 3, 1, 3 + spin_n_rest(s->sh_degree)};
     const float *const all[5] = {s->means, s->quats, s->log_scales, s->logit_opacities, s->sh};
 
-    for (int p = 0; p < 5 && n > 0; p++) /* without rows the columns may be NULL */
+    for (int p = 0; p < 5 && n > 0; p++) /* if n is 0, columns may be NULL */
         if (columns & 1u << p)
             SPIN_TRY(spin_check_finite(what[p], all[p] + first * width[p], n, width[p]));
     return SPIN_OK;

@@ -4,7 +4,7 @@
 
 enum { HEADER = 12, CHUNK_HEADER = 8, MAX_STRIDE = 252 };
 #define LINEAR "lin_rec709_display"
-#define OPACITY_SLACK 1e-3f /* opacities may exceed 0..1 by this much, due to rounding */
+#define OPACITY_SLACK 1e-3f /* tolerance for opacities below 0 or above 1, from rounding */
 
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 {
@@ -23,8 +23,8 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 
 /* ---- The container --------------------------------------------------------------------------- */
 
-/* Finds the JSON chunk and the binary chunk of a GLB and checks their lengths. *chunk receives the
- * binary chunk. */
+/* Finds the JSON chunk and the binary chunk of a GLB, and checks their lengths. *chunk and *n_chunk
+ * receive the content of the binary chunk and its length, which is 0 if there is none. */
 static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
                                const unsigned char **chunk, uint64_t *n_chunk)
 {
@@ -160,7 +160,7 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
                  : f->component == SPIN_GLB_U8  ? (float)at[0]
                  : f->component == SPIN_GLB_I16 ? (float)(int16_t)(at[0] | at[1] << 8)
                                                 : (float)(at[0] | at[1] << 8);
-        if (f->normalised) /* -128 and -32768 decode to -1, as -127 and -32767 do */
+        if (f->normalised) /* -128 and -32768 decode to -1, like -127 and -32767 */
             out[k] = out[k] < -largest ? -1 : out[k] / largest;
     }
 }
@@ -171,8 +171,8 @@ void spin_glb_row(const struct spin_glb_numbers *f, size_t i, float *out)
 #define SIGNED (SPIN_GLB_IS(SPIN_GLB_I8) | SPIN_GLB_IS(SPIN_GLB_I16))
 #define UNSIGNED (SPIN_GLB_IS(SPIN_GLB_U8) | SPIN_GLB_IS(SPIN_GLB_U16))
 
-/* The component types that each attribute may have. KHR_mesh_quantization defines those of
- * POSITION, KHR_gaussian_splatting the others. */
+/* The component types that each attribute may have, as specified by KHR_mesh_quantization for
+ * POSITION and by KHR_gaussian_splatting for the other attributes. */
 static const unsigned allowed[SPIN_GLB_SH + 1] = {
     FLOATS | SIGNED | UNSIGNED | SPIN_GLB_NORMALISED(SIGNED | UNSIGNED),
     FLOATS | SPIN_GLB_NORMALISED(SIGNED),
@@ -186,8 +186,8 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* Checks the value of `key` in an extension. It must be `known`, which is also the default if the
- * key is missing, or `also`, if `also` is not NULL. */
+/* Checks the value of `key` in an extension: it must be missing, `known` or, unless NULL, `also`.
+ */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {
@@ -199,7 +199,7 @@ static spin_status check_value(const spin_json *extension, const char *key, cons
     return SPIN_OK;
 }
 
-/* Finds the SPZ data that replace all attributes of the primitive. If there are none, *out stays
+/* Finds the SPZ data that replace the attributes of the primitive. If there are none, *out stays
  * unchanged. */
 static spin_status find_packed(const struct spin_glb_file *glb, const spin_json *extension,
                                struct spin_gs_glb_points *out)
@@ -244,7 +244,7 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
     SPIN_TRY(find_packed(glb, extension, out));
     if (out->packed)
         return SPIN_OK;
-    if (out->n > glb->n_bytes / 3) /* POSITION takes at least 3 bytes per splat */
+    if (out->n > glb->n_bytes / 3) /* a POSITION has at least 3 bytes */
         return spin_malformed("%llu bytes cannot contain %zu splats",
                               (unsigned long long)glb->n_bytes, out->n);
     for (; out->sh_degree < 3; out->sh_degree++) {
@@ -294,7 +294,7 @@ static spin_status read_rows(const struct spin_gs_glb_points *p, unsigned column
         float *to = out->log_scales + 3 * i;
 
         spin_glb_row(&scale, i, to);
-        for (int c = 0; c < 3; c++) { /* NaN stays NaN, which the caller reports */
+        for (int c = 0; c < 3; c++) { /* NaN stays NaN; the caller reports it */
             if (to[c] < 0)
                 return spin_malformed("'SCALE' is %g in row %zu, expected 0 or more", (double)to[c],
                                       i);

@@ -1,5 +1,5 @@
-/* Splats in the binary container of glTF 2.0, as defined by KHR_gaussian_splatting (Khronos,
- * release candidate of 2026): a mesh of points with the attributes
+/* Splats in GLB, the binary container of glTF 2.0, as defined by KHR_gaussian_splatting (Khronos,
+ * release candidate of 2026): a mesh primitive of points with the attributes
  *
  *     POSITION                                    3 floats
  *     KHR_gaussian_splatting:ROTATION             4 floats, x y z w, of unit length
@@ -11,7 +11,7 @@
  *
  * The reader also accepts integers where KHR_gaussian_splatting or KHR_mesh_quantization allow
  * them, and SPZ data instead of the attributes (KHR_gaussian_splatting_compression_spz_2, a draft).
- * formats/glb_scene.h reads a file, formats/glb_write.h writes one. */
+ * formats/glb_scene.h reads the scene of a file, formats/glb_write.h writes a file. */
 #pragma once
 
 #include "formats/glb_shim.h"
@@ -22,11 +22,12 @@
 #define SPIN_GLB_SPLATS "KHR_gaussian_splatting"
 
 enum { SPIN_GLB_POSITION, SPIN_GLB_ROTATION, SPIN_GLB_SCALE, SPIN_GLB_OPACITY, SPIN_GLB_SH };
-/* Constants of glTF: component types and modes of a mesh primitive. */
+/* Constants of glTF: the types of components (signed and unsigned integers, floats), and the modes
+ * of a mesh primitive. */
 enum { SPIN_GLB_I8 = 5120, SPIN_GLB_U8, SPIN_GLB_I16, SPIN_GLB_U16, SPIN_GLB_F32 = 5126 };
 enum { SPIN_GLB_POINTS = 0, SPIN_GLB_TRIANGLES = 4 };
 
-/* Writes the name of an attribute. SPIN_GLB_SH + k is SH coefficient k. */
+/* Sets `name` to the name of an attribute. attribute: for SH coefficient k, SPIN_GLB_SH + k. */
 void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME]);
 
 /* ---- The container --------------------------------------------------------------------------- */
@@ -37,25 +38,26 @@ struct spin_glb_file {
     uint64_t n_bytes;
 };
 
-/* Opens a file that is in memory, which must stay valid until spin_glb_close(). Zero *out before
- * the call, and close it even after a failure. Error messages of this header do not contain the
- * path. */
+/* Opens a file in memory, which must stay valid until spin_glb_close(). Set *out to zero before the
+ * call, and close it even after a failure. Error messages of the functions in this header do not
+ * contain the path. */
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 
-/* Returns item `index` of a top-level list of the document ("nodes", "accessors", ...); NULL if the
- * item does not exist, or if `index` is not an integer. */
+/* Returns item `index` of a top-level list of the JSON document ("nodes", "accessors", ...), or
+ * NULL if the item does not exist or `index` is not an integer. */
 const spin_json *spin_glb_item(const struct spin_glb_file *glb, const char *list,
                                const spin_json *index);
 int64_t spin_glb_integer(const spin_json *object, const char *key, int64_t fallback);
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Component types as bits of a set. SPIN_GLB_NORMALISED() shifts a set to normalised integers. */
+/* Sets of component types: SPIN_GLB_IS() is the bit of a type; SPIN_GLB_NORMALISED() converts a set
+ * of integer types to the set of the same types as normalised integers. */
 #define SPIN_GLB_IS(component) (1u << ((component)-SPIN_GLB_I8))
 #define SPIN_GLB_NORMALISED(bits) ((bits) << 8)
 
-/* A table of n rows with `width` numbers each. Rows begin `stride` bytes apart. */
+/* A table of n rows with `width` numbers each. stride: bytes from one row to the next. */
 struct spin_glb_numbers {
     const unsigned char *at;
     size_t n, width, stride;
@@ -63,9 +65,9 @@ struct spin_glb_numbers {
     bool normalised;
 };
 
-/* Resolves an accessor to its data in the binary chunk. width: required numbers per row, 1, 3 or 4;
- * allowed: set of the component types that are allowed. SPIN_E_MALFORMED if the accessor has
- * another width or type, or if the data extend beyond the chunk. */
+/* Finds the data of an accessor in the binary chunk. width: required numbers per row, 1, 3 or 4;
+ * allowed: set of allowed component types. Fails with SPIN_E_MALFORMED if the accessor has another
+ * width or type, or if the data extend beyond the chunk. */
 spin_status spin_glb_find(const struct spin_glb_file *glb, const spin_json *accessor, size_t width,
                           unsigned allowed, struct spin_glb_numbers *out);
 /* Reads row i. Normalised integers are mapped to 0..1 if unsigned, to -1..1 if signed. */
@@ -79,9 +81,8 @@ struct spin_gs_glb_points {
     const spin_json *attributes;
     size_t n;
     int sh_degree;
-    bool linear; /* the colours are linear; otherwise they are sRGB */
-    /* SPZ data, with the axes of SPZ, that replace the attributes; NULL: the attributes are
-     * used. */
+    bool linear; /* true: the colours are linear; false: sRGB */
+    /* SPZ data, with the axes of SPZ, which are read instead of the attributes; NULL: none. */
     const unsigned char *packed;
     size_t n_packed;
     struct spin_spz_header spz;
@@ -89,7 +90,7 @@ struct spin_gs_glb_points {
 
 /* True if a mesh primitive contains splats. */
 bool spin_gs_glb_is_splats(const spin_json *primitive);
-/* Checks the primitive and sets all fields of *out; does not read the splats. */
+/* Checks the primitive and sets all members of *out; does not read the splats. */
 spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *primitive,
                              struct spin_gs_glb_points *out);
 /* Reads the splats, in the coordinates of the mesh and with the SH degree of the primitive. Values

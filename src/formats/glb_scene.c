@@ -6,14 +6,14 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit of the number of frames times the number of pieces, and of the number of key frame times
- * multiplied by the number of animated nodes. It protects against files that expand to gigabytes. A
- * clip with one node per frame may have 4096 frames. */
+/* Limit on two products: frames times mesh primitives, and times of key frames times animated
+ * nodes. It protects against small files that expand to gigabytes. A clip with one node per frame
+ * may have 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
-/* A frame with SPZ data may have this many splats more than the file has bytes. */
+/* A frame with SPZ data of n bytes may have n + PACKED_SLACK splats. */
 #define PACKED_SLACK (1u << 20)
-#define SAME_SCALE 1e-4 /* relative tolerance between the scales of the three axes */
+#define SAME_SCALE 1e-4 /* relative tolerance within which scales count as equal */
 #define NO_SCALE 1e-6   /* a node with a smaller scale is invisible */
 #define MAX_SIZE 1e15   /* limit of positions and scales */
 #define MAX_DEPTH 64    /* limit of the depth of nested nodes */
@@ -21,16 +21,17 @@
 
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
-/* A node and its transform: rotation, then scale, then shift, then the parent's transform. The
- * three axes must have the same scale, since a skewed splat would not be a splat. */
+/* A node and its transform: rotation, then scale, then shift, then the parent's transform. All axes
+ * must have the same scale, since other scales would skew the splats' ellipsoids, whose spherical
+ * harmonics cannot be skewed. */
 struct node {
     double q[4], scale, shift[3];
-    int64_t parent; /* index of the parent node; -1: there is none */
-    /* Index in build.key[] of the animation that shows and hides the node; -1: there is none. */
+    int64_t parent; /* index of the parent node; -1: none */
+    /* Index in build.key[] of the channel that shows and hides the node; -1: none. */
     int64_t key;
-    /* KHR_node_visibility hides the node; ignored if an animation shows and hides the node. */
+    /* True: KHR_node_visibility hides the node. Ignored if `key` is not -1. */
     bool hidden;
-    bool in_scene; /* the node is a root of the scene */
+    bool in_scene; /* true: the node is a root of the scene */
 };
 
 struct nodes {
@@ -190,8 +191,8 @@ static void turn_point(const double q[4], const double p[3], double out[3])
     out[2] = p[2] + q[0] * t[2] + q[1] * t[1] - q[2] * t[0];
 }
 
-/* Appends to `inout` the transforms of node i and of all its parents. *shown becomes true if node i
- * is in the scene and neither the node nor a parent is permanently hidden. */
+/* Appends to `inout` the transforms of node i and of all its ancestors. *shown becomes true if node
+ * i is in the scene and neither the node nor an ancestor is permanently hidden. */
 static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_placement *inout,
                               bool *shown)
 {
@@ -221,21 +222,21 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
     return SPIN_OK;
 }
 
-/* The animation that shows and hides one node, with n key frames. */
+/* A channel of the animation that shows and hides one node, with n key frames. */
 struct key {
     size_t node, n;
     struct spin_glb_numbers time, value;
-    double scale; /* scale of the node while it is visible; 0: no such key frame was read yet */
+    double scale; /* scale of the node while it is visible; 0: not yet known */
 };
 
 struct build {
     struct spin_gs_glb_scene *scene;
     struct nodes nodes;
-    struct key *key; /* [n_keys] the animations of all nodes that are shown and hidden */
+    struct key *key; /* [n_keys] the channels that show and hide nodes */
     size_t n_keys;
     float *time; /* [n_times] times of all key frames, strictly increasing */
     size_t n_times;
-    unsigned char *on; /* [n_times][n_keys] 1: the animated node is shown at this time */
+    unsigned char *on; /* [n_times][n_keys] 1: the node of this channel is shown at this time */
 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
@@ -294,8 +295,8 @@ static spin_status find_pieces(struct build *b)
 
 /* ---- Animations that show and hide nodes ----------------------------------------------------- */
 
-/* Parses a pointer such as "/nodes/3/extensions/KHR_node_visibility/visible"; returns the index of
- * the node, or -1 if the pointer has another form. */
+/* Parses a pointer to the visibility of a node, "/nodes/3/extensions/KHR_node_visibility/visible".
+ * Returns the index of the node, or -1 if the pointer has another form. */
 static int64_t pointed_node(const char *pointer)
 {
     long long node = -1;
@@ -306,7 +307,7 @@ static int64_t pointed_node(const char *pointer)
     return end > 0 && pointer[end] == '\0' ? node : -1;
 }
 
-/* Appends to b->key[] a channel that shows and hides a node. For other channels, only sets
+/* Appends a channel to b->key[] if it shows and hides a node. For all other channels, only sets
  * scene->moves. */
 static spin_status add_channel(struct build *b, const spin_json *animation,
                                const spin_json *channel)
@@ -349,7 +350,7 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
     return SPIN_OK;
 }
 
-/* Reads the channels of the first animation, the one that players play. */
+/* Reads the channels of the first animation, which is the one that players play. */
 static spin_status find_keys(struct build *b)
 {
     const spin_json *list = spin_json_get(b->scene->file.json, "animations");
@@ -371,7 +372,7 @@ static int by_time(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* True if key k uses the same accessor of times as key k - 1, as is usual in exported files. */
+/* Returns whether channel k has the same times as channel k - 1, as is usual in exported files. */
 static bool has_times_before(const struct build *b, size_t k)
 {
     return k > 0 && b->key[k].time.at == b->key[k - 1].time.at && b->key[k].n == b->key[k - 1].n;
@@ -402,8 +403,8 @@ static spin_status gather_times(struct build *b)
     return SPIN_OK;
 }
 
-/* Reads whether key frame i shows the node. All key frames that show the node must have the same
- * scale. */
+/* Sets *on to whether key frame i shows the node. All key frames that show a node must give it the
+ * same scale. */
 static spin_status read_switch(struct key *key, size_t i, bool *on)
 {
     double scale[3], one;
@@ -426,7 +427,8 @@ static spin_status read_switch(struct key *key, size_t i, bool *on)
     return SPIN_OK;
 }
 
-/* Fills column k of b->on: at each time, the node is shown if its latest key frame shows it. */
+/* Fills column k of b->on: at each time, the node is shown if the last key frame up to this time
+ * shows it. */
 static spin_status run_key(struct build *b, size_t k)
 {
     struct key *key = &b->key[k];
@@ -462,8 +464,8 @@ static spin_status run_keys(struct build *b)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* True if no animation hides the node or any of its ancestors. on [n_keys]: for each animated node,
- * whether it is shown at the time in question. */
+/* Returns whether the animation shows the node and all its ancestors. on [n_keys]: 1 for each
+ * channel whose node is shown, a row of b->on. */
 static bool is_on(const struct build *b, size_t node, const unsigned char *on)
 {
     for (int64_t at = (int64_t)node; at >= 0; at = b->nodes.node[at].parent) {
@@ -489,7 +491,7 @@ static size_t node_of_frame(const struct build *b, const unsigned char *on)
     return n_on == 1 ? node : b->nodes.n;
 }
 
-/* Reads the frame number and time that our exporter stores in a node. */
+/* Reads the frame number and time that spin4d's exporter stores in the extras of a node. */
 static void read_extras(const spin_json *extras, struct spin_gs_glb_frame *frame)
 {
     int64_t number = spin_glb_integer(extras, "frame", -1);
@@ -523,7 +525,7 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
         frame->n += points->n;
         n_plain += points->packed ? 0 : points->n;
     }
-    /* Limit the expansion of a small file: many nodes may show the same mesh. */
+    /* Many nodes may show the same mesh, so a small file can have huge frames: limit them. */
     if (n_plain > s->file.n_bytes || frame->n > s->file.n_bytes + PACKED_SLACK)
         return spin_unsupported("frame %zu has %zu splats, too many for a file of %llu bytes",
                                 s->n_frames, frame->n, (unsigned long long)s->file.n_bytes);
@@ -562,13 +564,12 @@ static spin_status find_frames(struct build *b)
 /* Refuses files that require an unknown extension. */
 static spin_status check_required(const struct spin_gs_glb_scene *s)
 {
-    static const char *const known[] = {
-        SPIN_GLB_SPLATS,
-        SPIN_GLB_SPLATS "_compression_spz_2",
-        "KHR_mesh_quantization",
-        VISIBILITY,
-        POINTER,
-        "KHR_materials_unlit"}; /* it affects how viewers draw points, but not splats */
+    static const char *const known[] = {SPIN_GLB_SPLATS,
+                                        SPIN_GLB_SPLATS "_compression_spz_2",
+                                        "KHR_mesh_quantization",
+                                        VISIBILITY,
+                                        POINTER,
+                                        "KHR_materials_unlit"}; /* does not affect splats */
     const spin_json *list = spin_json_get(s->file.json, "extensionsRequired");
 
     for (size_t i = 0; i < spin_json_length(list); i++) {
@@ -584,8 +585,8 @@ static spin_status check_required(const struct spin_gs_glb_scene *s)
     return SPIN_OK;
 }
 
-/* KHR_gaussian_splatting has no flag for antialiasing and no frame rate, so our exporter stores
- * both in the asset's extras. SPZ data have a flag of their own. */
+/* KHR_gaussian_splatting has no flag for antialiasing and no frame rate, so spin4d's exporter
+ * stores both in the asset's extras. SPZ data contain a flag for antialiasing. */
 static void read_asset(struct spin_gs_glb_scene *s)
 {
     const spin_json *extras = spin_json_get(spin_json_get(s->file.json, "asset"), "extras");

@@ -1,6 +1,6 @@
 /* Creates the JSON of a .glb with tinygltf. The binary data are not passed to tinygltf, which would
- * copy them. Since tinygltf computes the length of a buffer from its data, the object "buffers" is
- * inserted into the text afterwards. */
+ * copy them. Without data, tinygltf cannot compute the length of the buffer, so the array "buffers"
+ * is inserted into the text afterwards. */
 #include "formats/glb_shim.h"
 
 #include <cstdio>
@@ -18,8 +18,8 @@ using tinygltf::Value;
 
 #define SPLATS "KHR_gaussian_splatting"
 
-/* Replaces all characters other than printable ASCII by underscores: JSON must be valid UTF-8,
- * which texts from files may not be. */
+/* Replaces all characters other than printable ASCII by underscores, since JSON must be valid
+ * UTF-8, and texts that come from files may not be. */
 std::string plain(const char *text)
 {
     std::string out(text);
@@ -30,7 +30,7 @@ std::string plain(const char *text)
     return out;
 }
 
-/* Adds an accessor with its own buffer view. Returns the index of the accessor. */
+/* Adds an accessor and a buffer view for it. Returns the index of the accessor. */
 int add_accessor(tinygltf::Model &model, int components, bool is_u16, uint64_t n, uint64_t offset,
                  int target)
 {
@@ -53,7 +53,7 @@ int add_accessor(tinygltf::Model &model, int components, bool is_u16, uint64_t n
     return static_cast<int>(model.accessors.size()) - 1;
 }
 
-/* Adds accessor i for column i. */
+/* Adds an accessor for each column, with the same index. */
 void add_columns(tinygltf::Model &model, const spin_glb_clip &clip)
 {
     for (size_t i = 0; i < clip.n_columns; i++) {

@@ -8,10 +8,11 @@
 enum {
     HEADER = 12,
     CHUNK_HEADER = 8,
-    TOO_FAR = -1 /* an error code that differs from every errno */
+    TOO_FAR = -1 /* error code of spin_glb_put() for the limit of 4 GiB; no errno is negative */
 };
 _Static_assert(SPIN_GLB_MAX_ATTRIBUTES == SPIN_GLB_SH + SPIN_SH_MAX + 1, "all have their place");
-#define MAX_BYTES UINT32_MAX /* maximum size of a file, since lengths in it are 32-bit words */
+#define MAX_BYTES                                                                                  \
+    UINT32_MAX /* maximum size of a file, since the format stores lengths in 32 bits */
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
@@ -81,8 +82,8 @@ void spin_glb_begin(struct spin_glb_clip *clip)
         else
             spin_glb_attribute_name(a, clip->name[a]);
     }
-    /* Upper bounds of the text: 216 bytes for an attribute's accessor, buffer view and name, with
-     * numbers of maximum length; 768 bytes for all other text of a frame. */
+    /* An upper bound on the size of the JSON: 216 bytes for the accessor, buffer view and name of
+     * an attribute, with numbers of maximum length, and 768 bytes for all other text of a frame. */
     clip->room = 1024 + n_meshes * (768 + 216 * (size_t)clip->n_attributes);
 }
 
@@ -112,9 +113,9 @@ spin_status spin_glb_failed(const struct spin_glb_clip *clip, int error)
                             clip->out->path);
 }
 
-/* Writes the animation's key frames. Key frame i is at i / fps seconds. Frame f is visible from key
- * frame f to key frame f + 1. An additional key frame at the end repeats the last frame; without
- * it, players would skip the last frame. */
+/* Writes the key frames of the animation. Key frame i is at i / fps seconds, and frame f is visible
+ * from key frame f to key frame f + 1. The last key frame, n_frames, shows the last frame again;
+ * otherwise the animation would end when this frame appears, and players would skip it. */
 static spin_status write_keys(struct spin_glb_clip *clip)
 {
     size_t n_frames = (size_t)clip->n_frames, n = n_frames + 1;
@@ -187,7 +188,7 @@ spin_status spin_glb_can_write(void)
 spin_status spin_glb_end(struct spin_glb_clip *clip)
 {
     uint64_t keys = clip->n_bytes;
-    char why[256] = ""; /* `why` stays empty if memory runs out */
+    char why[256] = ""; /* empty if memory runs out */
     SPIN_FREED char *text = NULL;
 
     SPIN_TRY(spin_glb_can_write());

@@ -11,8 +11,8 @@ enum { MAX_REST = 45, MAX_COLUMNS = 3 + 3 + 3 + MAX_REST + 1 + 3 + 4 };
 
 struct column {
     char name[16];
-    /* The column of struct spin_splats that receives the property, a value of enum spin_column; 0:
-     * the property is not read (normals). */
+    /* The column of struct spin_splats that receives the property, a value of enum spin_column; 0
+     * for normals, which are not read. */
     unsigned part;
     int place; /* index of the property within a row of this column */
 };
@@ -30,7 +30,8 @@ static struct column *add_columns(struct column *c, const char *const *names, co
     return c;
 }
 
-/* Adds the properties f_rest_* that sh_degree needs, for a file with n_rest of these properties. */
+/* Adds the properties f_rest_* up to sh_degree, for a file with n_rest properties f_rest_*, which
+ * may be more. */
 static struct column *add_rest(struct column *c, int n_rest, int sh_degree)
 {
     int kept = spin_sh_count(sh_degree) - 1;
@@ -44,7 +45,7 @@ static struct column *add_rest(struct column *c, int n_rest, int sh_degree)
     return c;
 }
 
-/* Lists all properties in the order in which files are written. Returns their number. */
+/* Lists all properties in the order in which they are written. Returns their number. */
 static size_t list_columns(int n_rest, int sh_degree, struct column out[MAX_COLUMNS])
 {
     static const char *const places[] = {"x", "y", "z"}, *const normals[] = {"nx", "ny", "nz"};
@@ -264,7 +265,7 @@ spin_status spin_ply_check(const struct spin_ply *ply, unsigned columns, size_t 
     return spin_fail_context(spin_check_columns(what, columns, first, n, s), "'%s'", ply->path);
 }
 
-/* The thickness of a flat splat, as a share of its smaller side. */
+/* The third standard deviation of a flat splat, as a fraction of the smaller of the first two. */
 #define THIN 1e-3f
 
 static void finish_scales(const struct spin_gs_ply *file, float *log_scale, size_t n)

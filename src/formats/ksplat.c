@@ -20,7 +20,7 @@ struct file {
 };
 
 struct section {
-    size_t n, n_full, n_buckets, bucket; /* bucket: number of splats in a full bucket */
+    size_t n, n_full, n_buckets, bucket; /* bucket: splats in a full bucket */
     const unsigned char *lengths, *centres, *rows;
     size_t row;     /* size of a row (one splat) in bytes */
     float step;     /* quantisation step of positions, in world units */
@@ -72,7 +72,7 @@ static size_t bucket_splats(const struct section *s, size_t bucket)
     return bucket < s->n_full ? s->bucket : spin_u32_at(s->lengths + 4 * (bucket - s->n_full));
 }
 
-/* Checks that the buckets of a section contain at least as many splats as the section. */
+/* Checks that the buckets of a section contain enough splats for the section. */
 static spin_status check_buckets(const struct section *s, uint32_t index)
 {
     uint64_t n = 0;
@@ -85,8 +85,8 @@ static spin_status check_buckets(const struct section *s, uint32_t index)
     return SPIN_OK;
 }
 
-/* Reads the header of section `index`. *at: offset of the section's data; it is advanced to the end
- * of these data. */
+/* Reads the header of section `index`. *at: offset of the section's data, which the function
+ * advances to the end of these data. */
 static spin_status read_section(const unsigned char *file, size_t size, const struct file *f,
                                 uint32_t index, uint64_t *at, struct section *out)
 {
@@ -190,7 +190,7 @@ static void read_row(const unsigned char *at, const struct file *f, const struct
     }
     if (columns & SPIN_COL_LOG_SCALES) {
         read_numbers(scale, 'f', size, 3, v);
-        for (size_t c = 0; c < 3; c++) /* NaN stays NaN, which spin_ksplat_read() reports */
+        for (size_t c = 0; c < 3; c++) /* NaN stays NaN; spin_ksplat_read() reports it */
             out->log_scales[3 * i + c] = logf(v[c] < LEAST_SCALE ? LEAST_SCALE : v[c]);
     }
     if (columns & SPIN_COL_QUATS) {

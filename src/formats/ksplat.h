@@ -1,7 +1,7 @@
 /* .ksplat, the format of mkkellogg's viewer (GaussianSplats3D), version 0.1. A file is little
  * endian and consists of the file header, the headers of all sections, and the data of all
- * sections. Fields are 4-byte integers if no type is given. The number before a field is its offset
- * in bytes:
+ * sections. In this table, the number before a field is its offset in bytes; fields are 4-byte
+ * integers unless another type is given:
  *
  *     file header, 4096 bytes       0 version, bytes 0 and 1    4 capacity in sections
  *                                   8 number of sections    16 number of splats
@@ -16,9 +16,10 @@
  *     data of a section             number of splats of each bucket that is not full; centre of
  *                                   each bucket, 3 floats; rows of splats, bucket by bucket
  *
- * A row contains position, scale (without logarithm), rotation w x y z, colour and opacity as 4
- * bytes, and SH. SH are ordered by degree; each degree has all coefficients of red, then those of
- * green, then those of blue. The level defines the types:
+ * A row contains position, scale (not its logarithm), rotation w x y z, colour and opacity in 4
+ * bytes, and the SH coefficients above degree 0. These are ordered by degree; each degree has all
+ * coefficients of red, then those of green, then those of blue. The compression level defines the
+ * types:
  *
  *     level 0    all values are floats; there are no buckets
  *     level 1    positions are 16-bit steps around the centre of the bucket; all other values are
@@ -37,11 +38,11 @@ struct spin_ksplat {
     int sh_degree; /* maximum of the SH degrees of all sections, 0 to 3 */
 };
 
-/* Reads the headers of a file that is in memory and checks that the file is complete. Error
- * messages of this header do not contain the path. */
+/* Reads the headers of a file in memory, and checks that the file is complete. Error messages of
+ * these functions do not contain the path. */
 spin_status spin_ksplat_peek(const unsigned char *file, size_t size, struct spin_ksplat *out);
 /* Reads all splats. Values that are not finite are an error. Rotations are normalised. Scales below
- * 1e-38, including 0 and negative ones, become 1e-38. SH coefficients above the degree of a section
- * become 0. */
+ * 1e-38, including 0 and negative ones, become 1e-38. In sections with a lower SH degree than the
+ * file, the missing coefficients become 0. */
 spin_status spin_ksplat_read(const unsigned char *file, size_t size, unsigned columns,
                              struct spin_splats *out);

@@ -1,6 +1,6 @@
-/* Columns of integers as some formats store them before compression: each integer is mapped to an
- * unsigned symbol of 1, 2 or 4 bytes (zigzag), and the symbols are split into byte planes: the
- * lowest bytes of all symbols, then their second bytes, and so on. */
+/* Byte planes, the form in which some formats store a column of integers before compression: each
+ * integer is mapped to an unsigned symbol of 1, 2 or 4 bytes by zigzag coding; the first plane
+ * contains the lowest bytes of all symbols, the second plane their second bytes, and so on. */
 #pragma once
 
 #include <stddef.h>

@@ -12,13 +12,13 @@
 #define SQRT2 1.41421356237309505f
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096 /* an image may have 2 n + SLACK pixels for n Gaussians */
-/* A Gaussian takes about 12 bytes in the image files. A file that announces more than one Gaussian
- * for each byte of its images, plus MOST_SPLATS, is refused as a decompression bomb. */
+#define SLACK 4096 /* an image may have 2 n + SLACK pixels for n splats */
+/* A splat has about 12 bytes in the image files. If a file declares more than n + MOST_SPLATS
+ * splats for images of n bytes, it is refused as a decompression bomb. */
 #define MOST_SPLATS (1u << 20)
 
-/* For each image: name of the zip member, object of meta.json that lists the image, index in that
- * list. */
+/* For each image: its name in the zip, the object of meta.json whose list `files` contains the
+ * name, and the index of the name in this list. */
 static const struct {
     const char *name, *object;
     size_t place;
@@ -45,7 +45,7 @@ void spin_sog_size(const struct spin_sog *sog, enum spin_sog_picture picture, in
         *height = lines > 0 ? (int)lines : 1;
         return;
     }
-    /* images are nearly square; their sides are multiples of 4 */
+    /* The images are nearly square; their sides are multiples of 4. */
     *width = sog->n > 0 ? (int)ceil(sqrt((double)sog->n) / 4) * 4 : 4;
     *height = sog->n > 0 ? (int)ceil((double)sog->n / *width / 4) * 4 : 4;
 }
@@ -118,7 +118,7 @@ void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4])
             out[to++] = spin_byte_of((sign * q[k] * SQRT2 * 0.5f + 0.5f) * 255);
     out[3] = (uint8_t)(TAG + largest);
     spin_sog_rotation(out, shown);
-    for (int k = 0; k < 4 && q[largest] < 0; k++) /* give the decoded quaternion the sign of q */
+    for (int k = 0; k < 4 && q[largest] < 0; k++) /* same sign as q */
         shown[k] = -shown[k];
 }
 
@@ -187,14 +187,14 @@ struct reading {
     const char *folder;
     spin_json *meta;
     struct spin_sog sog;
-    /* The values that bytes 0..255 of the images stand for, from codebooks (version 2) or ranges
+    /* Tables with the values of bytes 0..255 of the images, from codebooks (version 2) or ranges
      * (version 1). */
     float scale[3][SPIN_CODEBOOK], dc[3][SPIN_CODEBOOK], logit[SPIN_CODEBOOK];
     struct {
         const unsigned char *data;
         size_t size;
-        void *owned;         /* the block with the data if a zip member was decompressed */
-        struct spin_map map; /* the map with the data if they are in a file in `folder` */
+        void *owned;         /* memory with the data of a compressed zip member; else NULL */
+        struct spin_map map; /* mapped file with the data, if they are in `folder` */
         int width, height;
     } file[SPIN_SOG_PICTURES];
 };
@@ -222,8 +222,8 @@ static spin_status read_numbers(const spin_json *object, const char *key, size_t
     return SPIN_OK;
 }
 
-/* Reads a codebook. Some writers stored null as the first value, which is then extrapolated from
- * the others. */
+/* Reads a codebook. Some writers store null as the first value, which the reader then extrapolates
+ * from the other values. */
 static spin_status read_book(const spin_json *meta, const char *key, float book[SPIN_CODEBOOK])
 {
     const spin_json *list = spin_json_get(spin_json_get(meta, key), "codebook");
@@ -298,8 +298,8 @@ static spin_status read_ranges(const spin_json *meta, const char *key, size_t n,
     return SPIN_OK;
 }
 
-/* Reads 'shN' of version 1. The size of the palette is not stored there; open_picture() derives it
- * from the size of the palette's image. */
+/* Reads 'shN' of version 1, which does not contain the number of palette vectors. open_picture()
+ * derives this number from the size of the palette's image. */
 static spin_status parse_1_sh(struct reading *r, const spin_json *sh_n)
 {
     const spin_json *shape = spin_json_get(sh_n, "shape");
@@ -373,7 +373,7 @@ static spin_status open_meta(struct reading *r, const void *file, size_t size)
     return parse_meta(r);
 }
 
-/* Finds the WebP data of an image, in the folder or in the zip. */
+/* Finds the WebP data of an image in the folder or in the zip. */
 static spin_status find_picture(struct reading *r, enum spin_sog_picture p)
 {
     const spin_json *files = spin_json_get(spin_json_get(r->meta, pictures[p].object), "files");
@@ -510,7 +510,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* 64 vectors fill an image row exactly */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* an image row is exactly 64 vectors */
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG: splat %zu has SH vector %zu, but the palette has only %zu "
