@@ -510,7 +510,7 @@ static spin_status read_sh_n(const struct reading *r, uint8_t **a, uint8_t **b,
     SPIN_TRY(read_picture(r, SPIN_SOG_CENTROIDS, b));
     for (size_t i = 0; i < r->sog.n; i++) {
         size_t label = (*a)[4 * i] | (size_t)(*a)[4 * i + 1] << 8;
-        const uint8_t *pixel = *b + 4 * n_vec * label; /* an image row is exactly 64 vectors */
+        const uint8_t *pixel = *b + 4 * n_vec * label; /* image rows are 64 whole vectors */
 
         if (label >= r->sog.n_palette)
             return spin_malformed("SOG: splat %zu has SH vector %zu, but the palette has only %zu "

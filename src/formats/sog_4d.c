@@ -169,12 +169,12 @@ void spin_sog_4d_close(struct spin_sog_4d *r)
 
 /* ---- Images ---------------------------------------------------------------------------------- */
 
-/* A set of images of one size, and the range of rows of *out that they contain. */
+/* A set of images of the same size, which contain n splats: the rows of *out from `first` on. */
 struct set {
     struct spin_sog_4d *r;
     const char *folder; /* folder of the images in the zip; NULL: the root */
     size_t first, n;
-    int width, height; /* size of the images; 0: no image was opened yet */
+    int width, height; /* size of the images; 0: not yet known */
     /* Scratch memory: pixels of the current image, and of the image with the high bytes. */
     uint8_t *low, *high;
     struct spin_splats_4d *out;
@@ -225,9 +225,9 @@ static spin_status open_picture(const struct spin_sog_4d *r, enum spin_sog_4d_pi
     return spin_fail_context(status, "%s: image '%s'", r->what, name);
 }
 
-/* Dequantises channels of image p. If image p + 1 exists, it contains the high bytes, and the codes
- * have 16 bits; otherwise they have 8 bits. Channel c of row i is written to to[c][step * i]. NULL
- * ends the list `to`. */
+/* Dequantises channels of image p. If image p + 1 exists, it contains the high bytes of 16-bit
+ * codes; otherwise codes have 8 bits. Channel c of row i is written to to[c][step * i]. The list
+ * `to` ends with NULL. */
 static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
                                 const struct spin_sog_range *range, bool linear, float *to[4],
                                 size_t step)
@@ -250,7 +250,7 @@ static spin_status read_numbers(struct set *set, enum spin_sog_4d_picture p,
 }
 
 /* Decodes channels of image p, which are indices in codebooks. Channel c of row i is written to
- * to[c][step[c] * i]. NULL ends the list `to`. */
+ * to[c][step[c] * i]. The list `to` ends with NULL. */
 static spin_status read_books(struct set *set, enum spin_sog_4d_picture p,
                               const struct spin_sog_book *const book[4], float *to[5],
                               const size_t step[4])
@@ -289,7 +289,7 @@ static spin_status read_rest(struct set *set, float *sh, size_t width)
     SPIN_TRY(open_picture(r, SPIN_4D_LABELS, set, &set->low));
     for (size_t i = 0; i < set->n; i++) {
         size_t label = set->low[4 * i] | (size_t)set->low[4 * i + 1] << 8;
-        /* 64 vectors fill an image row exactly. */
+        /* An image row is exactly 64 vectors, so vectors are contiguous. */
         const uint8_t *pixel = r->centroids + 4 * n_vec * label;
 
         if (label >= r->n_palette)

@@ -98,8 +98,8 @@ static spin_status read_cov2d(const struct spin_sog_4d *r, double cov2d[2])
 
 /* ---- Segments -------------------------------------------------------------------------------- */
 
-/* Reads a range of splats. Ranges must be contiguous: *end must be the end of the previous range,
- * and becomes the end of this one; *at receives the start of this one. */
+/* Reads the next range of splats. It must begin at *end, the end of the previous range. Sets *at to
+ * the start and *end to the end of the range. */
 static spin_status next_range(const spin_json *range, size_t n, size_t *at, size_t *end)
 {
     int64_t first = -1, last = -1;
@@ -116,8 +116,8 @@ static spin_status next_range(const spin_json *range, size_t n, size_t *at, size
     return SPIN_OK;
 }
 
-/* Reads the range of a group of splats and, if splats is not NULL, the images in the group's
- * folder. */
+/* Reads the range of the persistent splats or of a segment and, if splats is not NULL, the images
+ * in the folder `name`. */
 static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, const spin_json *name,
                               size_t *end, struct spin_splats_4d *splats)
 {
@@ -134,7 +134,7 @@ static spin_status read_group(struct spin_sog_4d *r, const spin_json *range, con
 }
 
 /* Reads all rows, and checks the ranges of the segments. If meta.json contains 'streams', each
- * segment has images of its own. */
+ * segment has its own images. */
 static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
                                  struct spin_splats_4d *splats)
 {
@@ -191,8 +191,7 @@ spin_status spin_sogst_read(const void *file, size_t size, struct spin_sogst *ou
 
 /* ---- The exchange PLY ------------------------------------------------------------------------ */
 
-/* Values from the comments and the sidecar file. A value that was not given is NaN, or 0 in
- * cov2d. */
+/* Values from the comments and the sidecar file. A missing value is NaN, or 0 in cov2d. */
 struct scalars {
     double first, last, fps, degree, cov2d[2];
 };

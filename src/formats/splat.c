@@ -46,7 +46,7 @@ static void read_row(const unsigned char *in, unsigned columns, size_t i, struct
     if (columns & SPIN_COL_LOGIT_OPACITIES)
         out->logit_opacities[i] = spin_byte_logit(in[27]);
     for (size_t c = 0; c < 3; c++) {
-        if (columns & SPIN_COL_LOG_SCALES) /* NaN stays NaN, which spin_splat_read() reports */
+        if (columns & SPIN_COL_LOG_SCALES) /* NaN stays NaN; spin_splat_read() reports it */
             out->log_scales[3 * i + c] =
                 logf(place_scale[3 + c] < 1e-38f ? 1e-38f : place_scale[3 + c]);
         if (columns & SPIN_COL_SH)

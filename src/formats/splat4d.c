@@ -10,15 +10,15 @@
 
 #define HEADER 12
 #define STREAM_HEAD 11
-#define SMOOTHED 1 /* flag in the header: colours were smoothed in time */
+#define SMOOTHED 1 /* flag in the header: colours were smoothed over time */
 /* Bytes of a row before compression: 3 for pos, 4 for rot, 3 for rgb, 1 for alpha, 3 for scale. */
 #define ROW_BYTES 14
 #define MAX_FRAMES 1000000
-/* Limits against decompression bombs. A file is refused if the rows of all its splats would take
+/* Limits against decompression bombs. A file is refused if the uncompressed rows of all splats have
  * more than SLACK bytes plus ROW_RATIO times the size of the static section, or if a stream would
- * unpack to more than SLACK bytes plus RATIO times its compressed size. Rows of the static section
- * compress badly, since no two splats share a position; differences between frames compress well if
- * splats hardly move. */
+ * unpack to more than SLACK bytes plus RATIO times its compressed size. ROW_RATIO is smaller since
+ * rows of the static section compress badly: no two splats share a position. Differences between
+ * frames compress well if splats hardly move. */
 #define ROW_RATIO 32
 #define RATIO 1000
 #define SLACK (1u << 20)
@@ -31,7 +31,7 @@ static const struct {
     const char *name;
     size_t width;
     unsigned column;
-    /* The keys in the header of the quantisation steps of dynamic rows and of static rows. If
+    /* Keys in the JSON: the quantisation step of dynamic rows, and that of static rows. If
      * base_step is NULL, the step of static rows is 1. */
     const char *step, *base_step;
 } attributes[SPIN_SPLAT4D_ATTRIBUTES] = {
@@ -95,8 +95,8 @@ static spin_status read_extent(const struct spin_splat4d *clip, const spin_json 
     return SPIN_OK;
 }
 
-/* Reads the list of groups and checks that they contain all frames in order and do not overlap in
- * the file. */
+/* Reads the list of groups, and checks that the groups contain all frames in order and do not
+ * overlap in the file. */
 static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
 {
     const spin_json *groups = spin_json_get(json, "gops");
@@ -253,8 +253,8 @@ static spin_status read_mask(struct spin_splat4d *clip, int attribute, const str
                       (void **)&a->held);
 }
 
-/* Reads the stream with a value for every row; only the static rows keep these values. Positions
- * and scales are stored as differences from the previous row, rotations with an offset of 128. */
+/* Reads the stream with the static values of an attribute into `base`. Positions and scales are
+ * stored as differences from the previous row, rotations with an offset of 128. */
 static spin_status read_base(struct spin_splat4d *clip, int attribute, const struct stream *s,
                              const unsigned char *planes)
 {
@@ -353,7 +353,8 @@ static spin_status unpack_group(struct spin_splat4d *clip, size_t group)
     return SPIN_OK;
 }
 
-/* Decodes the first frame of the unpacked group, or the frame after clip->frame, into `held`. */
+/* Decodes a frame into `held`: the first frame of the unpacked group if `first` is true, otherwise
+ * the frame after clip->frame. */
 static void decode_frame(struct spin_splat4d *clip, bool first)
 {
     const struct spin_splat4d_group *g = &clip->groups[clip->group];

@@ -1,6 +1,7 @@
 /* .splat4d, version 1, of adamraudonis/splats4D: a clip in which all frames have the same splats,
- * with the attributes of antimatter15's .splat. Values are quantised; a step is twice the maximum
- * error. A file is little endian and begins with a header of 12 bytes (offsets in bytes):
+ * with the attributes of antimatter15's .splat. Values are quantised; a quantisation step is twice
+ * the maximum error. A file is little endian and begins with a header of 12 bytes (offsets in
+ * bytes):
  *
  *     0  "SP4D"
  *     4  version, 2 bytes
@@ -12,16 +13,17 @@
  *
  *     static section     For each attribute a stream of bits, one per row, highest bit of a byte
  *                        first: 1 if the row is static in this attribute. Then for each attribute
- *                        a stream of the values of all rows; only static rows use them. A stream
- *                        follows its header.
+ *                        a stream of values, which contains all rows, though only the values of
+ *                        static rows are used. The header of each stream directly precedes it.
  *     group of frames    Number of streams, 2 bytes; the headers of all streams; the data of all
  *                        streams. For each attribute a stream of kind "key", the codes of the
  *                        dynamic rows in the first frame; and a stream of kind "change", their
  *                        differences from frame to frame.
  *
  * A stream header has 11 bytes: attribute, kind and bytes per symbol in one byte each, the number
- * of symbols and the compressed size in 4 bytes each. A stream consists of byte planes (planes.h),
- * compressed by zstd. The Unity package gsplat-unity uses the same extension for another format. */
+ * of symbols and the compressed size in 4 bytes each. The data of a stream are byte planes
+ * (planes.h), compressed with zstd. The Unity package gsplat-unity uses the extension .splat4d for
+ * another format. */
 #pragma once
 
 #include "spin.h"
@@ -33,8 +35,8 @@ struct spin_splat4d {
     size_t n; /* number of splats, which is the same in every frame */
     int n_frames;
     double fps;      /* frame i is at i / fps seconds */
-    bool smoothed;   /* the writer smoothed the colours in time */
-    unsigned moving; /* set of the columns that change over time, values SPIN_COL_* */
+    bool smoothed;   /* true: the writer smoothed the colours over time */
+    unsigned moving; /* columns that change over time, a set of SPIN_COL_* */
 
     /* Private. */
     const unsigned char *file; /* the whole file; borrowed */
@@ -45,25 +47,24 @@ struct spin_splat4d {
     int frame;              /* index of the frame whose values are in `held` */
     struct spin_splat4d_attribute {
         double step, base_step; /* quantisation steps of dynamic and of static rows */
-        /* [n][width] values of all rows, used for the static rows; units as in struct
+        /* [n][width] values of all rows, which are used for static rows; units as in struct
          * spin_splats. */
         float *base;
         uint32_t *row; /* [n_moving] indices of the dynamic rows */
         size_t n_moving;
         int32_t *held; /* [n_moving][width] quantised values of the dynamic rows */
-        /* Byte planes of the unpacked group: of the streams "key" and "change". */
+        /* Byte planes of the streams "key" and "change" in the unpacked group. */
         unsigned char *planes[2];
         int symbol[2]; /* bytes per symbol of these two streams */
     } attribute[SPIN_SPLAT4D_ATTRIBUTES];
 };
 
-/* Opens a file that is in memory, which must stay valid until spin_splat4d_close(). All lengths are
- * checked, and decompression bombs are refused. Error messages of this header do not contain the
- * path. */
+/* Opens a file in memory, which must stay valid until spin_splat4d_close(). Checks all lengths, and
+ * refuses decompression bombs. Error messages of these functions do not contain the path. */
 spin_status spin_splat4d_open(const unsigned char *file, size_t size, struct spin_splat4d *out);
 void spin_splat4d_close(struct spin_splat4d *clip);
-/* Reads frame 0..n_frames - 1. Any order is possible; consecutive frames are fastest. Values that
- * are not finite are an error. Rotations are normalised. SH have degree 0. SPIN_E_NOT_FOUND if the
- * frame does not exist. */
+/* Reads a frame, 0..n_frames - 1. Frames can be read in any order; ascending order is fastest.
+ * Values that are not finite are an error. Rotations are normalised. SH have degree 0. Fails with
+ * SPIN_E_NOT_FOUND if the frame does not exist. */
 spin_status spin_splat4d_read(struct spin_splat4d *clip, int frame, unsigned columns,
                               struct spin_splats *out);

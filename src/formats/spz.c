@@ -13,21 +13,21 @@
 #define ANTIALIASED 1 /* flag in the header: the splats were trained with antialiasing */
 #define EXTENDED 2    /* flag in the header: the file has extensions */
 #define MAX_SH_DEGREE 4
-#define AXES_RECORD 0xadbe0003u /* type of the extension record that states the axes */
+#define AXES_RECORD 0xadbe0003u /* type of the extension record with the axes */
 #define MAX_AXES 16
 #define LEFT_DOWN_BACK 1
 #define COLOUR_SCALE (0.15f * 255)
 #define SQRT2 1.41421356237309505f
 #define MAX_PLACE 8388606 /* largest absolute coordinate, in quantisation steps */
-/* Scenes unpack to two or three times the size of the file, or to ten times if SH are padded with
- * zeros. Refuse files that unpack to more than RATIO times their size plus RATIO_SLACK bytes, as
- * decompression bombs: deflate can expand one byte to 1032 bytes, zstd to far more. */
+/* Typical files unpack to two or three times their size, or to ten times if SH are padded with
+ * zeros. Files that would unpack to more than RATIO times their size plus RATIO_SLACK bytes are
+ * refused as decompression bombs: deflate can expand one byte to 1032 bytes, zstd to far more. */
 #define RATIO 32
 #define RATIO_SLACK (8u << 20)
 #define MAX_EXTENSIONS (1u << 20)
 
-/* For each component of a quaternion in the order x y z w, as in SPZ: its index in the order w x y
- * z. */
+/* Maps the order of components in SPZ to that of spin4d: component k of x y z w is component
+ * xyzw[k] of w x y z. */
 static const int xyzw[4] = {1, 2, 3, 0};
 
 /* ---- Writing --------------------------------------------------------------------------------- */
@@ -198,7 +198,8 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
     return SPIN_OK;
 }
 
-/* Refuses decompression bombs: compares the number of splats with the size of the file. */
+/* Refuses a file that declares too many splats for its size, which would be a decompression bomb.
+ */
 static spin_status check_count(const struct spin_spz_header *h, size_t size)
 {
     if (all_bytes(h) > RATIO_SLACK + (uint64_t)RATIO * size)
@@ -225,8 +226,8 @@ static spin_status read_extensions(const unsigned char *at, size_t n, struct spi
     return SPIN_OK;
 }
 
-/* Version 4: checks that the table of contents lists the streams that are not empty, in order, and
- * that the last stream ends at the end of the file. */
+/* Checks a file of version 4: the table of contents must list all streams that are not empty, in
+ * order, and the last stream must end at the end of the file. Reads the extensions. */
 static spin_status check_streams(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint32_t toc = spin_u32_at(file + 16);
@@ -256,14 +257,16 @@ static spin_status check_streams(const unsigned char *file, size_t size, struct 
                : SPIN_OK;
 }
 
-/* Versions 2 and 3 in a gzip: returns the size of the extensions in bytes, computed modulo 2^32
- * from the unpacked length, which the last bytes of a gzip contain, also modulo 2^32. */
+/* Returns the size in bytes of the extensions of a file of version 2 or 3 that is compressed with
+ * gzip: the unpacked length minus header and streams. The result is modulo 2^32, like the unpacked
+ * length that the last bytes of a gzip file contain. */
 static uint32_t extension_bytes(const void *file, size_t size, const struct spin_spz_header *h)
 {
     return spin_gzip_length(file, size) - (uint32_t)(SPIN_SPZ_HEADER + all_bytes(h));
 }
 
-/* Versions 2 and 3 in a gzip: allocates *out and decompresses the whole file. */
+/* Allocates *out, and decompresses to it a whole file of version 2 or 3 that is compressed with
+ * gzip. */
 static spin_status inflate_all(const void *file, size_t size, const struct spin_spz_header *h,
                                unsigned char **out, size_t *n_out)
 {
@@ -302,7 +305,8 @@ static spin_status peek_gzip(const void *file, size_t size, struct spin_spz_head
     return read_extensions(all + n - n_extensions, n_extensions, out);
 }
 
-/* Versions 2 and 3 without gzip: checks the length and reads the extensions. */
+/* Checks the length of a file of version 2 or 3 that is not compressed, and reads its extensions.
+ */
 static spin_status check_plain(const unsigned char *file, size_t size, struct spin_spz_header *h)
 {
     uint64_t n = SPIN_SPZ_HEADER + all_bytes(h);
@@ -332,8 +336,8 @@ spin_status spin_spz_axes(int axes, double q[4])
     static const char *const names[MAX_AXES + 1] = {
         "unspecified", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF",
         "LFD",         "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU"};
-    /* about: 0 for no rotation; 1, 2 or 3 for half a turn about x, y or z. Other axes are not
-     * supported: they are mirrored or need a quarter turn. */
+    /* about: 1, 2 or 3 if these axes need half a turn about x, y or z; 0 if they need no rotation.
+     * All other axes are unsupported, since they are mirrored or need a quarter turn. */
     static const struct {
         int axes, about;
     } turns[] = {{SPIN_SPZ_RIGHT_DOWN_FORWARD, 0},
@@ -380,7 +384,7 @@ static void rotation_of(const unsigned char *at, float q[4])
     spin_quat_normalise(q);
 }
 
-/* Version 2: dequantises x y z of a quaternion, whose omitted component w is 0 or above. */
+/* Dequantises a rotation of version 2: x, y and z are stored; w is omitted and not negative. */
 static void rotation_of_three(const unsigned char *at, float q[4])
 {
     float rest = 1;
@@ -393,8 +397,8 @@ static void rotation_of_three(const unsigned char *at, float q[4])
     spin_quat_normalise(q);
 }
 
-/* Dequantises all streams, as Niantic's library does. place: unpacked streams, one after the
- * other. */
+/* Dequantises all streams with the formulas of Niantic's library. place: the unpacked streams,
+ * which are contiguous; the first contains the positions. */
 static void read_streams(const struct spin_spz_header *h, const unsigned char *place,
                          unsigned columns, struct spin_splats *out)
 {
@@ -425,7 +429,8 @@ static void read_streams(const struct spin_spz_header *h, const unsigned char *p
     }
 }
 
-/* Version 4: allocates *out and decompresses the streams into it, one after the other. */
+/* Allocates *out, and decompresses to it all streams of a file of version 4, one after the other.
+ */
 static spin_status inflate_streams(const unsigned char *file, const struct spin_spz_header *h,
                                    unsigned char **out)
 {

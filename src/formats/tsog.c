@@ -15,8 +15,9 @@ enum { DESCRIPTOR = 1 << 3 }; /* flag of a zip member: sizes and checksum follow
 
 static uint32_t u32_at(const unsigned char *p) { return spin_u32_at(p); }
 
-/* Checks that the zip's central directory agrees with the local header of a member; or, if the
- * DESCRIPTOR flag is set, with the data descriptor after the member's data. */
+/* Checks that checksum and sizes of a zip member are the same in the central directory and in the
+ * member's local header or, if the DESCRIPTOR flag is set, in the data descriptor after its data.
+ */
 static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_member *m)
 {
     const unsigned char *p = zip->map.data + m->header_offset, *end = zip->map.data + zip->map.size;
@@ -101,8 +102,8 @@ static spin_status check_version(const struct spin_sog_4d *r)
     return SPIN_OK;
 }
 
-/* Reads the keys of the velocities. They are checked even in files of kind "discrete", which do not
- * use velocities. */
+/* Reads the keys of the velocities. They are checked even in discrete files, which do not use
+ * velocities. */
 static spin_status read_motion(struct spin_sog_4d *r, bool timed)
 {
     const spin_json *temporal = spin_json_get(r->meta, "temporal");
@@ -141,7 +142,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     }
     out->time = SPIN_TSOG_DISCRETE;
     r->degree = 0;
-    /* With this range, the decoded numbers are the codes themselves. */
+    /* With this range, decoding a code returns the code itself. */
     r->time = (struct spin_sog_range){.maxs = {STEPS - 1, STEPS - 1}};
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "N"), "timeline.N", 1, STEPS, &n));
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(timeline, "delta"), "timeline.delta", STEPS / n,
@@ -150,7 +151,7 @@ static spin_status read_timeline(struct spin_sog_4d *r, struct spin_tsog *out)
     return SPIN_OK;
 }
 
-/* Reads an optional number, which must be above 0. If the key is missing, *out is unchanged. */
+/* Reads an optional number, which must be above 0. If the key is missing, *out stays unchanged. */
 static spin_status read_above_0(const spin_json *object, const char *key, double *out)
 {
     const spin_json *j = spin_json_get(object, key);
@@ -197,7 +198,7 @@ static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *
     return SPIN_OK;
 }
 
-/* True if the name has the extension of a sound format that browsers can play. */
+/* Returns whether the name has the extension of a sound format that browsers can play. */
 static bool is_sound_name(const char *name)
 {
     static const char *const endings[] = {".mp3",  ".m4a", ".aac",  ".ogg", ".oga",
@@ -218,7 +219,7 @@ static bool is_sound_type(const char *type)
     return strncasecmp(type, "audio/", 6) == 0 && type[6] && type[6 + strspn(type + 6, token)] == 0;
 }
 
-/* Reads the name and the start of the sound, which only spin4d writes. */
+/* Reads the name and the start of the sound, which are only in files that spin4d has written. */
 static spin_status read_start(const spin_json *audio, struct spin_tsog *out)
 {
     const spin_json *own = spin_json_get(audio, SPIN_TSOG_OWN);
@@ -272,7 +273,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
-/* Kind "discrete": converts the decoded times to frame numbers, and restricts each splat to its
+/* Converts the decoded times of a discrete file to frame numbers, and restricts each splat to its
  * frame. */
 static void cut_frames(struct spin_splats_4d *s, int n_frames)
 {

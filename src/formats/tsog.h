@@ -1,6 +1,6 @@
 /* TSOG, base version 4, as defined by Playback Profile 1.0.1 (OpsiClear-4DGS/ftgs-player): a zip
- * with a meta.json, the images of SOG, images of time (sog_4d.h) unless the file is static, and
- * optionally a sound file. There are three kinds of files:
+ * with a meta.json, the images of SOG, the additional images for 4D splats (sog_4d.h) unless the
+ * file is static, and optionally a sound file. There are three kinds of files:
  *
  *   continuous   Splats have Gaussian windows and straight paths. The time of a clip runs from 0 to
  *                1, also for velocities, which are stored without a logarithm.
@@ -18,22 +18,22 @@ struct spin_tsog {
     enum spin_tsog_time time;
     int n_frames;
     double fps; /* frames per second; 0 if the file is static */
-    /* Length of the clip in seconds; 0 if the file is static and does not state it. */
+    /* Length of the clip in seconds; 0: the file is static and contains no duration. */
     double duration;
-    /* The sound, whose data are in the memory of the file or, if it was packed, in sound_owned,
-     * which the caller frees. */
+    /* The sound. Its data point into the file in memory or, if the zip member was compressed, to
+     * sound_owned, which the caller frees. */
     struct spin_sound sound;
     void *sound_owned;
-    char sound_note[160]; /* why there is no sound although the file has one; or "" */
+    char sound_note[160]; /* the reason why the sound was not imported; "" if there is none */
 };
 
-/* The member of "audio" that spin4d adds: an object with the name of the sound, and the time at
- * which it starts, in seconds, unless that is 0. */
+/* The key of "audio" that spin4d adds: an object with the name of the sound and, unless it is 0,
+ * the time in seconds at which the sound starts. */
 #define SPIN_TSOG_OWN "spin4d"
 
-/* Reads a file that is in memory. Zero *splats before the call, and free it even after a failure.
- * The caller must call spin_splats_4d_finish() on the splats. Times are 0 to 1 in continuous files;
- * in discrete files they are frame numbers, and cuts restrict each splat to its frame. Error
+/* Reads a file from memory. Set *splats to zero before the call, and free it even after a failure.
+ * The caller must call spin_splats_4d_finish() on the splats. In continuous files, times are 0 to
+ * 1; in discrete files, times are frame numbers, and `cuts` restrict each splat to its frame. Error
  * messages do not contain the path. */
 spin_status spin_tsog_read(const void *file, size_t size, struct spin_tsog *out,
                            struct spin_splats_4d *splats);
