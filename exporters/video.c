@@ -61,8 +61,9 @@ static const struct spin_sound *sound_of(const struct spin_camera_path *d)
 
     if (!job->sound || fabs(clip - video) <= 0.5 / d->fps)
         return job->sound;
-    spin_warn("the video takes %.4g s and the clip %.4g s: the video lacks the sound '%s'", video,
-              clip, job->sound->name);
+    spin_warn(
+        "the video takes %.4g s but the clip %.4g s: the video is written without the sound '%s'",
+        video, clip, job->sound->name);
     return NULL;
 }
 

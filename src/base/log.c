@@ -115,7 +115,7 @@ static double plain_period(void)
     if (!*end && seconds >= 0 && seconds < 1e9)
         return seconds;
     if (!atomic_exchange(&warned, 1))
-        spin_warn("SPIN_PROGRESS='%.40s' is not a number of seconds; using %g", text,
+        spin_warn("SPIN_PROGRESS='%.40s' is not a number of seconds; using %g seconds", text,
                   plain_period_s);
     return plain_period_s;
 }

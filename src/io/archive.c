@@ -331,7 +331,7 @@ spin_status spin_archive_unpack(const char *path, struct spin_unpacked *out)
 
     *out = (struct spin_unpacked){0};
     if (stat(path, &st) != 0 || !read_kind(path, &zip))
-        return spin_malformed("'%s' is not an archive", path);
+        return spin_malformed("cannot unpack '%s': it is no zip, tar or gzip file", path);
     SPIN_TRY(make_folders(path, out));
     job.root = out->root;
     job.limit = RATIO * (uint64_t)st.st_size + SLACK;

@@ -119,7 +119,9 @@ spin_status spin_name_split(const char *name, bool folder, struct spin_name_part
 
     *out = (struct spin_name_parts){.name = name};
     if (end - name > MAX_NAME)
-        return spin_malformed("the file name '%.40s...' is too long", name);
+        return spin_malformed(
+            "the file name '%.40s...' is too long: at most %d characters are supported", name,
+            MAX_NAME);
     while (at < end) {
         struct spin_name_number number;
         const char *start;

@@ -50,7 +50,7 @@ spin_status spin_library_load(struct spin_library *library)
             i++;
         if (i == n)
             return spin_unsupported(
-                "%s needs the function %s, which spin4d does not contain in the browser",
+                "%s needs the function %s, which the browser version of spin4d lacks",
                 library->user, f->name);
         *(void **)f->into = linked[i].function;
     }

@@ -106,7 +106,7 @@ TAP_MAIN
     spin_progress_begin(&p, "reading", "frames", 0, 0);
     spin_progress_begin(&p, "reading", "frames", 0, 0);
     is_text(captured(),
-            "warning: SPIN_PROGRESS='often' is not a number of seconds; using 60\n",
+            "warning: SPIN_PROGRESS='often' is not a number of seconds; using 60 seconds\n",
             "another word is said, once");
     unsetenv("SPIN_PROGRESS");
 

@@ -123,7 +123,7 @@ if [ -x "$(dirname "$bin")/tests/tools/read-sound" ]; then
     burst v.webm "opus from 0.50 to 1.00 of 2.0" "as Opus, too" --range 30:90
     burst v.webm "opus from 0.50 to 0.67 of 0.7" "up to the last frame" --range 30:50
     burst v.mp4 none "no sound in a video that is slower" --repeat 2
-    err_has "the video takes 8 s and the clip 4 s: the video lacks the sound 'burst'" "which is reported"
+    err_has "the video takes 8 s but the clip 4 s: the video is written without the sound 'burst'" "which is reported"
     burst v.mp4 none "nor one that is not wanted" --sound none
     printf 'fLaC and nothing that could be decoded' >"$work/x.flac"
     run "$bin/spin-export" "$work/silent.spin" -o "$work/bad.mp4" --sound "$work/x.flac" --size 64x36

@@ -329,7 +329,7 @@ warns "frames that are worse, an option without effect" "--lr-sh has no effect w
 retrain --iterations 3 --lr-position 0 --lr-tracked 0 --lr-displacement 0 --lr-track 0 --lr-residual 0
 is "$code" 0 "a result that is as good"
 SPIN_PROGRESS=soon retrain --iterations 3 --eval-every 1
-is "$(grep -c "^warning: SPIN_PROGRESS='soon' is not a number of seconds; using 60$" "$work/err")" 1 \
+is "$(grep -c "^warning: SPIN_PROGRESS='soon' is not a number of seconds; using 60 seconds$" "$work/err")" 1 \
     "SPIN_PROGRESS, once"
 
 # ---- Images of half the size from one camera -----------------------------------------------------
