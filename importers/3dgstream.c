@@ -9,7 +9,7 @@
  * or, packed for the viewer (files with index i belong to frame i + 1),
  *     init_3dgs.ply  NTCs/{config.json, NTC_%06d.pth}  additional_3dgs/additions_%06d.ply  raw/
  *
- * where raw/ may contain frame folders as above. The moved clouds are exact and are read if every
+ * raw/ may contain frame folders like those above. The moved clouds are exact and are read if every
  * frame has one. Otherwise the networks are evaluated frame by frame, which accumulates
  * half-precision errors. Rows of the base, which is the cloud without added Gaussians, come first,
  * in the same order in every frame; rows of the added Gaussians follow. */
@@ -459,7 +459,7 @@ static void stream_close(void *self)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Resets the base to frame 0, from which the first network moves it on. */
+/* Resets the base to frame 0, from which the first network moves it to frame 1. */
 static spin_status rewind_base(struct clip *clip)
 {
     struct spin_splats *first = &clip->base.canonical;

@@ -439,7 +439,7 @@ static spin_status open_mask(struct tc_run *run)
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->off, (void **)&run->off));
     SPIN_TRY(spin_model_alloc(base, n, sizeof *run->keep, (void **)&run->keep));
     SPIN_TRY(count_kept(run));
-    if (run->mode == FRAME && !run->still_mask) /* row i differs from frame to frame */
+    if (run->mode == FRAME && !run->still_mask) /* row i can be another Gaussian in every frame */
         sequence->static_columns = 0;
     sequence->identity = run->mode != FRAME || run->still_mask;
     snprintf(sequence->variant, sizeof sequence->variant, "TC3DGS, %zu Gaussians", n);

@@ -28,7 +28,7 @@ struct model {
 
 static int probe(const struct spin_peek *peek)
 {
-    if (!peek->is_folder) /* the keys of the state dict are near the beginning */
+    if (!peek->is_folder) /* peek->head contains the keys of the state dict */
         return strcmp(spin_path_name(peek->path), "deform.pth") == 0 &&
                        (spin_peek_contains(peek, "linear.0.weight") ||
                         spin_peek_contains(peek, "timenet.0.weight"))

@@ -48,7 +48,7 @@ struct model {
     struct stage stage[N_STAGES];
     bool used[N_HEADS];
     float weight[N_HEADS];   /* factors by which the residuals are multiplied */
-    size_t layer;            /* floats of a block in the widest layer */
+    size_t layer;            /* number of floats of a block in the widest layer */
     struct settings {        /* settings of the training that affect the result */
         long long iteration; /* iteration of the checkpoint */
         double min_rows, max_rows, resized_until, deform_from;

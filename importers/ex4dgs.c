@@ -441,7 +441,7 @@ static spin_status part_of_chkpnt(struct spin_model *m, const struct spin_value 
 
 /* ---- PLYs ------------------------------------------------------------------------------------ */
 
-/* Writes the name of the PLY property that contains float `at` of a column's row, such as "x",
+/* Writes the name of the PLY property that contains value `at` of a row of the column, such as "x",
  * "rot_0" or "motion_xyz_12_0". f_rest_* are stored channel by channel. */
 static void name_property(const struct part *p, int column, int at, char text[64])
 {

@@ -376,8 +376,8 @@ static spin_status round_tensors(struct spin_model *base)
     return SPIN_OK;
 }
 
-/* Applies the sigmoid to logits, and rounds the tensors if the training rendered with rounded
- * ones. */
+/* Applies the sigmoid to the factors and the exponential to the scales of offsets, rounds the
+ * tensors if the training rendered with rounded ones, and loads the networks. */
 static spin_status activate(struct spin_model *base)
 {
     struct model *m = (struct model *)base;

@@ -56,8 +56,8 @@ struct hash_model {
     struct mlp_net trunk; /* grid_mlp; in DASH, d4_mlp is the first layer */
     int width;            /* inputs of each head */
     struct mlp_net warp, rotation, scaling;
-    size_t layer;     /* floats of a block in the widest layer */
-    size_t n_scratch; /* floats of scratch memory for a block */
+    size_t layer;     /* number of floats of a block in the widest layer */
+    size_t n_scratch; /* number of floats of scratch memory for a block */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */

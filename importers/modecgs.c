@@ -29,12 +29,12 @@ struct model {
     struct spin_model base; /* base.path: the folder of the checkpoint */
     size_t n, most;         /* number of anchors; number of anchors x number of offsets */
     int n_offsets, n_features;
-    float *anchor;        /* [n][3] */
-    float *offset;        /* [n][n_offsets][3] */
-    float *feature;       /* [n][n_features] */
-    float *scaling;       /* [n][6] factors of offsets and of scales, after exp */
-    float *dynamics;      /* [n][2] factors of residuals: of positions, of other attributes */
-    bool scaled[N_HEADS]; /* for each head: residuals are multiplied by the dynamics */
+    float *anchor;               /* [n][3] */
+    float *offset;               /* [n][n_offsets][3] */
+    float *feature;              /* [n][n_features] */
+    float *scaling;              /* [n][6] factors of offsets and of scales, after exp */
+    float *dynamics;             /* [n][2] factors of the residuals of positions, of others */
+    bool scaled[N_HEADS];        /* for each head: residuals are multiplied by the dynamics */
     float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;
     double grid_pe;
@@ -77,7 +77,7 @@ static spin_status refuse(const struct cfg_args *cfg, const char *key, bool want
     return SPIN_OK;
 }
 
-/* How to convert a stored dynamics value to a factor on residuals. */
+/* The conversion of a stored dynamics value to a factor of residuals. */
 struct dynamics {
     int type; /* 0, "mask": a factor of 0 or 1; 1, "mul": the activated value */
     enum { SIGMOID, RELU, TANH } activation;
@@ -255,8 +255,8 @@ static spin_status read_times(struct model *model)
 }
 
 /* Returns the canonical time nearest to `time` or, if that is later than `time`, this canonical
- * time minus the mean length of a segment. The difference is not always the previous canonical
- * time, since training shifts the canonical times. */
+ * time minus the mean length of a segment. The result of the subtraction is not always the previous
+ * canonical time, since training shifts the canonical times. */
 static float canonical_time(const struct model *model, float time)
 {
     int nearest = 0;

@@ -224,8 +224,8 @@ static const struct spin_value *get_list(struct model *m, const char *name, cons
 }
 
 /* Fills the columns of out [n][width] from column `at` on with entries of the codebook `code`. The
- * labels in `index`, Huffman-coded with `table`, are the numbers of the entries for rows 0 to n -
- * 1. */
+ * labels in `index`, Huffman-coded with `table`, are the indices of the entries for rows 0 to n
+ * - 1. */
 static spin_status read_part(struct model *m, const struct spin_value *code,
                              const struct spin_value *index, const struct spin_value *table,
                              size_t at, size_t width, float *out)

@@ -251,7 +251,7 @@ static bool sh_to_degree(int n_sh, double configured, int *degree, bool *in_time
         static const int unused[] = {1, 6, 16, 33};
 
         if (n_sh == 16 && configured != 2 &&
-            d == 2) /* 16 SH are of degree 3, or of 2 if cfg_args has sh_degree=2 */
+            d == 2) /* 16 SH mean degree 3, or degree 2 if cfg_args has sh_degree=2 */
             continue;
         if (n_sh == n || n_sh == 3 * n || n_sh == unused[d]) {
             *degree = d;

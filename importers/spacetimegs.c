@@ -51,7 +51,8 @@ enum { N_GROUPS = sizeof groups / sizeof *groups, LITE_WIDTH = 29, FULL_WIDTH = 
  * world coordinates, with a unit direction. The method's option rgbfunction selects the
  * ending. */
 enum { PIXEL_INPUTS = 12, PIXEL_HIDDEN = 6 };
-/* For the values sandwich, sandwichnoact and sandwichnoactss of rgbfunction. */
+/* In this order, the endings for the values sandwich, sandwichnoact and sandwichnoactss of
+ * rgbfunction. */
 enum ending { SIGMOID, CLAMP, AS_IS };
 
 struct model {
@@ -347,7 +348,8 @@ static void fill_row(struct model *m, size_t i)
         turn = spin_quat_norm(change) > 0 ? change : unturned;
     memcpy(s->quats + 4 * i, turn, 4 * sizeof *row);
     s->logit_opacities[i] = row[LOGIT];
-    /* Limited, since the narrowest and the widest windows are outside the range of float. */
+    /* Sigma is limited, since the narrowest and the widest windows are outside the range of float.
+     */
     s->sigmas[i] =
         (float)fmin(fmax(exp((double)row[WIDTH]) / sqrt(2), 1e-37), (double)SPIN_FOREVER);
     for (size_t c = 0; c < 3; c++)

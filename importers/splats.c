@@ -43,9 +43,8 @@ struct clip {
     double *times;  /* [n_frames] */
     size_t *counts; /* [n_frames] */
 
-    /* The open file. */
-    /* `file`: index in `files`; SIZE_MAX: no file is open. `within`: index, within this file, of
-     * the frame that read() is to read. */
+    /* The open file. `file`: index in `files`; SIZE_MAX: no file is open. `within`: index, within
+     * this file, of the frame that read() is to read. */
     size_t file, within;
     struct spin_map map;
     struct opened opened;

@@ -28,8 +28,9 @@ static const struct dialect {
 struct model {
     struct spin_model base;
     int dialect;
-    double start, duration,
-        fps; /* values of a comment in the PLY; fps is 0 if there is no such comment */
+    /* Start and duration in seconds, and frames per second, from a comment in the PLY; fps is 0 if
+     * there is no such comment. */
+    double start, duration, fps;
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
@@ -85,7 +86,8 @@ static bool find_number(const char *text, const char *key, double *out)
     return false;
 }
 
-/* Reads the comment of SuperSplat-4D. */
+/* Reads start, duration, frame rate and SH degree from the comment that SuperSplat-4D expects. Sets
+ * m->fps to 0 if there is none. */
 static spin_status read_comment(struct model *m, int sh_degree)
 {
     const struct spin_ply *ply = &m->base.ply;

@@ -294,7 +294,7 @@ static spin_status read_image(struct spin_colmap *m, struct source *s, int *id)
 
 /* ---- Points ---------------------------------------------------------------------------------- */
 
-/* Reads the position of a point. */
+/* Reads the id and the position of a point, and in binary files skips the rest of its record. */
 static spin_status take_point(struct source *s, int *id, double xyz[3])
 {
     uint64_t bits, n_track;

@@ -102,7 +102,7 @@ spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const
     return SPIN_OK;
 }
 
-/* Sorts the frames by their numbers, which it stores in them. */
+/* Puts the frames into the order that `numbers` states, and stores their frame numbers. */
 static spin_status reorder(struct spin_model *m, const struct spin_numbers *numbers,
                            struct spin_file_sequence *seq)
 {

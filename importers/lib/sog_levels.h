@@ -1,8 +1,8 @@
 /* Streamed SOG of PlayCanvas, version 1 and its predecessor without a version number. It consists
- * of lod-meta.json and of SOG files, the chunks, which are usually unpacked folders. lod-meta.json
- * contains a tree of bounding boxes, whose leaves list, for each level of detail, a run of
- * consecutive splats of one chunk. Level 0 is the finest. The sky, called "environment" in the
- * file, is a SOG that belongs to no level and that viewers always draw. */
+ * of lod-meta.json and of the chunks, each of which is a SOG, usually unpacked in a folder.
+ * lod-meta.json contains a tree of bounding boxes, whose leaves list, for each level of detail, a
+ * run of consecutive splats of one chunk. Level 0 is the finest. The sky, called "environment" in
+ * the file, is a SOG that belongs to no level and that viewers always draw. */
 #pragma once
 
 #include "importers/lib/model.h"
