@@ -22,8 +22,9 @@ static spin_status copy_text(struct spin_usd_stage *s, const char *text, const c
     return SPIN_OK;
 }
 
-/* Resolves `asset`, as named in the file `from`, to a path. "./" and "../" are resolved only within
- * packages, whose members have no folders of such names. */
+/* Resolves the asset path `asset`, which is relative to the file `from`. "./" is always removed.
+ * "../" is resolved only within packages: a zip has no parent folders, whereas the file system
+ * resolves them itself. */
 static spin_status resolve_path(struct spin_usd_stage *s, const char *from, const char *asset,
                                 const char **out)
 {
@@ -47,7 +48,8 @@ static bool file_exists(const struct spin_usd_stage *s, const char *path)
     return s->packed ? spin_zip_find(&s->package, path) != NULL : spin_path_exists(path);
 }
 
-/* Members of packages must be stored, so that readers can map them. */
+/* USD requires that members of packages are not compressed, so that readers can map them into
+ * memory. */
 static spin_status open_member(struct spin_usd_stage *s, const char *name, struct spin_map *out)
 {
     const struct spin_zip_member *member = spin_zip_find(&s->package, name);
@@ -78,7 +80,7 @@ static spin_status fail_file(const struct spin_usd_stage *s, const char *path, s
                      : spin_fail_reading(status, path);
 }
 
-/* Opens a layer into *file, which is zeroed except for its path. */
+/* Opens the layer at file->path. All other members of *file must be zero. */
 static spin_status open_file(struct spin_usd_stage *s, struct usd_file *file)
 {
     spin_status status;
@@ -138,8 +140,7 @@ void spin_usd_close_files(struct spin_usd_stage *s)
 
 /* ---- Composition ----------------------------------------------------------------------------- */
 
-/* The list of opinions about a prim, while it is collected. An opinion (USD's term) is what one
- * layer states about the prim. */
+/* The list of opinions about a prim, while it is being collected. */
 struct opinions {
     struct usd_opinion of[MAX_OPINIONS];
     size_t n;
@@ -171,7 +172,6 @@ static spin_status add_stack(struct spin_usd_stage *s, struct opinions *list, st
     return SPIN_OK;
 }
 
-/* Returns the text of an entry of metadata; NULL if there is none. The caller frees it. */
 char *spin_usd_metadata_text(const struct usd_file *file, const char *name)
 {
     struct spin_usd_field *field = spin_usd_field(file->layer.root.metadata, name);
@@ -182,8 +182,8 @@ char *spin_usd_metadata_text(const struct usd_file *file, const char *name)
     return text;
 }
 
-/* Appends the opinions of the prim to which one item of a list of references refers. A reference to
- * a missing file is skipped with a note, as other programs do. */
+/* Appends the opinions about the prim to which a reference refers. item: an item of a list of
+ * references. A reference to a missing file is skipped with a note; other programs skip it too. */
 static spin_status add_reference(struct spin_usd_stage *s, struct opinions *list,
                                  struct usd_file *file, const struct spin_usd_value *item)
 {
@@ -204,8 +204,8 @@ static spin_status add_reference(struct spin_usd_stage *s, struct opinions *list
     return *path || chosen ? add_stack(s, list, file, *path ? path : chosen, 0) : SPIN_OK;
 }
 
-/* Appends the opinions to which references of the listed opinions lead, including references of the
- * opinions that it appends. */
+/* Appends the opinions that are found by following the references of all opinions in the list,
+ * including those that this function appends. */
 static spin_status add_references(struct spin_usd_stage *s, struct opinions *list)
 {
     for (size_t i = 0; i < list->n; i++)
@@ -291,8 +291,8 @@ static spin_status entry_number(const struct spin_usd_value *set, const char *na
                        : spin_malformed("clips with a template have no '%s'", name);
 }
 
-/* Adds the file of a time code to the clips, if the file exists. Its name is the template with the
- * time code in place of the run of `#` signs, whose length is the number of digits. */
+/* Adds the file of a time code to the clips, if the file exists. In the name of the file, the time
+ * code replaces the `#` signs of the template, and is padded with zeros to their number. */
 static spin_status add_template(struct spin_usd_stage *s, const char *template, double time,
                                 struct usd_clips *out)
 {
@@ -314,7 +314,7 @@ static spin_status add_template(struct spin_usd_stage *s, const char *template, 
     return SPIN_OK;
 }
 
-/* Reads clips whose files are named by a template, one for each time code of a range. */
+/* Reads clips whose file names follow a template, with one file for each time code of a range. */
 static spin_status read_template(struct spin_usd_stage *s, const struct spin_usd_value *set,
                                  const struct spin_usd_value *name, struct usd_clips *out)
 {
@@ -338,7 +338,7 @@ static spin_status read_template(struct spin_usd_stage *s, const struct spin_usd
     return out->n_active > 0 ? SPIN_OK : spin_not_found("no clips named like '%s' exist", template);
 }
 
-/* Reads the list of files and the times of the clips. */
+/* Reads the file names and the times of the clips. */
 static spin_status read_list(struct spin_usd_stage *s, const struct spin_usd_value *set,
                              struct usd_clips *out)
 {
@@ -355,7 +355,7 @@ static spin_status read_list(struct spin_usd_stage *s, const struct spin_usd_val
                        : spin_malformed("clips have neither assetPaths nor templateAssetPath");
 }
 
-/* Reads the clips of a prim from the entries of one set of clips. */
+/* Reads the clips of a prim from a set of clips, which is a dictionary. */
 static spin_status read_clips(struct spin_usd_stage *s, const struct spin_usd_value *set,
                               struct usd_clips *out, struct usd_node *node)
 {
@@ -398,8 +398,8 @@ static spin_status find_clips(struct spin_usd_stage *s, struct usd_node *node)
     return SPIN_OK;
 }
 
-/* Creates the node of a prim from the opinions in `list`, to which those of its references are
- * added. */
+/* Creates the node of a prim from the opinions in `list`, to which the opinions found by references
+ * are added. */
 static spin_status make_node(struct spin_usd_stage *s, struct usd_node *parent, const char *name,
                              struct opinions *list, struct usd_node **out)
 {
@@ -430,7 +430,8 @@ static spin_status make_node(struct spin_usd_stage *s, struct usd_node *parent, 
     return find_clips(s, node);
 }
 
-/* Collects the opinions of the parent's layers about one child of the prim. */
+/* Collects the opinions about the child `name` of a prim. *n_local: receives the number of opinions
+ * of the stage's own layers. */
 static void find_child(const struct usd_node *parent, const char *name, struct opinions *out,
                        size_t *n_local)
 {
@@ -445,8 +446,8 @@ static void find_child(const struct usd_node *parent, const char *name, struct o
     }
 }
 
-/* Returns whether an opinion stronger than opinion i contains a child of this name, so that the
- * child was already visited. */
+/* Returns whether an opinion before opinion i has a child of this name, which means that the child
+ * has already been visited. */
 static bool is_repeated(const struct usd_node *node, size_t i, const char *name)
 {
     for (size_t k = 0; k < i; k++)
@@ -461,8 +462,8 @@ static void note_type(struct spin_usd_stage *s, const char *type)
         snprintf(s->other, sizeof s->other, "%s", type);
 }
 
-/* Visits a node and the prims below it, and appends those that contain splats to the list that ends
- * at **tail. */
+/* Visits a node and all its descendants, and appends those that contain splats to a list. *tail:
+ * pointer to the NULL at the end of the list. */
 static spin_status visit(struct spin_usd_stage *s, struct usd_node *node, int depth,
                          struct usd_node ***tail)
 {
@@ -505,8 +506,8 @@ spin_status spin_usd_compose(struct spin_usd_stage *s, struct usd_file *root)
 
 /* ---- Values at a time ------------------------------------------------------------------------ */
 
-/* Converts a time code of the stage to a time code of the clips, by linear interpolation between
- * the pairs. */
+/* Converts a time code of the stage to a time code of the clips, by linear interpolation in
+ * c->times. */
 static double clip_time(const struct usd_clips *c, double time)
 {
     const double *t = c->times;
@@ -522,7 +523,6 @@ static double clip_time(const struct usd_clips *c, double time)
            (time - t[2 * i]) * (t[2 * i + 3] - t[2 * i + 1]) / (t[2 * i + 2] - t[2 * i]);
 }
 
-/* Opens the clip that entry i of `active` activates, unless it is already open. */
 spin_status spin_usd_open_clip(struct spin_usd_stage *s, struct usd_clips *c, size_t i)
 {
     const char *asset = c->asset[(size_t)c->active[2 * i + 1]];
@@ -540,8 +540,8 @@ spin_status spin_usd_open_clip(struct spin_usd_stage *s, struct usd_clips *c, si
     return open_file(s, file);
 }
 
-/* Finds the attribute of a prim in the active clip. An attribute without samples there counts as
- * missing. */
+/* Sets *out to the value of an attribute in the clip that is active at a time, or to NULL if the
+ * attribute has no samples in this clip. */
 static spin_status find_in_clips(struct spin_usd_stage *s, const struct usd_node *node,
                                  const char *name, double time, struct spin_usd_value **out)
 {
@@ -559,8 +559,8 @@ static spin_status find_in_clips(struct spin_usd_stage *s, const struct usd_node
     return SPIN_OK;
 }
 
-/* Sets *out to the value of an attribute at a time; to NULL if there is none, or if a sample blocks
- * it. */
+/* Opinions are searched from the strongest to the weakest. Clips are weaker than the stage's own
+ * layers, but stronger than references. */
 spin_status spin_usd_find_value(struct spin_usd_stage *s, const struct usd_node *node,
                                 const char *name, double time, struct spin_usd_value **out)
 {

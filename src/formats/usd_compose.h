@@ -1,4 +1,5 @@
-/* Composes the prims of a USD stage from its layers, and evaluates their attributes at a time. */
+/* Composes the prims of a USD stage from its layers, and evaluates attributes of prims at a given
+ * time. */
 #pragma once
 
 #include "formats/usd.h"
@@ -19,33 +20,34 @@ enum spin_usd_column {
 struct spin_usd_stage {
     size_t n_frames;
     double *times;  /* [n_frames] time codes, increasing */
-    size_t *counts; /* [n_frames] splats */
-    int sh_degree;  /* largest degree of any splats in the stage, at most 3 */
+    size_t *counts; /* [n_frames] number of splats */
+    int sh_degree;  /* largest SH degree of all prims, at most 3 */
     /* Set of the columns (enum spin_column) whose values are the same in all frames. */
     unsigned still;
-    double codes_per_second; /* timeCodesPerSecond; 0: not stated */
-    double meters;           /* metersPerUnit; 0: not stated */
-    bool z_up;               /* upAxis is Z, not Y */
-    bool
-        antialias; /* customLayerData of spin-export states that splats must be drawn antialiased */
-    /* Facts about the stage that are reported to the user. */
-    bool linear;          /* colours are in linear light */
-    bool variants;        /* variants were skipped */
-    bool cut;             /* SH of degree 4 and more were cut to degree 3 */
-    bool no_orientations; /* some splats have no array of this attribute, so the default of the
-                             schema is used */
+    double codes_per_second; /* timeCodesPerSecond; 0: missing */
+    double meters;           /* metersPerUnit; 0: missing */
+    bool z_up;               /* true: upAxis is Z; false: Y */
+    /* True: splats must be drawn antialiased. spin-export writes this to customLayerData. */
+    bool antialias;
+
+    /* The following members are reported to the user. */
+    bool linear;   /* true: colours are in linear light */
+    bool variants; /* true: variants were skipped */
+    bool cut;      /* true: SH above degree 3 were skipped */
+    /* True: some prims of splats lack an attribute, so the default of the schema is used. */
+    bool no_orientations;
     bool no_opacities, no_sh;
     char missing[128]; /* asset path of a reference whose file does not exist; "": none */
-    char other[64];    /* type of particle fields that was found but is not supported; "": none */
+    char other[64];    /* unsupported type of particle field that was found; "": none */
 
-    /* private */
+    /* The following members are private. */
     struct spin_arena arena;
-    struct spin_zip package; /* archive of a .usdz */
+    struct spin_zip package; /* the zip, if the stage is a .usdz; see packed */
     bool packed;
     struct usd_file *file; /* all open layers */
     unsigned n_opened;     /* number of layers opened so far */
     struct usd_node *splats;
-    bool moves; /* transforms have samples */
+    bool moves; /* true: a transform has samples */
     size_t n_nodes;
     struct spin_splats raw;
 };
@@ -53,13 +55,13 @@ struct spin_usd_stage {
 /* A layer that is open. */
 struct usd_file {
     const char *path; /* in the file system or, if the stage is packed, in the package */
-    unsigned number;  /* a number that no other layer of the stage has or had */
+    unsigned number;  /* unique among all layers that the stage has opened */
     struct spin_map map;
     struct spin_usd_layer layer;
     struct usd_file *next;
 };
 
-/* The opinion of one layer about a prim of the stage. */
+/* An opinion (USD's term): what one layer specifies about a prim of the stage. */
 struct usd_opinion {
     struct usd_file *file;
     struct spin_usd_prim *prim;
@@ -67,29 +69,30 @@ struct usd_opinion {
 
 /* Value clips: each file contains the samples of a prim for an interval of time. */
 struct usd_clips {
-    const char *folder_of; /* path of the layer that names the files */
+    const char *folder_of; /* path of the layer that defines the clips; `asset` is relative to it */
     char **asset;
     size_t n_assets;
-    double *active, *times; /* [n][2] pairs: time code of the stage, and index of an asset or time
-                               code of the clip */
+    /* [n_active][2] time code of the stage, index in `asset` of the file that is used from then on;
+     * [n_times][2] time code of the stage, corresponding time code of the clip. */
+    double *active, *times;
     size_t n_active, n_times;
     struct usd_file *open; /* NULL: none */
     size_t at;             /* index in `active` of the open file */
 };
 
-/* The values of an attribute that were read last. */
+/* Cache of an attribute of a prim: the values that were read last. */
 struct usd_column {
     float *value;
     size_t n;
     const struct spin_usd_value *from;
-    unsigned number; /* id of the layer of `from` */
+    unsigned number; /* number of the layer that contains `from` */
 };
 
 /* A prim of the stage. */
 struct usd_node {
     struct usd_node *parent;
     const char *path;
-    struct usd_opinion *opinion; /* [n] opinions, the strongest first */
+    struct usd_opinion *opinion; /* [n] the strongest first */
     size_t n, n_local;       /* the first n_local opinions are those of the stage's own layers */
     struct usd_clips *clips; /* clips of the prim itself or of an ancestor; NULL: none */
     const char *clip_path;   /* path of this prim in the files of the clips */
@@ -97,11 +100,11 @@ struct usd_node {
     struct usd_column column[SPIN_USD_COLUMNS];
 };
 
-/* Opens the root layer at `path`, or the first member of that package. */
+/* Opens the root layer: the file at `path` or, if it is a package, its first member. */
 spin_status spin_usd_open_root(struct spin_usd_stage *s, const char *path, struct usd_file **out);
 void spin_usd_close_files(struct spin_usd_stage *s);
-/* Visits all prims, sets s->splats to the list of those that contain splats, and notes what is
- * skipped. */
+/* Visits all prims, sets s->splats to the list of prims that contain splats, and sets the members
+ * of *s that report what was skipped. */
 spin_status spin_usd_compose(struct spin_usd_stage *s, struct usd_file *root);
 /* Returns the text of an entry of a layer's metadata; NULL if there is none. The caller frees it.
  */
@@ -109,7 +112,7 @@ char *spin_usd_metadata_text(const struct usd_file *file, const char *name);
 
 /* Opens the clip that entry i of `active` activates, unless it is already open. */
 spin_status spin_usd_open_clip(struct spin_usd_stage *s, struct usd_clips *c, size_t i);
-/* Sets *out to the value of an attribute at a time; to NULL if there is none, or if a sample blocks
- * it. */
+/* Sets *out to the value of an attribute at a time, or to NULL if the attribute has no value or its
+ * value is blocked (None). */
 spin_status spin_usd_find_value(struct spin_usd_stage *s, const struct usd_node *node,
                                 const char *name, double time, struct spin_usd_value **out);

@@ -8,16 +8,15 @@
 #include "formats/usd_packed.h"
 
 enum { HEAD = 88, MIN_VERSION = 7, MAX_VERSION = 13 };
-/* Limits of the number of paths, and of the number of fields of all prims and attributes
- * together. */
+/* Limits on the number of paths, and on the total number of fields and time samples. */
 enum { MAX_PATHS = 1 << 24, MAX_FIELDS = 1 << 22 };
-/* Arrays with fewer floats or integers are never compressed. */
+/* Arrays with fewer values than this are never compressed. */
 enum { LEAST_PACKED = 16 };
 
 enum kind { SPEC_ATTRIBUTE = 1, SPEC_PRIM = 6, SPEC_ROOT = 7 };
 
-/* Types of values. ITEM is not a type of the format: it is used internally for an item of a list of
- * references. */
+/* Types of values. ITEM, an item of a list of references, is not a type of the format, but is only
+ * used in this file. */
 enum type {
     BOOL = 1,
     UCHAR,
@@ -53,10 +52,9 @@ enum type {
 };
 
 struct path {
-    struct spin_usd_prim
-        *prim; /* the prim, or the prim to which the property belongs; NULL: the path is neither */
-    struct spin_usd_prim **tail;
-    const char *name; /* name of the property; NULL: the path is that of a prim */
+    struct spin_usd_prim *prim;  /* the prim, or the owner of the property; NULL: neither */
+    struct spin_usd_prim **tail; /* prims: end of the list of children; else NULL */
+    const char *name;            /* name of the property; NULL: the path is that of a prim */
     uint32_t parent;
     struct spin_usd_field *attribute;
 };
@@ -73,7 +71,7 @@ struct spin_usd_crate {
     int32_t *field_name; /* [n_fields] indices of tokens */
     uint64_t *field_value;
     size_t n_fields;
-    int32_t *set; /* [n_set] lists of indices of fields, each with -1 at its end */
+    int32_t *set; /* [n_set] lists of indices of fields; each list ends with -1 */
     size_t n_set, n_made;
 };
 
@@ -141,8 +139,8 @@ static spin_status read_count(struct part *p, size_t size, size_t *out)
     return SPIN_OK;
 }
 
-/* Reads a distance of 8 bytes, and moves by this distance from the position at which it is
- * stored. */
+/* Reads a distance, which is stored in 8 bytes, and moves *p by this distance from the position of
+ * the distance itself. */
 static spin_status follow(const struct spin_usd_crate *c, struct part *p)
 {
     uint64_t from = (uint64_t)(p->at - c->data), distance;
@@ -162,7 +160,7 @@ static spin_status read_ints(struct part *p, uint64_t n, int32_t **out)
     return spin_usd_unpack_ints(block, (size_t)size, n, out);
 }
 
-/* read_ints() into the arena of the layer. */
+/* The same as read_ints(), but allocates *out in the arena of the layer. */
 static spin_status keep_ints(struct spin_usd_layer *layer, struct part *p, size_t n, int32_t **out)
 {
     SPIN_FREED int32_t *ints = NULL;
@@ -276,12 +274,14 @@ static spin_status read_fields(struct spin_usd_layer *layer)
 struct tree {
     int32_t *path;  /* index of the path */
     int32_t *token; /* last name of the path; negative for properties */
-    int32_t *jump;  /* -2: a leaf; -1: the next row is a child; 0: the next row is a sibling; k > 0:
-                       the next row is a child, and the row k further is a sibling */
+    /* -2: the row has no child and no later sibling; -1: the next row is its child, and there is no
+     * later sibling; 0: the next row is its sibling; k > 0: the next row is its child, and the row
+     * k further is its sibling. */
+    int32_t *jump;
     size_t n;
 };
 
-/* Creates the path of row i below the path `parent`. */
+/* Creates the path of row i, whose parent is the path `parent`. */
 static spin_status make_path(struct spin_usd_layer *layer, const struct tree *t, size_t i,
                              uint32_t parent)
 {
@@ -306,8 +306,8 @@ static spin_status make_path(struct spin_usd_layer *layer, const struct tree *t,
     return SPIN_OK;
 }
 
-/* Visits the tree from row 0, the root. Cycles are impossible: a row that is reached twice would
- * define its path twice, which is an error. */
+/* Visits all rows of the tree from row 0, the root. The loop always ends: visiting a row again
+ * would define its path a second time, which is an error. */
 static spin_status walk_paths(struct spin_usd_layer *layer, const struct tree *t, size_t *stack)
 {
     struct path *path = layer->crate->path;
@@ -363,7 +363,7 @@ static spin_status read_paths(struct spin_usd_layer *layer)
     SPIN_TRY(find_section(c, "PATHS", &p));
     SPIN_TRY(read_u64(&p, &n_paths));
     SPIN_TRY(read_u64(&p, &n));
-    /* The table has a few more paths than the tree, such as the empty path. */
+    /* A few paths, such as the empty path, are in the table but not in the tree. */
     if (n_paths > MAX_PATHS || n > n_paths || n_paths > 2 * n + 64)
         return spin_malformed("%llu paths, of which %llu are in the tree",
                               (unsigned long long)n_paths, (unsigned long long)n);
@@ -397,7 +397,7 @@ static spin_status count_fields(struct spin_usd_crate *c, size_t n)
                : spin_malformed("there are too many fields or time samples");
 }
 
-/* Reads the times and the values of samples. */
+/* Reads the times of samples and the words of their values. */
 static spin_status read_samples(struct spin_usd_layer *layer, uint64_t word,
                                 struct spin_usd_field *out)
 {
@@ -543,8 +543,8 @@ spin_status spin_usd_crate_open(struct spin_usd_layer *out)
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Returns the type of the components of tuples of a type, and sets *width to their number; 0: the
- * type does not consist of numbers. */
+/* Returns the type of the numbers that values of a type consist of, and sets *width to how many
+ * numbers a tuple has: 1 for plain numbers, 0 for types that do not consist of numbers. */
 static enum type component_of(enum type type, unsigned *width)
 {
     static const enum type of[] = {DOUBLE, FLOAT, HALF, INT};
@@ -615,8 +615,9 @@ static double number_at(enum type component, const unsigned char *at)
     }
 }
 
-/* Returns component `i` of an inline value. Tuples have components of one signed byte, matrices
- * only those of their diagonal; a double is stored as a float, wide integers as narrow ones. */
+/* Returns number i of an inline value. In inline form, the numbers of a tuple are signed bytes, a
+ * matrix has only its diagonal, as signed bytes, a double is stored as a float, and 64-bit integers
+ * are stored in 32 bits. */
 static double inline_number(enum type component, unsigned width, bool matrix, uint64_t payload,
                             unsigned i)
 {
@@ -636,12 +637,12 @@ static double inline_number(enum type component, unsigned width, bool matrix, ui
                      bytes);
 }
 
-/* The numbers of a value that is stored at an offset, not inline. */
+/* Where and how the numbers of a value are stored. Inline values have no part p. */
 struct numbers {
     enum type component;
     unsigned width;
     size_t n;      /* tuples */
-    struct part p; /* the numbers, starting with the first */
+    struct part p; /* begins with the first number */
     bool packed, swap;
 };
 
@@ -693,7 +694,8 @@ static void store_number(size_t i, double value, float *floats, double *doubles)
         doubles[i] = value;
 }
 
-/* Reads numbers that are compressed, as integers or as indices in a table of values. */
+/* Reads compressed numbers. They are stored as integers or, for real numbers, as indices in a
+ * table. */
 static spin_status read_packed(struct numbers *of, float *floats, double *doubles)
 {
     bool real = of->component == HALF || of->component == FLOAT || of->component == DOUBLE;
@@ -737,7 +739,7 @@ spin_status spin_usd_crate_numbers(const struct spin_usd_value *v, size_t n, flo
         return read_packed(&of, floats, doubles);
     size = size_of(of.component);
     for (size_t i = 0; i < n; i++) {
-        /* Quaternions are stored x y z w. */
+        /* Quaternions are stored in the order x y z w. */
         size_t from = of.swap ? i - i % 4 + (i + 3) % 4 : i;
 
         store_number(i,
@@ -751,7 +753,7 @@ spin_status spin_usd_crate_numbers(const struct spin_usd_value *v, size_t n, flo
 
 /* ---- Texts and lists ------------------------------------------------------------------------- */
 
-/* Returns the text with this index, which is a string or a token; asset paths are stored as
+/* Returns the text of a string, token or asset path with this index. Asset paths are stored as
  * tokens. */
 static const char *text_of(const struct spin_usd_crate *c, enum type type, uint64_t index)
 {
@@ -769,7 +771,7 @@ spin_status spin_usd_crate_text(const struct spin_usd_value *v, char **out)
     return spin_strdup(text_of(v->layer->crate, type, payload_of(v->word)), out);
 }
 
-/* Writes the path of a prim to `out`, [bytes]. Returns false if it does not fit. */
+/* Writes the path of a prim to `out`, [bytes]. Returns false if the path does not fit. */
 static bool print_path(const struct spin_usd_crate *c, uint32_t path, char *out, size_t bytes)
 {
     size_t at = bytes - 1;
@@ -839,8 +841,8 @@ spin_status spin_usd_crate_entry(const struct spin_usd_value *dictionary, const 
     return SPIN_OK;
 }
 
-/* Finds item `i` of an array of texts, which is stored as a count followed by indices of 4
- * bytes. */
+/* Sets *out to item i of an array of texts, which is stored as the number of items and an index of
+ * 4 bytes for each. Returns false if there is no such item. */
 static bool text_item(const struct spin_usd_value *of, enum type type, size_t i,
                       struct spin_usd_value *out)
 {
@@ -856,10 +858,10 @@ static bool text_item(const struct spin_usd_value *of, enum type type, size_t i,
     return true;
 }
 
-/* Finds item `i` of a list operation on references or payloads. Such an operation has up to six
- * lists, in the order explicit, added, prepended, appended, deleted, ordered; bits 1 to 6 of a byte
- * state which lists exist. Only the first existing list is read. Items have a fixed size unless
- * they have custom data. */
+/* Sets *out to item i of a list of references or payloads. Returns false if there is no such item.
+ * USD stores a list operation with up to six lists: explicit, added, prepended, appended, deleted
+ * and ordered items. Bits 1 to 6 of its first byte specify, in this order, which lists exist. Only
+ * the first existing list is read. size: bytes of an item without custom data. */
 static bool reference_item(const struct spin_usd_value *of, size_t size, size_t i,
                            struct spin_usd_value *out)
 {

@@ -7,11 +7,11 @@
 #include "math/approx.h"
 
 enum { HEAD = 88, SECTIONS = 6, KIND_ATTRIBUTE = 1, KIND_PRIM = 6, KIND_ROOT = 7 };
-/* Further types of values. */
+/* Types of values in addition to enum spin_usdc_type. */
 enum { BOOL = 1, INT = 3, DOUBLE = 9, STRING = 10, DICTIONARY = 31, TOKEN_LIST = 32 };
 enum { TOKEN_VECTOR = 41, SPECIFIER = 42, VARIABILITY = 44, SAMPLES = 46, DOUBLE_VECTOR = 48 };
 
-/* Bytes in memory. */
+/* A growing array of bytes. room: allocated bytes; status: a failure to allocate. */
 struct bytes {
     unsigned char *data;
     size_t n, room;
@@ -63,7 +63,7 @@ static uint64_t append_bytes(struct spin_usdc_writer *w, const void *data, size_
     return at;
 }
 
-/* append_bytes() that also frees the bytes. */
+/* Calls append_bytes() and frees the bytes. */
 static uint64_t put_bytes(struct spin_usdc_writer *w, struct bytes *b)
 {
     uint64_t at;
@@ -121,7 +121,7 @@ uint64_t spin_usdc_double(struct spin_usdc_writer *w, double v)
     return word_of(DOUBLE, false, false, append_bytes(w, &v, sizeof v));
 }
 
-/* Returns the index of a token, which it adds if it is new. */
+/* Returns the index of a token, which is added if it is new. */
 static uint32_t token_index(struct spin_usdc_writer *w, const char *text)
 {
     struct bytes b = {(unsigned char *)w->tokens, w->n_token_bytes, w->token_room, SPIN_OK};
@@ -173,7 +173,7 @@ uint64_t spin_usdc_flag(struct spin_usdc_writer *w, const char *name)
 
     append_int(&b, 1, 8);
     append_int(&b, string_index(w, name), 4);
-    append_int(&b, 8, 8); /* distance from here to the value, which follows */
+    append_int(&b, 8, 8); /* distance in bytes from this field to the value */
     append_int(&b, word_of(BOOL, false, true, 1), 8);
     return word_of(DICTIONARY, false, false, put_bytes(w, &b));
 }
@@ -187,9 +187,9 @@ uint64_t spin_usdc_samples(struct spin_usdc_writer *w, const double *time, const
     append_int(&b, n, 8);
     append(&b, time, n * sizeof *time);
     times = word_of(DOUBLE_VECTOR, false, false, put_bytes(w, &b));
-    append_int(&b, 8, 8); /* distance from here to the word of the times */
+    append_int(&b, 8, 8); /* distance in bytes from this field to the word of the times */
     append_int(&b, times, 8);
-    append_int(&b, 8, 8); /* distance from here to the values */
+    append_int(&b, 8, 8); /* distance in bytes from this field to the values */
     append_int(&b, n, 8);
     for (size_t i = 0; i < n; i++)
         append_int(&b, value[i], 8);
@@ -248,7 +248,7 @@ void spin_usdc_schema(struct spin_usdc_writer *w, const char *name)
 {
     struct bytes b = {.n = 0};
 
-    append_int(&b, 0x20, 1); /* the list has only items to prepend */
+    append_int(&b, 0x20, 1); /* the list operation has a list of prepended items */
     append_int(&b, 1, 8);
     append_int(&b, token_index(w, name), 4);
     spin_usdc_field(w, "apiSchemas", word_of(TOKEN_LIST, false, false, put_bytes(w, &b)));
@@ -258,12 +258,14 @@ void spin_usdc_begin(struct spin_usdc_writer *w, struct spin_out *out)
 {
     w->out = out;
     w->at = HEAD;
-    /* Takes index 0, which the name of an attribute must not have: its negative marks the name. */
+    /* A token that is not used, at index 0: in the table of paths, names of attributes are stored
+     * as negative indices, and 0 has no negative. */
     token_index(w, ";-)");
     add_node(w, 0, "", false);
 }
 
-/* Adds a field that lists the children of a prim, either its attributes or its prims. */
+/* Adds a field that lists the attributes or, if `attributes` is false, the child prims of node i.
+ */
 static void list_children(struct spin_usdc_writer *w, size_t i, bool attributes, const char *name)
 {
     struct bytes b = {.n = 0};
@@ -286,7 +288,8 @@ static void list_children(struct spin_usdc_writer *w, size_t i, bool attributes,
 
 /* ---- Tables ---------------------------------------------------------------------------------- */
 
-/* Appends a block in the compressed form, as a single chunk that consists of literals. */
+/* Appends a block in compressed form (usd_packed.h): a single chunk that consists of literals only.
+ */
 static void append_block(struct bytes *to, const struct bytes *block)
 {
     struct bytes b = {.status = block->status};
@@ -308,8 +311,8 @@ static void append_block(struct bytes *to, const struct bytes *block)
     free(b.data);
 }
 
-/* Appends compressed integers. All differences are stored in 4 bytes, except those that are 1, the
- * most frequent one in tables. */
+/* Appends integers in compressed form (usd_packed.h). The most frequent difference is assumed to be
+ * 1; all other differences are stored in 4 bytes. */
 static void append_ints(struct bytes *to, const struct bytes *ints)
 {
     struct bytes codes = {.n = 0}, rest = {.n = 0};
@@ -339,8 +342,9 @@ static void append_ints(struct bytes *to, const struct bytes *ints)
     free(codes.data);
 }
 
-/* Returns the jump of a row in the table of paths: -2 for a leaf, -1 if the next row is a child, 0
- * if it is a sibling, k > 0 if it is a child and the row k further is a sibling. */
+/* Returns the jump of row i in the table of paths. -2: row i has no child and no later sibling; -1:
+ * the next row is its child, and there is no later sibling; 0: the next row is its sibling; k > 0:
+ * the next row is its child, and row i + k its sibling. */
 static int32_t jump_of(const struct spin_usdc_writer *w, size_t i)
 {
     bool child = i + 1 < w->n_nodes && w->node[i + 1].parent == (int32_t)i;
@@ -414,7 +418,7 @@ static void append_fields(const struct spin_usdc_writer *w, struct bytes *to)
     free(word.data);
 }
 
-/* Appends the lists of fields, one for each node, each with -1 at its end. */
+/* Appends the lists of fields, one for each node. Each list ends with -1. */
 static void append_sets(const struct spin_usdc_writer *w, struct bytes *to)
 {
     struct bytes set = {.n = 0};

@@ -2,13 +2,13 @@
  * crates support; usd_crate.h describes the format. Values are written to the file when they are
  * added. Prims and attributes stay in memory until spin_usdc_end(), which writes the tables.
  *
- * The functions for values return the word of 64 bits that represents a value in the file. A
- * failure of theirs is kept in the writer, and spin_usdc_end() returns it. */
+ * The functions for values return the word of 64 bits that represents a value in the file. If they
+ * fail, the status is kept in the writer, and spin_usdc_end() returns it. */
 #pragma once
 
 #include "io/file.h"
 
-/* Types of values, numbered as in the format. */
+/* Types of values, with the numbers of the file format. */
 enum spin_usdc_type {
     SPIN_USDC_FLOAT = 8,
     SPIN_USDC_HALF = 7,
@@ -40,7 +40,7 @@ struct spin_usdc_writer {
     spin_status status;
 
     /* The following members are private. */
-    char *tokens; /* [n_token_bytes] all tokens, each with its NUL */
+    char *tokens; /* [n_token_bytes] all tokens, each terminated by NUL */
     size_t n_tokens, n_token_bytes, token_room;
     uint32_t *string; /* [n_strings] indices of tokens */
     size_t n_strings, string_room;
@@ -48,17 +48,18 @@ struct spin_usdc_writer {
     size_t n_nodes, node_room;
 };
 
-/* Begins a file; `out` is open and empty. Zero *w before, and free it after a failure too. */
+/* Begins a file. `out` must be open and empty. Set *w to zero before the call, and free it even
+ * after a failure. */
 void spin_usdc_begin(struct spin_usdc_writer *w, struct spin_out *out);
 /* Writes the tables and the header. */
 spin_status spin_usdc_end(struct spin_usdc_writer *w);
 void spin_usdc_free(struct spin_usdc_writer *w);
 
-/* Reserves an array of n items of this many bytes each, for the caller to write at *offset with
+/* Reserves an array of n items of `bytes` bytes each, which the caller writes at *offset with
  * spin_out_put(). */
 uint64_t spin_usdc_reserve(struct spin_usdc_writer *w, enum spin_usdc_type type, size_t n,
                            size_t bytes, uint64_t *offset);
-/* Writes a value, or an array of n items of this many bytes each. */
+/* These functions write a value of `bytes` bytes, or an array of n items of `bytes` bytes each. */
 uint64_t spin_usdc_value(struct spin_usdc_writer *w, enum spin_usdc_type type, const void *data,
                          size_t bytes);
 uint64_t spin_usdc_array(struct spin_usdc_writer *w, enum spin_usdc_type type, size_t n,
@@ -69,20 +70,20 @@ uint64_t spin_usdc_double(struct spin_usdc_writer *w, double v);
 uint64_t spin_usdc_token(struct spin_usdc_writer *w, const char *text);
 uint64_t spin_usdc_string(struct spin_usdc_writer *w, const char *text);
 uint64_t spin_usdc_tokens(struct spin_usdc_writer *w, const char *text);
-/* A dictionary with one entry, a boolean that is true. */
+/* Writes a dictionary with one entry: the boolean `name` with the value true. */
 uint64_t spin_usdc_flag(struct spin_usdc_writer *w, const char *name);
-/* n samples: increasing times, and the words of the values at these. */
+/* Writes n time samples. time: increasing time codes; value: the words of the values. */
 uint64_t spin_usdc_samples(struct spin_usdc_writer *w, const double *time, const uint64_t *value,
                            size_t n);
 
-/* Add a prim or an attribute, in depth-first order: the attributes of a prim, then its children.
- * parent: 0 is the pseudo-root, whose fields are the metadata of the layer. spin_usdc_prim()
- * returns the index of the prim. */
+/* These functions add a prim or an attribute. The order must be depth-first: a prim, its
+ * attributes, its children. parent: index of the parent prim; 0 is the pseudo-root, whose fields
+ * are the metadata of the layer. spin_usdc_prim() returns the index of the prim. */
 int32_t spin_usdc_prim(struct spin_usdc_writer *w, int32_t parent, const char *type,
                        const char *name);
 void spin_usdc_attribute(struct spin_usdc_writer *w, int32_t prim, const char *type,
                          const char *name, bool uniform);
 /* Adds a field to the prim or attribute that was added last. */
 void spin_usdc_field(struct spin_usdc_writer *w, const char *name, uint64_t value);
-/* Adds a list of API schemas, with one schema, to the prim that was added last. */
+/* Adds a list of API schemas to the prim that was added last, with `name` as its only item. */
 void spin_usdc_schema(struct spin_usdc_writer *w, const char *name);

@@ -1,23 +1,23 @@
 /* Layers of OpenUSD: trees of prims with their metadata and attributes. A layer is a text (.usda)
  * or a crate, the binary form (.usdc); usd_stage.h composes layers to a scene.
  *
- * Values are not read when a layer is opened, since the arrays of splats are most of the file. Both
- * forms are parsed without OpenUSD, and only as far as scenes of splats need: relationships,
- * connections and variants are skipped. No function trusts the file. Error messages do not contain
- * its path. */
+ * Values are not read when a layer is opened, since most of the file consists of the arrays of
+ * splats. Text and crates are parsed without OpenUSD, and only as far as scenes of splats require:
+ * relationships, connections and variants are skipped. All functions validate what they read. Error
+ * messages do not contain the path of the file. */
 #pragma once
 
 #include "base/mem.h"
 
 struct spin_usd_layer;
 
-/* A value in a file. */
+/* A value in a layer, which has not been read yet. */
 struct spin_usd_value {
-    const struct spin_usd_layer *layer; /* NULL: there is no value, or it is blocked */
-    const char *text;                   /* text: the characters of the value */
+    const struct spin_usd_layer *layer; /* NULL: no value, or a blocked one (None) */
+    const char *text;                   /* layers in text form: characters of the value */
     size_t n_text;
-    uint64_t word;    /* crate: type, and the value or its offset */
-    size_t n_numbers; /* private: count of numbers in the value; SIZE_MAX: not counted yet */
+    uint64_t word;    /* crates: the word that represents the value, see usd_crate.h */
+    size_t n_numbers; /* private: number of numbers; SIZE_MAX: not counted yet */
 };
 
 struct spin_usd_sample {
@@ -25,7 +25,7 @@ struct spin_usd_sample {
     struct spin_usd_value value;
 };
 
-/* An attribute, or an entry of metadata, which has no samples. */
+/* An attribute, or an entry of metadata. Metadata have no samples. */
 struct spin_usd_field {
     const char *name;
     struct spin_usd_value value;
@@ -36,9 +36,8 @@ struct spin_usd_field {
 
 struct spin_usd_prim {
     const char *name;
-    const char *type; /* type of the prim; "" if this layer states none */
-    bool defined;     /* the layer defines the prim (`def`); if false, it only overrides opinions of
-                         other layers */
+    const char *type; /* type of the prim; "" if this layer does not specify it */
+    bool defined;     /* true: this layer defines the prim (`def`); false: only overrides it */
     struct spin_usd_field *metadata, *attribute;
     struct spin_usd_prim *child, *next;
 };
@@ -49,11 +48,12 @@ struct spin_usd_layer {
     size_t size;
     struct spin_usd_prim root;    /* the pseudo-root, whose metadata are those of the layer */
     struct spin_usd_crate *crate; /* private; NULL: the layer is text */
-    bool variants;                /* the layer has variants, which are skipped */
+    bool variants;                /* true: the layer has variants, which are skipped */
 };
 
-/* The items of an array of texts or of a list of references; a single text or reference has one
- * item. Usage: struct spin_usd_items items = {.of = value}; while (spin_usd_next(&items, &item)) */
+/* Iterates over the items of an array of texts or of a list of references; a single text or
+ * reference has one item. Usage: struct spin_usd_items items = {.of = value}; while
+ * (spin_usd_next(&items, &item)) */
 struct spin_usd_items {
     const struct spin_usd_value *of;
     size_t at; /* private */

@@ -4,11 +4,12 @@
 
 #include "formats/gaussian.h"
 
-/* Upper limit of the expansion of LZ4: bytes of output for each byte of a block. */
+/* The most bytes that LZ4 can decompress from one byte of a block. */
 #define MOST_YIELD 255
 
-/* Completes a length: if its first 4 bits are all set, adds the bytes that continue it. Returns
- * false at the end of the block. */
+/* Completes a length, of which the caller has read 4 bits. If all of them are set, further bytes
+ * are added, up to and including the first that is not 255. Returns false if the block ends before.
+ */
 static bool read_length(const unsigned char **in, const unsigned char *end, size_t *length)
 {
     unsigned char more = 255;
@@ -24,8 +25,8 @@ static bool read_length(const unsigned char **in, const unsigned char *end, size
     return true;
 }
 
-/* Decompresses an LZ4 block: literals and copies of what was decompressed before, alternating. The
- * block ends with literals. */
+/* Decompresses an LZ4 block, in which literals alternate with copies of earlier output. The block
+ * ends with literals. Returns the number of decompressed bytes; SIZE_MAX on failure. */
 static size_t unpack_chunk(const unsigned char *in, size_t n, unsigned char *out, size_t capacity)
 {
     const unsigned char *end = in + n;
@@ -77,7 +78,7 @@ size_t spin_usd_unpack(const unsigned char *in, size_t n, unsigned char *out, si
     return at;
 }
 
-/* Decodes the integers of an unpacked block. */
+/* Decodes n integers from a decompressed block. Returns false if the block is too short. */
 static bool decode_ints(const unsigned char *in, size_t n_in, size_t n, int32_t *out)
 {
     size_t at = 4 + (n + 3) / 4;

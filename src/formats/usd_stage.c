@@ -24,8 +24,8 @@ static const struct {
      SPIN_COL_SH},
 };
 
-/* Calls spin_usd_find_value() for the attribute with float values or, if that has no value, for the
- * attribute with half floats. */
+/* Finds the value of an attribute of splats at a time: of the attribute with floats or, if this has
+ * no value, of the attribute with half floats. NULL: neither has one. */
 static spin_status find_column(struct spin_usd_stage *s, const struct usd_node *node, int column,
                                double time, struct spin_usd_value **out)
 {
@@ -58,8 +58,8 @@ static spin_status add_time(struct times *list, double time)
     return SPIN_OK;
 }
 
-/* Returns whether each sample of an attribute of this name defines a frame. Attributes of splats
- * count only if the prim contains `splats`. */
+/* Returns whether the samples of an attribute define frames: this is so for transforms and, if
+ * `splats` is not NULL, for the attributes of splats. */
 static bool is_sampled(struct spin_usd_stage *s, const struct usd_node *splats, const char *name)
 {
     bool found = strncmp(name, "xformOp:", 8) == 0;
@@ -70,7 +70,8 @@ static bool is_sampled(struct spin_usd_stage *s, const struct usd_node *splats, 
     return found;
 }
 
-/* Adds the times of the stage within [from, to) that map to the clip time `time`. */
+/* Adds all time codes of the stage in [from, to) that correspond to the time code `time` of the
+ * clip. */
 static spin_status add_clip_time(const struct usd_clips *c, double time, double from, double to,
                                  struct times *list)
 {
@@ -90,8 +91,8 @@ static spin_status add_clip_time(const struct usd_clips *c, double time, double 
     return c->n_times > 0 || !(time >= from && time < to) ? SPIN_OK : add_time(list, time);
 }
 
-/* Adds the sample times of the clip that entry i of `active` activates; if it has none, the time at
- * which the clip becomes active. */
+/* Adds the sample times of the clip that entry i of `active` activates or, if the clip has no
+ * samples, the time at which it becomes active. */
 static spin_status add_clip(struct spin_usd_stage *s, const struct usd_node *node, size_t i,
                             struct times *list)
 {
@@ -109,7 +110,8 @@ static spin_status add_clip(struct spin_usd_stage *s, const struct usd_node *nod
     return list->n > before ? SPIN_OK : add_time(list, from);
 }
 
-/* Adds the times at which splats or the transforms of their ancestors have samples. */
+/* Adds the times at which a node has samples. splats: true if the node contains splats, false if it
+ * is an ancestor of such a node, whose transforms apply to the splats. */
 static spin_status add_node(struct spin_usd_stage *s, const struct usd_node *node, bool splats,
                             struct times *list)
 {
@@ -154,12 +156,12 @@ static spin_status find_times(struct spin_usd_stage *s)
 /* The values of the arrays of a prim at one time. */
 struct arrays {
     struct spin_usd_value *value[SPIN_USD_COLUMNS];
-    size_t n, n_sh; /* numbers of splats, and of SH coefficients of each */
+    size_t n, n_sh; /* number of splats, and of SH coefficients per splat and channel */
     int sh_degree;
 };
 
-/* Derives the SH degree from the number of coefficients. If the attribute with the degree
- * contradicts it, this is an error. */
+/* Finds the SH degree from the attribute with the degree or, if there is none, from the number of
+ * coefficients, which must match the degree. */
 static spin_status find_degree(struct spin_usd_stage *s, const struct usd_node *node, double time,
                                struct arrays *out)
 {
@@ -182,7 +184,8 @@ static spin_status find_degree(struct spin_usd_stage *s, const struct usd_node *
     return SPIN_OK;
 }
 
-/* Finds the arrays of a prim at a time. Without positions there are no splats. */
+/* Finds the arrays of a prim at a time, and checks their lengths. A prim that has no positions at
+ * this time has no splats. */
 static spin_status find_arrays(struct spin_usd_stage *s, const struct usd_node *node, double time,
                                struct arrays *out)
 {
@@ -226,7 +229,8 @@ static spin_status fail_node(const struct spin_usd_stage *s, const struct usd_no
                              node->path, time);
 }
 
-/* Checks all arrays of all frames, counts splats, and finds the columns that never change. */
+/* Checks all arrays of all frames, sets s->counts and s->sh_degree, and finds the columns that
+ * never change. */
 static spin_status check_frames(struct spin_usd_stage *s)
 {
     s->still = ALL;
@@ -258,7 +262,8 @@ static spin_status check_frames(struct spin_usd_stage *s)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the values of an array, unless the previous frame used the same values. */
+/* Reads the values of an array into node->column[a], unless they are still there from the previous
+ * frame. */
 static spin_status load_column(struct usd_node *node, int a, struct spin_usd_value *from, size_t n)
 {
     struct usd_column *c = &node->column[a];
@@ -294,7 +299,8 @@ static spin_status load_opacities(const float *from, size_t n, float *out)
     return SPIN_OK;
 }
 
-/* Fills one column of the raw splats from the values of its array, or with the schema's default. */
+/* Fills one column of s->raw with the values of its array or, if there is none, with the default of
+ * the schema. */
 static spin_status fill_column(struct spin_usd_stage *s, const struct usd_node *node,
                                const struct arrays *now, int a)
 {
@@ -406,7 +412,7 @@ static void read_metadata(struct spin_usd_stage *s, const struct usd_file *root)
         s->antialias = is != 0;
 }
 
-/* Notes whether the stage states that the colours of a prim of splats are in linear light. */
+/* Sets s->linear if the colour space of a prim of splats is linear. */
 static spin_status read_colour_space(struct spin_usd_stage *s, const struct usd_node *node)
 {
     SPIN_FREED char *name = NULL;

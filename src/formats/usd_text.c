@@ -1,4 +1,4 @@
-/* Reads layers of USD that are text (.usda). */
+/* Reads layers of USD in text form (.usda). */
 #include "formats/usd_text.h"
 
 #include <stdlib.h>
@@ -24,7 +24,7 @@ static spin_status fail_here(const struct reader *r, const char *what)
 
 /* ---- Characters ------------------------------------------------------------------------------ */
 
-/* Returns the next character; '\0' at the end. */
+/* Returns the next character without consuming it; '\0' at the end. */
 static char peek(const struct reader *r) { return r->at < r->end ? *r->at : '\0'; }
 
 static void skip_blanks(struct reader *r)
@@ -72,7 +72,7 @@ static bool is_word(struct span s, const char *word)
     return s.n == strlen(word) && memcmp(s.at, word, s.n) == 0;
 }
 
-/* Reads the characters up to a space or a character that ends words; the span may be empty. */
+/* Reads a word: the characters up to white space or a delimiter. The result may be empty. */
 static struct span read_word(struct reader *r)
 {
     struct span word = {r->at, 0};
@@ -93,7 +93,8 @@ static spin_status keep_text(struct spin_usd_layer *layer, struct span s, const 
     return SPIN_OK;
 }
 
-/* Sets *out to the text before the next `mark`, and skips the mark. */
+/* Sets *out to the text up to the next `mark`, and skips the mark. lines: the text may contain line
+ * feeds. */
 static spin_status read_until(struct reader *r, const char *mark, bool lines, struct span *out)
 {
     const char *from = r->at;
@@ -127,7 +128,7 @@ static spin_status read_quoted(struct reader *r, struct span *out)
     return fail_here(r, "expected a text");
 }
 
-/* Skips a bracket and its contents. */
+/* Skips an opening bracket, its contents, and the closing bracket. */
 static spin_status skip_brackets(struct reader *r)
 {
     char open[MAX_DEPTH];
@@ -162,7 +163,8 @@ static spin_status skip_brackets(struct reader *r)
 static bool is_open(char c) { return c == '[' || c == '(' || c == '{'; }
 static bool is_quote(char c) { return c == '"' || c == '\'' || c == '@' || c == '<'; }
 
-/* Skips what may follow an asset path in a list of references: a prim path and a time offset. */
+/* Skips the optional prim path and time offset that follow an asset path in a list of references.
+ */
 static spin_status skip_reference(struct reader *r)
 {
     struct span text;
@@ -204,7 +206,7 @@ static spin_status read_value(struct reader *r, const struct spin_usd_layer *lay
 struct head {
     struct span first, name; /* the first and the last word */
     int n;
-    bool assigned; /* a '=' follows, which was skipped */
+    bool assigned; /* true: a '=' follows the words; it was skipped */
 };
 
 static spin_status read_head(struct reader *r, struct head *out)
@@ -241,7 +243,7 @@ static spin_status add_field(struct reader *r, struct span name, struct spin_usd
     return SPIN_OK;
 }
 
-/* Reads metadata up to their closing bracket. */
+/* Reads metadata up to and including the closing bracket. */
 static spin_status read_metadata(struct reader *r, struct spin_usd_field **list)
 {
     struct spin_usd_field **tail = list, *field;
@@ -329,8 +331,8 @@ static spin_status read_samples(struct reader *r, struct spin_usd_field *field)
     return SPIN_OK;
 }
 
-/* Removes the suffix of an attribute's name that states what is assigned, such as ".timeSamples",
- * and returns whether the suffix is `ending`. */
+/* Removes the suffix `ending`, such as ".timeSamples", from the name of an attribute. Returns false
+ * if the name has no such suffix. */
 static bool cut_name(struct span *name, const char *ending)
 {
     size_t n = strlen(ending);
@@ -341,8 +343,8 @@ static bool cut_name(struct span *name, const char *ending)
     return true;
 }
 
-/* Returns the attribute of this name, and appends it if it is new. An attribute may occur twice,
- * since its default value and its samples are separate statements. */
+/* Sets *out to the attribute of this name, which is appended if it is new. An attribute may occur
+ * twice, since its default value and its samples are separate statements. */
 static spin_status find_attribute(struct reader *r, struct spin_usd_prim *prim, struct span name,
                                   struct spin_usd_field **out)
 {
@@ -394,7 +396,7 @@ static bool is_specifier(const struct reader *r)
 
 static spin_status read_prims(struct reader *r, struct spin_usd_prim *parent, int depth);
 
-/* Reads a prim from its specifier to its closing bracket. */
+/* Reads a prim, from its specifier (such as `def`) to its closing bracket. */
 static spin_status read_prim(struct reader *r, struct spin_usd_prim *out, int depth)
 {
     struct span type, name;
@@ -418,7 +420,8 @@ static spin_status read_prim(struct reader *r, struct spin_usd_prim *out, int de
                              : fail_here(r, "prims are nested too deep");
 }
 
-/* Reads the prims and properties of a prim up to its closing bracket, or those of the file. */
+/* Reads the child prims and properties of a prim up to its closing bracket or, at depth 0, the
+ * prims of the file. */
 static spin_status read_prims(struct reader *r, struct spin_usd_prim *parent, int depth)
 {
     struct spin_usd_prim **tail = &parent->child;
@@ -465,14 +468,16 @@ static struct reader value_reader(const struct spin_usd_value *v)
     return (struct reader){NULL, v->text, v->text, v->text + v->n_text};
 }
 
-/* The arrays that receive the numbers of a value; if both are NULL, numbers are only counted. */
+/* The array that receives the numbers of a value, floats or doubles; if both are NULL, the numbers
+ * are only counted. */
 struct target {
     float *floats;
     double *doubles;
     size_t n, capacity;
 };
 
-/* Stores a number. strtof() rounds once; a cast of strtod()'s result would round twice. */
+/* Stores a number. Floats are parsed with strtof(), since a cast of the result of strtod() would
+ * round twice. */
 static spin_status put_number(const struct reader *r, struct span s, struct target *to)
 {
     char text[MAX_NUMBER + 1], *end;
@@ -497,7 +502,7 @@ static spin_status put_number(const struct reader *r, struct span s, struct targ
     return SPIN_OK;
 }
 
-/* Reads the numbers of a value at any depth of brackets. Each outermost tuple must have `width`
+/* Reads all numbers of a value, at any depth of brackets. Each outermost tuple must have `width`
  * numbers. */
 static spin_status read_numbers(const struct spin_usd_value *v, unsigned width, struct target *to)
 {

@@ -1,4 +1,4 @@
-/* The functions of usd.h for layers that are text. */
+/* Implements the functions of usd.h for layers in text form (.usda). */
 #pragma once
 
 #include "formats/usd_layer.h"

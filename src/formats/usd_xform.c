@@ -3,7 +3,8 @@
 #include <math.h>
 #include <string.h>
 
-/* Matrices act on row vectors, as in USD: the last row is the translation. */
+/* As in USD, a matrix is multiplied by row vectors from the left: its last row is the translation.
+ */
 struct matrix {
     double m[4][4];
 };
@@ -44,7 +45,8 @@ static struct matrix of_quaternion(const double *q)
                             {0, 0, 0, 1}}};
 }
 
-/* Sets *out to the transform of rotations about three axes, the first of which is applied first. */
+/* Sets *out to three successive rotations about the axes in `order`, such as "XYZ". degrees: angles
+ * about x, y and z. */
 static void rotate_three(const char *order, const double *degrees, struct matrix *out)
 {
     *out = identity;
@@ -55,7 +57,7 @@ static void rotate_three(const char *order, const double *degrees, struct matrix
     }
 }
 
-/* Reads one transform of a prim; `name` is that of its attribute. */
+/* Reads one transform of a prim. name: name of its attribute, such as "xformOp:translate". */
 static spin_status read_op(struct spin_usd_value *value, const char *name, struct matrix *out)
 {
     const char *kind = name + strlen("xformOp:");
@@ -87,8 +89,8 @@ static spin_status read_op(struct spin_usd_value *value, const char *name, struc
     return SPIN_OK;
 }
 
-/* Applies the transforms of a prim, in the order of xformOpOrder, whose first is applied last.
- * *reset becomes true if the prim ignores the transforms of its parents. */
+/* Appends the transforms of a prim to `inout`. The first transform in xformOpOrder is applied last.
+ * *reset becomes true if the prim ignores the transforms of its ancestors. */
 static spin_status apply_ops(struct spin_usd_stage *s, const struct usd_node *node, double time,
                              struct matrix *inout, bool *reset)
 {
@@ -167,9 +169,6 @@ static spin_status decompose(const struct matrix *a, struct spin_placement *out)
     return SPIN_OK;
 }
 
-/* Computes the placement of a prim in the scene. If `turned` is true, it is then converted to the
- * axes that the training uses: a stage with z up is rotated to y up, and every stage by half a turn
- * about x. */
 spin_status spin_usd_place(struct spin_usd_stage *s, const struct usd_node *node, double time,
                            bool turned, struct spin_placement *out)
 {
