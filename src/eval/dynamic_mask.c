@@ -257,10 +257,10 @@ spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_i
         from = masks ? SPIN_DYNAMIC_MASKS : medians ? SPIN_DYNAMIC_IMAGES : SPIN_DYNAMIC_OFF;
     if (from == SPIN_DYNAMIC_MASKS && !masks)
         return spin_not_found(
-            "--dynamic masks: some of the views have no foreground mask: use --dynamic images");
+            "cannot use --dynamic masks: some views have no foreground mask; use --dynamic images");
     if (from == SPIN_DYNAMIC_IMAGES && !medians)
-        return spin_unsupported("cannot find dynamic regions in the images: no camera is static "
-                                "and has at least three frames");
+        return spin_unsupported("cannot use --dynamic images: no camera is static in three frames "
+                                "or more; omit the option");
     m->from = from;
     return from == SPIN_DYNAMIC_OFF ? SPIN_OK : alloc_buffers(m);
 }
@@ -273,8 +273,8 @@ spin_status spin_subject_mask_open(const struct spin_views *views, struct spin_i
     m->from = SPIN_DYNAMIC_MASKS;
     m->alpha = !all_have_masks(views, pairs, n_pairs);
     if (m->alpha && !spin_views_have_alpha(views, pairs, n_pairs))
-        return spin_not_found("--mask: some of the views have no foreground mask, and not all "
-                              "their images have alpha");
+        return spin_not_found("cannot use --mask: some views have no foreground mask, and not all "
+                              "images have alpha; omit the option");
     return alloc_buffers(m);
 }
 

@@ -22,7 +22,9 @@ struct flicker {
     long long done;
 };
 
-#define NO_STATIC_CAMERA "--temporal: no measured camera is static in two successive frames"
+#define NO_STATIC_CAMERA                                                                           \
+    "cannot measure flicker: no measured camera is static in two successive frames; omit "         \
+    "--temporal"
 
 struct spin_flicker spin_flicker_mean(const struct spin_flicker_sums *sums, size_t n)
 {

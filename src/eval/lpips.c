@@ -115,7 +115,7 @@ static spin_status read_tensor(struct spin_torch *t, const char *key, int n_dims
     const struct spin_value *v = spin_value_get(t->root, key);
 
     if (!v)
-        return spin_malformed("no tensor '%s'", key);
+        return spin_malformed("the tensor '%s' is missing", key);
     return spin_torch_floats(t, v, key, n_dims, shape, &info, out);
 }
 
@@ -126,8 +126,9 @@ static spin_status read_backbone(struct spin_torch *t, struct spin_lpips *l)
 
     l->network = backbone_of(t);
     if (l->network < 0)
-        return spin_fail(SPIN_E_NOT_RECOGNISED, "not the weights of torchvision's vgg16 "
-                                                "or alexnet (features.N.weight)");
+        return spin_fail(SPIN_E_NOT_RECOGNISED,
+                         "the file does not contain the weights of torchvision's vgg16 or alexnet "
+                         "(tensors features.N.weight)");
     net = &networks[l->network];
     for (int i = 0; i < net->n_layers; i++) {
         const struct layer *a = &net->layer[i];
@@ -148,11 +149,12 @@ static spin_status read_lin(struct spin_torch *t, struct spin_lpips *l)
 
     if (network < 0)
         return spin_fail(SPIN_E_NOT_RECOGNISED,
-                         "not linear heads of LPIPS for VGG or AlexNet (lin0.model.1."
-                         "weight)");
+                         "the file does not contain the linear heads of LPIPS for VGG or AlexNet "
+                         "(tensors lin0.model.1.weight to lin4.model.1.weight)");
     if (network != l->network)
-        return spin_misuse("the linear heads are for %s, but the network is %s",
-                           networks[network].name, networks[l->network].name);
+        return spin_misuse(
+            "the linear heads are for %s, but the network is %s; use files of the same network",
+            networks[network].name, networks[l->network].name);
     for (int s = 0; s < STAGES; s++) {
         int64_t shape[4] = {1, stage_channels(network, s), 1, 1};
 
@@ -256,8 +258,8 @@ spin_status spin_lpips_find(const char *folder, int n_threads, struct spin_lpips
     }
     if (status == SPIN_OK && n == 0)
         status = spin_not_found(
-            "'%s' contains no LPIPS weights: put torchvision's vgg16 or alexnet there, and "
-            "the linear heads of the lpips package for the same network",
+            "'%s' contains no LPIPS weights: put the weights of torchvision's vgg16 or alexnet "
+            "there, and the linear heads of the Python package lpips for the same network",
             folder);
     for (int k = 0; k < SPIN_N_LPIPS; k++) {
         free(found.backbone[k]);
@@ -402,7 +404,8 @@ static spin_status plan_layers(struct spin_lpips *l, int width, int height)
 static spin_status plan_buffers(struct spin_lpips *l, int width, int height)
 {
     if (width < SPIN_LPIPS_SMALLEST || height < SPIN_LPIPS_SMALLEST)
-        return spin_unsupported("LPIPS needs images of at least %d x %d pixels, not %d x %d",
+        return spin_unsupported("LPIPS needs images of at least %d x %d pixels, but these have %d "
+                                "x %d: use a larger --scale, or omit --lpips",
                                 SPIN_LPIPS_SMALLEST, SPIN_LPIPS_SMALLEST, width, height);
     if (l->width == width && l->height == height)
         return SPIN_OK;

@@ -45,7 +45,7 @@ static spin_status check_shape(int levels, int features, int hidden, int sh_degr
         return spin_misuse("cannot build the network: features %d is not 1, 2, 4 or 8", features);
     if (levels * features % 4 != 0)
         return spin_misuse(
-            "cannot build the network: levels x features is %d, which is not a multiple of 4",
+            "cannot build the network: levels times features is %d, which is not a multiple of 4",
             levels * features);
     if (hidden < 4 || hidden > 256 || hidden % 4 != 0)
         return spin_misuse(
@@ -84,8 +84,8 @@ spin_status spin_field_plan(struct spin_field *field, int levels, int features, 
         field->grid.hashed[l] = (uint8_t)hashed;
     }
     if (offset > UINT32_MAX / 8)
-        return spin_misuse("cannot build the network: its hash grid has %llu rows, more than 2^29; "
-                           "lower hash_log2 or levels",
+        return spin_misuse("cannot build the network: its hash grid would have %llu rows, more "
+                           "than 2^29; lower hash_log2 or levels",
                            (unsigned long long)offset);
     field->grid.offset[levels] = (uint32_t)offset;
     plan_heads(&field->heads, levels * features, hidden);
@@ -288,8 +288,9 @@ static spin_status network_from_json(const spin_json *json, struct spin_field *o
     plan_heads(&out->heads, levels * features, hidden);
     out->heads.relu = activation && strcmp(activation, "relu") == 0;
     if (activation && !out->heads.relu && strcmp(activation, "gelu") != 0)
-        return spin_unsupported(
-            "meta.json: 'activation' of 'trained.field' is '%.32s', not gelu or relu", activation);
+        return spin_unsupported("meta.json: 'activation' of 'trained.field' is '%.32s', but only "
+                                "gelu and relu are supported",
+                                activation);
     spin_json_bool(spin_json_get(transform, "raw"), &out->transform.raw);
     count_parameters(out);
     for (size_t i = 0; i < 3; i++)

@@ -71,8 +71,8 @@ static spin_status draw_frame(const char *bundle, int frame, const struct spin_c
 
     SPIN_TRY(open_bundle(bundle));
     if (frame < 0 || frame >= drawing.bundle.meta.n_frames)
-        return spin_not_found("cannot render an image of '%s': it has no frame with index %d",
-                              bundle, frame);
+        return spin_not_found(
+            "cannot render an image of '%s': the bundle has no frame with index %d", bundle, frame);
     if (drawing.player.now_frame != frame)
         SPIN_TRY(spin_player_show(&drawing.player, frame));
     SPIN_TRY(spin_grow(3 * plane, sizeof *drawing.image, (void **)&drawing.image));

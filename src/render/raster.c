@@ -48,7 +48,7 @@ static spin_status check_pairs(const struct spin_raster *r)
         return SPIN_OK;
     return spin_fail(SPIN_E_MEMORY,
                      "cannot render a view: its %llu pairs of splats and tiles need %s, but %s are "
-                     "free; the splats or the image are too large",
+                     "free; render smaller images, or check the scales of the splats",
                      (unsigned long long)r->tiles.n_intersections, spin_text_bytes(needed, needs),
                      spin_text_bytes(available, has));
 }

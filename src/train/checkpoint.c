@@ -47,10 +47,11 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     status = spin_ranks_gather(all, sizeof *all);
     for (int r = 1; status == SPIN_OK && r < spin_n_ranks(); r++)
         if (all[r] != all[0])
-            status = spin_fail(SPIN_E_DEVICE,
-                               "rank %d has different parameters than rank 0 after iteration %lld: "
-                               "this MPI does not give all ranks the same sums",
-                               r, (long long)t->iteration);
+            status = spin_fail(
+                SPIN_E_DEVICE,
+                "the parameters of rank %d differ from those of rank 0 after iteration %lld: the "
+                "MPI library does not compute bit-identical sums on all ranks; use another one",
+                r, (long long)t->iteration);
     return status;
 }
 
@@ -155,8 +156,9 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct spin
         if (!wrong && !none)
             taken[number[i]] = 1;
     }
-    return wrong ? spin_malformed("array '%s' contradicts the tracks and splats of its frame",
-                                  piece->name)
+    return wrong ? spin_malformed(
+                       "array '%s' contradicts the tracks and splats of its frame in state.json",
+                       piece->name)
                  : SPIN_OK;
 }
 
@@ -271,7 +273,7 @@ spin_status spin_checkpoint_save(struct spin_checkpoint *c, struct spin_trainer 
     spin_trainer_part_seen(t);
     if (status == SPIN_OK && spin_rank() == 0)
         status = text ? write_state(c, t, text)
-                      : spin_fail(SPIN_E_MEMORY, "out of memory for state.json");
+                      : spin_fail(SPIN_E_MEMORY, "out of memory for state.json of the checkpoint");
     free(text);
     status = spin_ranks_agree(status);
     c->saved_s = spin_now_s();
@@ -404,13 +406,14 @@ static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz 
 
     *out = NULL;
     if (!member)
-        return spin_malformed("the archive contains no state.json, so it is not a checkpoint");
+        return spin_malformed(
+            "the archive contains no state.json, so it is not a checkpoint of spin-retrain");
     SPIN_TRY(spin_zip_read(&npz->zip, member, true, 1 << 26, &bytes, &owned));
     SPIN_TRY(spin_json_parse("state.json", (const char *)bytes, member->size, out));
     fingerprint = spin_json_string(spin_json_get(*out, "fingerprint"));
     if (!fingerprint || !spin_fingerprint_equal(fingerprint, c->fingerprint))
-        return spin_misuse("the checkpoint was made from another input or with other options, or "
-                           "its images have changed; give the same ones, or %s to start anew",
+        return spin_misuse("the input, the options or the images differ from those of the "
+                           "checkpoint; give the same ones, or %s to start anew",
                            c->restart);
     return SPIN_OK;
 }
@@ -435,8 +438,7 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
         double v = 0;
 
         if (!spin_json_number(step, &v) || v < 0 || v > 1e15)
-            return spin_malformed(
-                "state.json: 'steps' has a value that is missing or out of range");
+            return spin_malformed("state.json: a value of 'steps' is missing or out of range");
         steps = (int64_t)v;
         t->frame[f].steps = steps;
     }
@@ -449,8 +451,8 @@ static spin_status get_count(const spin_json *value, int64_t most, size_t *out)
     int64_t n;
 
     if (!spin_json_integer(value, &n) || n < 0 || n > most)
-        return spin_malformed(
-            "state.json: 'sizes' or a number of tracks is missing or out of range");
+        return spin_malformed("state.json: 'tracks', 'moving_tracks', 'varying_tracks', "
+                              "'backdrop_tracks' or a value of 'sizes' is missing or out of range");
     *out = (size_t)n;
     return SPIN_OK;
 }

@@ -300,7 +300,7 @@ static spin_status save_on_the_way(const struct spin_loop *l)
     if (status != SPIN_E_IO && status != SPIN_E_NOT_FOUND && status != SPIN_E_MEMORY)
         return status;
     if (!c->warned && spin_rank() == 0)
-        spin_warn("%s; the training goes on", spin_last_error());
+        spin_warn("%s; the training continues", spin_last_error());
     c->warned = true;
     return SPIN_OK;
 }
@@ -347,11 +347,11 @@ static spin_status fail_space(const struct spin_loop *l, uint64_t bytes, bool gr
 
     SPIN_TRY(spin_path_folder(c->path, &folder));
     return spin_fail(SPIN_E_IO,
-                     "not enough space on the disk of '%s': %s is free, and the checkpoint needs "
-                     "%s%s; free some space",
+                     "not enough space on the disk of '%s': %s is free, but the checkpoint %s %s; "
+                     "free some space",
                      c->path,
                      spin_text_bytes(spin_path_free_bytes(folder) + c->reserve.bytes, left),
-                     spin_text_bytes(bytes, need), grows ? " as it grows" : "");
+                     grows ? "may grow to" : "needs", spin_text_bytes(bytes, need));
 }
 
 /* Reserves disk space for the next checkpoint, so that other programs cannot fill the disk
@@ -377,7 +377,8 @@ static spin_status reserve_space(const struct spin_loop *l)
     if (saved || spin_reserve_set(&c->reserve, c->path, state))
         return fail_space(l, ahead, grows);
     if (!c->warned)
-        spin_warn("not enough space on the disk of '%s' for a checkpoint; the training goes on",
+        spin_warn("not enough space on the disk of '%s' for a checkpoint; the training continues "
+                  "without one",
                   c->path);
     c->warned = true;
     return SPIN_OK;
@@ -464,7 +465,7 @@ out:
     if (report->best_psnr > report->test.psnr + 0.05 &&
         !(report->before.valid && report->before.psnr >= report->best_psnr))
         spin_log(0,
-                 "the test views were best at iteration %lld, with %.3f dB: for this clip, fewer "
+                 "the test PSNR was highest at iteration %lld, with %.3f dB: for this clip, fewer "
                  "--iterations may be better",
                  (long long)report->best_iteration, report->best_psnr);
     return SPIN_OK;

@@ -180,7 +180,7 @@ spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o
 
     apply_preset(preset < PRESETS ? (enum preset)preset : QUICK, o);
     if (preset == SIZE_MAX)
-        return spin_misuse("there is no preset '%s', only " SPIN_PRESETS, name);
+        return spin_misuse("unknown preset '%s': use one of " SPIN_PRESETS, name);
     return SPIN_OK;
 }
 
@@ -275,8 +275,9 @@ spin_status spin_options_check(const struct spin_retrain_options *o)
         for (size_t i = 0; i < row->n; i++)
             SPIN_TRY(check_number(row, i, get_value(row, o, i)));
     if (o->views_per_frame > batch_of(o))
-        return spin_misuse("views_per_frame %d is more than batch %d", o->views_per_frame,
-                           batch_of(o));
+        return spin_misuse(
+            "views_per_frame %d is larger than batch %d: lower views_per_frame, or raise batch",
+            o->views_per_frame, batch_of(o));
     return SPIN_OK;
 }
 
@@ -321,7 +322,8 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
 
 const char *spin_options_continue(const struct spin_retrain_options *o)
 {
-    return o->resume || o->auto_resume ? "run the same command to go on" : "go on with --resume";
+    return o->resume || o->auto_resume ? "run the same command to continue"
+                                       : "continue with --resume";
 }
 
 const char *spin_options_restart(const struct spin_retrain_options *o)

@@ -45,8 +45,9 @@ spin_status spin_photos_choose_alpha(struct spin_photos *photos, struct spin_pla
                               &photos->mattes, &surroundings));
     *choice = photos->mattes.views != NULL;
     if (*choice)
-        spin_log(0, "learning the alpha of the subject, from %s",
-                 photos->mattes.alpha ? "that of the images" : "the empty pixels around it");
+        spin_log(0, "learning the alpha of the subject from %s",
+                 photos->mattes.alpha ? "the alpha of the images"
+                                      : "the pixels of background colour around it");
     return SPIN_OK;
 }
 

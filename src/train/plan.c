@@ -17,7 +17,7 @@ static const size_t program_bytes = 24 << 20;
 static spin_status check_options(const struct spin_retrain_options *o)
 {
     if (!o->input || (!o->output && !o->dry_run))
-        return spin_misuse("retraining needs an input and an output");
+        return spin_misuse("the options name no input or no output");
     SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_misuse(
@@ -25,9 +25,9 @@ static spin_status check_options(const struct spin_retrain_options *o)
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_misuse("--method tracks needs --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
-        return spin_misuse(
-            "--method %s does not work with --refine: refined frames have no splats in common",
-            o->method == SPIN_METHOD_4D ? "4d" : "tracks");
+        return spin_misuse("--method %s does not support --refine, since refined frames have no "
+                           "splats in common: omit --refine",
+                           o->method == SPIN_METHOD_4D ? "4d" : "tracks");
     return SPIN_OK;
 }
 
@@ -54,10 +54,10 @@ spin_status spin_plan_check_means(const struct spin_plan *plan, int frame, bool 
 {
     for (size_t i = 0; i < s->n * 3; i++)
         if (!isfinite(s->means[i]))
-            return spin_malformed(
-                "'%s': array '%s/means/%05d' has a value that is not finite in row %zu",
-                plan->o->input, refined ? "refined" : "source", spin_plan_index(plan, frame),
-                i / 3);
+            return spin_malformed("'%s': array '%s/means/%05d' has a value that is not finite in "
+                                  "row %zu: import the clip again",
+                                  plan->o->input, refined ? "refined" : "source",
+                                  spin_plan_index(plan, frame), i / 3);
     return SPIN_OK;
 }
 
@@ -700,14 +700,14 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
     spin_text_bytes(report->bytes_needed, needed);
     spin_text_bytes(report->bytes_available, free_bytes);
     if (!*report->fitting)
-        return spin_fail(
-            SPIN_E_MEMORY,
-            "the training needs about %s of memory, but only %s are free: no smaller --hash-log2, "
-            "--batch, --scale or --range was found that fits",
-            needed, free_bytes);
-    return spin_fail(SPIN_E_MEMORY,
-                     "the training needs about %s of memory, but only %s are free: %s fits", needed,
-                     free_bytes, report->fitting);
+        return spin_fail(SPIN_E_MEMORY,
+                         "the training needs about %s of memory, but only %s are free: no smaller "
+                         "--hash-log2, --batch, --scale or --range would fit; free some memory",
+                         needed, free_bytes);
+    return spin_fail(
+        SPIN_E_MEMORY,
+        "the training needs about %s of memory, but only %s are free: use %s, which fits", needed,
+        free_bytes, report->fitting);
 }
 
 /* Estimates the seconds of refinement on one thread; splats that densification adds are ignored.
@@ -802,12 +802,12 @@ static spin_status open_clip(struct spin_plan *plan)
     for (int f = 0; f < plan->clip.n_frames; f++)
         plan->counts[f] = spin_plan_info(plan, f)->n;
     if (plan->clip.n_max == 0)
-        return spin_malformed("'%s' has no splat in any frame", o->input);
+        return spin_malformed("no frame of '%s' contains any splats", o->input);
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TRAIN, &plan->train, &plan->n_train));
     SPIN_TRY(spin_clip_pairs(&plan->clip, SPIN_SPLIT_TEST, &plan->test, &plan->n_test));
     if (plan->n_train == 0)
         return spin_misuse("no training camera is left: all cameras are held out for testing; hold "
-                           "out fewer with --test-cams");
+                           "out fewer cameras with --test-cams");
     SPIN_TRY(list_cameras(plan));
     SPIN_TRY(spin_lenses_list(&plan->clip.views, plan->train, plan->n_train, o->image_scale,
                               &plan->lenses));
@@ -868,7 +868,7 @@ spin_status spin_plan_beside(const struct spin_plan *plan, spin_status status)
     if (status == SPIN_OK || status == SPIN_E_CANCELLED)
         return status;
     if (!*incomplete)
-        spin_warn("%s; the training goes on", spin_last_error());
+        spin_warn("%s; the training continues", spin_last_error());
     if (!*incomplete)
         snprintf(incomplete, sizeof plan->report->incomplete, "%s", spin_last_error());
     return SPIN_OK;

@@ -641,10 +641,9 @@ static spin_status open_frame(const char *path, const char *key, struct spin_bun
     if (text && strcmp(text, key) == 0 && out->meta.columns == held)
         return SPIN_OK;
     spin_bundle_close(out);
-    return spin_misuse(
-        "'%s' was made from another input or with other options, or its images have changed; give "
-        "the same ones, or --force without --resume to start anew",
-        path);
+    return spin_misuse("the input, the options or the images differ from those of the refined "
+                       "frame '%s'; give the same ones, or --force without --resume to start anew",
+                       path);
 }
 
 spin_status spin_frame_cache_find(const char *folder, int index, const char *key, bool *found,

@@ -507,11 +507,10 @@ spin_status spin_step_log_open(struct spin_step_log *log, const char *path, bool
     if (!is_device(path))
         SPIN_TRY(spin_out_check(path, append || force));
     if (append && !is_device(path) && !is_log(path))
-        return spin_fail(
-            SPIN_E_IO,
-            "cannot append to '%s': it is not a log of spin-retrain; give another name, "
-            "or --force to overwrite",
-            path);
+        return spin_fail(SPIN_E_IO,
+                         "cannot append to '%s': the file is not a log of spin-retrain; give "
+                         "another name, or --force to overwrite the file",
+                         path);
     pthread_mutex_init(&log->lock, NULL);
     flags |= append ? O_APPEND : force || is_device(path) ? O_TRUNC : O_EXCL;
     fd = open(path, flags, 0666);
@@ -529,7 +528,7 @@ static void check_write(struct spin_step_log *log, bool flush)
     if (!ferror(log->file) && (!flush || fflush(log->file) == 0))
         return;
     snprintf(log->error, sizeof log->error, "%s", strerror(errno ? errno : EIO));
-    spin_warn("cannot write the log '%s': %s; the training goes on without it", log->path,
+    spin_warn("cannot write the log '%s': %s; the training continues without a log", log->path,
               log->error);
     fclose(log->file);
     log->file = NULL;
@@ -586,7 +585,7 @@ void spin_simd_paths_add(struct spin_simd_paths *paths, const char *before)
         other = true;
     }
     if (other)
-        spin_warn("the SIMD path of this run is %s, but the work used more than one (%s): the "
+        spin_warn("the SIMD path of this run is %s, but the whole training used several (%s): the "
                   "output will differ from that of an uninterrupted run in the last bits",
                   paths->now, paths->all);
 }

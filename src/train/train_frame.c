@@ -333,8 +333,8 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *s, struct spi
     size_t sh_row = 3 * (size_t)(s->sh_degree + 1) * (size_t)(s->sh_degree + 1);
 
     if (s->n > 0 && !(s->means && s->quats && s->log_scales && s->logit_opacities && s->sh))
-        return spin_misuse("refinement from the source's attributes needs all of these columns: "
-                           "means, quats, log_scales, logit_opacities, sh");
+        return spin_misuse("cannot start from the source's attributes: one of the columns means, "
+                           "quats, log_scales, logit_opacities and sh is missing");
     SPIN_TRY(reset_cloud(out, s->n));
     for (size_t i = 0; i < s->n; i++) {
         struct spin_refine_row *p = &out->point[i].p;

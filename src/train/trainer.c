@@ -324,7 +324,7 @@ spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *devi
     if (spin_n_ranks() == 1 || device->is_host)
         return SPIN_OK;
     SPIN_TRY(need_host(s, FIRST_BYTES));
-    spin_log(1, "all-reduce between GPUs goes through %s host memory",
+    spin_log(1, "all-reduce between GPUs uses %s host memory",
              s->host.pinned ? "page-locked" : "ordinary");
     return SPIN_OK;
 }

@@ -555,7 +555,7 @@ def check_page(name, j, before, seen, log, split="test"):
     stage = meta["trained"] if j["attributes"] == "retrained" else None
     ok("<p>%s attributes, %d %s views of %d frames. From %s.%s</p>" % (
         j["attributes"], len(j["views"]), split, len(j["frames"]), meta["variant"],
-        " Dynamic regions: pixels that differ from their camera's median over time.") in text, name + ": the page's first line",
+        " Dynamic regions: pixels that differ from the median of their camera's images over time.") in text, name + ": the page's first line",
        text[text.index("<h1>"):][:300])
     seconds = log[-1]["seconds"] if log else 0
     if stage:

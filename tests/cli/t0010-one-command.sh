@@ -163,7 +163,7 @@ sleep 0.5
 kill -INT $pid
 wait $pid
 is "$?" 130 "Ctrl-C"
-tail -n 1 err | grep -q "^spin4d: interrupted; the checkpoint of iteration [0-9]* is kept in 'cut.spin.part': run the same command to go on$"
+tail -n 1 err | grep -q "^spin4d: interrupted; the checkpoint of iteration [0-9]* is kept in 'cut.spin.part': run the same command to continue$"
 ok $? "says what is kept and how to go on: $(tail -n 1 err)"
 is "$(ls -d cut.*)" "$(printf 'cut.import.spin\ncut.spin.part\ncut.spin.part.spin')" "the work is kept, and the clip as it was"
 run "$bin/spin4d" run -o cut.html --iterations 40

@@ -296,7 +296,7 @@ peak() {
     awk '/^iteration [0-9]*: test PSNR/ { last = $5; if ($5 > best) { best = $5; at = $2 + 0 } }
         END { if (best > last + 0.05) printf "%d %s", at, best }' "$work/err"
 }
-said_peak() { sed -n 's/^the test views were best at iteration \([0-9]*\), with \([0-9.]*\) dB.*/\1 \2/p' "$work/err"; }
+said_peak() { sed -n 's/^the test PSNR was highest at iteration \([0-9]*\), with \([0-9.]*\) dB.*/\1 \2/p' "$work/err"; }
 run "$bin/spin-import" fixtures/4dgaussian/coarse_and_fine/model --data fixtures/datasets/blender_mini -o "$work/balls.spin"
 run "$bin/spin-retrain" "$work/balls.spin" -o "$work/fast.spin" --device cpu --iterations 60 --eval-every 5 --lr-track 30
 is "$(said_peak)" "$(peak)" "where the test views were best, if that was before the end"

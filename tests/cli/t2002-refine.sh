@@ -163,7 +163,7 @@ else
     fails 1 spin-retrain "unfinished frames without --resume"
     run "$bin/spin-retrain" "$in" -o "$stopped" $few $net --resume --seed 5
     is "$code" 2 "does not resume with another seed"
-    err_has "another input or with other options" "and says why"
+    err_has "the options or the images differ" "and says why"
 fi
 kill_when "$stopped.part" --resume
 run "$bin/spin-retrain" "$in" -o "$stopped" $few $net --save-every 3 --resume

@@ -50,7 +50,7 @@ learn() {
     learnt=$("$bin/spin-import" --info --json "$work/learnt.spin" | sed -n 's/.*"learn_alpha": *\([a-z]*\).*/\1/p')
 }
 learn
-err_has '^learning the alpha of the subject, from that of the images$' "says that their alpha is learned"
+err_has '^learning the alpha of the subject from the alpha of the images$' "says that their alpha is learned"
 is "$learnt" true "and notes it"
 psnr=$("$bin/spin-eval" "$work/learnt.spin" --json | sed -n '1,/"psnr"/s/.*"psnr": \([0-9.]*\).*/\1/p')
 learn --learn-alpha off

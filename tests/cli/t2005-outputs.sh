@@ -179,7 +179,7 @@ if [ "$(steps_of "$work/log")" -lt 150 ]; then
     skip "output made meanwhile" "it was not made in time"
 fi
 is "$code" 1 "the output was made meanwhile by somebody else"
-err_has "exists; use --force.*iteration 150 is kept in '$out.part': go on with --resume" \
+err_has "exists; use --force.*iteration 150 is kept in '$out.part': continue with --resume" \
     "the error says what is kept"
 [ ! -s "$out" ]
 ok $? "theirs is not touched"
@@ -201,7 +201,7 @@ rm -r "$work/preview"
 touch "$work/preview"
 finish
 is "$code" 1 "the preview folder went away meanwhile"
-is "$(grep -c "^warning: .*$work/preview/.*; the training goes on" "$work/err")" 1 "is said once"
+is "$(grep -c "^warning: .*$work/preview/.*; the training continues" "$work/err")" 1 "is said once"
 tail -n 1 "$work/err" | grep -q "'$out' is complete, but an additional output is not: .*$work/preview/"
 ok $? "and at the end"
 same "$out" "$work/long.spin" "the training does not suffer"
@@ -246,7 +246,7 @@ start --refine 150 --method frames
 touch "$out"
 finish
 is "$code" 1 "refined, and the output was made meanwhile"
-err_has "refined so far are kept in '$out.parts': go on with --resume" "the frames are kept"
+err_has "refined so far are kept in '$out.parts': continue with --resume" "the frames are kept"
 rm "$out"
 run "$bin/spin-retrain" "$in" -o "$out" $small --refine 150 --method frames --resume
 is "$code" 0 "--resume writes the output"
@@ -266,7 +266,7 @@ if [ "$(id -u)" = 0 ] && mount -t tmpfs -o size=7m tmpfs "$work/small" 2>/dev/nu
     # shellcheck disable=SC2086
     run "$bin/spin-retrain" "$in" -o "$work/small/grown.spin" $grows
     is "$code" 1 "splats outgrow the disk"
-    err_has "grown.spin.part': .* is free, .*as it grows; free some space; the checkpoint of iteration [0-9]* is kept in" \
+    err_has "grown.spin.part': .* is free, but the checkpoint may grow to .*; free some space; the checkpoint of iteration [0-9]* is kept in" \
         "it stops while the state fits"
     mount -o remount,size=40m "$work/small"
     # shellcheck disable=SC2086
@@ -400,7 +400,7 @@ swap "$learned"
 cp "$out.part" "$work/part"
 retrain --resume
 is "$code" 2 "--resume refuses when a training image has changed"
-err_has "images have changed" "and says so"
+err_has "the images differ from" "and says so"
 same "$out.part" "$work/part" "the state stays"
 cp "$work/kept.jpg" "$file"
 swap "$held"

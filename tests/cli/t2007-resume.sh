@@ -40,7 +40,7 @@ stopped() {
     fi
     is "$code" "$2" "stopped by $1: exit code $2"
     [ "$1" = KILL ] ||
-        err_has "^spin-retrain: interrupted; the checkpoint of iteration [0-9]* is kept in '.*stopped.spin.part': go on with --resume\$" "$1: says what is kept and how to go on"
+        err_has "^spin-retrain: interrupted; the checkpoint of iteration [0-9]* is kept in '.*stopped.spin.part': continue with --resume\$" "$1: says what is kept and how to go on"
     run "$bin/spin-export" "$work/stopped.spin.part" --range 1:2 --to ply -o "$work/as-it-was" --force
     if [ "$1" = KILL ]; then
         fails 1 spin-export "a state without its clip"

@@ -48,7 +48,7 @@ is "$(member fits)" false "and so does its JSON"
 fitting=$(member fitting)
 run "$bin/spin-retrain" "$in" -o "$work/not.spin" $larger
 fails 1 spin-retrain "half of the memory"
-err_has "needs about [1-9][0-9.]* MB of memory, but only [1-9][0-9.]* MB are free: $fitting fits" "and it says both and what fits"
+err_has "needs about [1-9][0-9.]* MB of memory, but only [1-9][0-9.]* MB are free: use $fitting, which fits" "and it says both and what fits"
 run "$bin/spin-retrain" "$in" --dry-run --json $larger $fitting
 is "$(member fits)" true "which is true"
 SPIN_EMU_MEMORY=1000 run "$bin/spin-retrain" "$in" --dry-run $larger

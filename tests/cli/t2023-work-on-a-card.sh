@@ -209,7 +209,7 @@ for n in 3 400 1000 1500; do
     gone "refining, lost at $n" "$work/lost.spin"
     err_has "frame [01]: the CUDA device failed: emulated: the GPU is lost" "refining, lost at $n: it says so"
 done
-err_has "frame 1: .*; the frames refined so far are kept in .*lost.spin.parts': go on with --resume" "one frame is kept"
+err_has "frame 1: .*; the frames refined so far are kept in .*lost.spin.parts': continue with --resume" "one frame is kept"
 run "$bin/spin-retrain" "$in" -o "$work/lost.spin" --device cuda --scale 0.1 --method frames --refine 30 --range 0:2 \
     --test-cams 0 --resume
 is "$code" 0 "the run goes on"

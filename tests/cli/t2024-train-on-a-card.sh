@@ -67,7 +67,7 @@ ok $? "and its PSNR is the CPU's to 0.001 dB"
 
 SPIN_EMU_LOST=1000 run "$bin/spin-retrain" "$in" -o "$work/lost.spin" $small --iterations 3 --device cuda --save-every 1
 is "$code" 1 "a card that is lost ends the training"
-err_has "the CUDA device failed: emulated: the GPU is lost; .* go on with --resume" "and it says so"
+err_has "the CUDA device failed: emulated: the GPU is lost; .* continue with --resume" "and it says so"
 named=0
 for n in 600 603 800 803; do # in a verb, and not in a copy to the host
     SPIN_CUDA_SYNC=1 SPIN_EMU_LOST=$n run "$bin/spin-retrain" "$in" -o "$work/sync.spin" $small --iterations 3 --device cuda

@@ -92,9 +92,9 @@ fi
 run "$bin/spin-eval" "$work/better.spin" --temporal --json --report "$work/steady.html"
 is "$code $(member flicker >"$work/flicker" && grep -c . "$work/flicker")" "0 1" "--temporal has the mean flicker in JSON"
 is "$(grep -c '"flicker_images"' "$work/out")" 3 "and that of each of two cameras"
-grep -q "<b>$(awk '{ printf "%.3f", $1 }' "$work/flicker")</b>flicker, of 255; images " "$work/steady.html"
+grep -q "<b>$(awk '{ printf "%.3f", $1 }' "$work/flicker")</b>flicker, in 1/255; images " "$work/steady.html"
 ok $? "the report shows it"
-is "$(sed -n '/Steadiness in time/,/Storage/p' "$work/steady.html" | grep -c '<img ')" 2 "with a row of pixels over time, twice"
+is "$(sed -n '/Flicker over time/,/Storage/p' "$work/steady.html" | grep -c '<img ')" 2 "with a row of pixels over time, twice"
 run "$bin/spin-eval" "$work/a_b.spin" "$work/better.spin" --temporal --table csv
 is "$(sed -n 1p "$work/out")" "run,psnr,ssim,psnr_dynamic,flicker,megabytes,file_megabytes" "a table has it as a column"
 is "$(awk -F, 'END { d = $5 - '"$(cat "$work/flicker")"'; print d * d < 1e-12 }' "$work/out")" 1 "with the same value"

@@ -68,7 +68,7 @@ done
 rm -r "$work/gone" && touch "$work/gone"
 wait $pid
 is "$?" 1 "the page's folder went away meanwhile"
-is "$(grep -c '^warning: .*; the training goes on' "$work/err")" 1 "is said once"
+is "$(grep -c '^warning: .*; the training continues' "$work/err")" 1 "is said once"
 cmp -s "$work/plain.spin" "$work/d.spin"
 ok $? "the training does not suffer"
 
@@ -83,7 +83,7 @@ done
 kill -INT $pid
 wait $pid
 is "$?" 130 "Ctrl-C"
-err_has "is kept in '.*cut.spin.part': go on with --resume" "says what is kept"
+err_has "is kept in '.*cut.spin.part': continue with --resume" "says what is kept"
 run "$bin/spin-export" "$work/cut/state.spin" --to ply -o "$work/ply"
 is "$code $(find "$work/ply" -name '*.ply' | wc -l)" "0 3" "the state can be exported"
 run "$bin/spin-export" "$work/cut.spin.part" --to ply -o "$work/too"

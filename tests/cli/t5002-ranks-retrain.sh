@@ -101,7 +101,7 @@ is "$code" 0 "two processes without a stop"
 start_ranks 2 "$work/signal.spin" INT 1
 is "$code" 130 "SIGINT to the second of two ends both"
 is "$(grep -c '^spin-retrain' "$work/err")" 1 "with one message"
-err_has "^spin-retrain: interrupted; the checkpoint of iteration [0-9]* is kept in '.*signal.spin.part': go on with --resume\$" "which says what happened"
+err_has "^spin-retrain: interrupted; the checkpoint of iteration [0-9]* is kept in '.*signal.spin.part': continue with --resume\$" "which says what happened"
 [ "$took" -lt 10 ]
 ok $? "within seconds ($took)"
 go_on 2 "$work/signal.spin" "interrupted"

@@ -35,12 +35,12 @@ for n in 2 3; do
     batch=$((n - n / 3)) # with three ranks, one has no image
     retrain $n pinned $network --batch $batch
     is "$code" 0 "$n processes on a GPU"
-    err_has "all-reduce between GPUs goes through page-locked host memory$" "and -v says how gradients are summed"
+    err_has "all-reduce between GPUs uses page-locked host memory$" "and -v says how gradients are summed"
     pinned=$(copied pinned)
     [ "$pinned" -gt 100000 ]
     ok $? "they went through page-locked memory ($pinned bytes)"
     SPIN_EMU_PINNED=0 retrain $n ordinary $network --batch $batch
-    err_has "all-reduce between GPUs goes through ordinary host memory$" "if none can be page-locked, ordinary memory"
+    err_has "all-reduce between GPUs uses ordinary host memory$" "if none can be page-locked, ordinary memory"
     is "$(copied pinned)" 0 "and that alone"
     same "$n processes" pinned ordinary
     SPIN_EMU_CARDS=$n retrain $n own $network --batch $batch

@@ -1207,7 +1207,7 @@ static void test_save_every(void)
                  "--resume %s",
                  bin, folder, i ? "bare.spin" : "in.spin", folder, base,
                  i ? "" : "--lr-table 0.5") == 2 &&
-               strstr(said, "another input or with other options"),
+               strstr(said, "the options or the images differ"),
            "--resume refuses %s", i ? "another input" : "other rates");
 }
 

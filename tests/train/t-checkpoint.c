@@ -493,7 +493,7 @@ static int n_warnings;
 static bool count_warning(const char *line)
 {
     n_warnings +=
-        strstr(line, "of this run is v1, but the work used more than one (v1+base)") != NULL;
+        strstr(line, "of this run is v1, but the whole training used several (v1+base)") != NULL;
     return false;
 }
 

@@ -59,7 +59,7 @@ static spin_status add_picture(struct spin_compare_row *row, int n, uint8_t **ou
     void *grown = realloc(row->picture, ((size_t)n + 1) * sizeof *row->picture);
 
     if (!grown)
-        return spin_fail(SPIN_E_MEMORY, "no memory for images");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for the images of the comparison");
     row->picture = grown;
     row->picture[n] = NULL;
     SPIN_TRY(spin_alloc((size_t)row->width * (size_t)row->height, 3, (void **)&row->picture[n]));
@@ -78,7 +78,9 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
     const struct spin_camera *camera = &clip->views.view[pair->view].camera;
 
     if (camera->width != row->width || camera->height != row->height)
-        return spin_misuse("camera %d: the images of two runs differ in size", row->camera);
+        return spin_misuse("cannot compare the runs: their images of camera %d differ in size; "
+                           "give runs of the same data set",
+                           row->camera);
     if (n == 0) {
         SPIN_TRY(add_picture(row, 0, &out));
         SPIN_TRY(spin_image_cache_get_rgb8(pixels, pair->view, out));
@@ -224,7 +226,7 @@ static spin_status sheet_text(const struct spin_compare *c, const struct spin_co
     if (out)
         spin_text_base64(out, bytes, n);
     if (!out || fclose(out) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for an image");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for an image of the comparison");
     return SPIN_OK;
 }
 
@@ -272,14 +274,15 @@ static spin_status add_curves(const struct spin_compare *c, spin_json *page)
     SPIN_FREED char *text = NULL;
     size_t n;
     FILE *out = spin_text_open(&text, &n);
-    spin_status status = out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for curves");
+    spin_status status =
+        out ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "out of memory for the curves of the comparison");
 
     if (status == SPIN_OK)
         status = draw_curves(c, "psnr", "PSNR over the frames", "PSNR, dB", false, out);
     if (status == SPIN_OK)
         status = draw_curves(c, "ssim", "SSIM over the frames", "SSIM", false, out);
     if (out && fclose(out) != 0)
-        status = spin_fail(SPIN_E_MEMORY, "no memory for curves");
+        status = spin_fail(SPIN_E_MEMORY, "out of memory for the curves of the comparison");
     spin_json_set_string(page, "curves", text);
     return status;
 }

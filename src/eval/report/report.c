@@ -228,7 +228,9 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     size_t n;
     FILE *over_frames = spin_text_open(&frames, &n), *over_training = spin_text_open(&training, &n);
     spin_status status =
-        over_frames && over_training ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "no memory for curves");
+        over_frames && over_training
+            ? SPIN_OK
+            : spin_fail(SPIN_E_MEMORY, "out of memory for the curves of the report");
 
     if (status == SPIN_OK && r->log)
         status = spin_train_log_read(r->log, LOSS_POINTS, &history);
@@ -239,7 +241,7 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     if (status == SPIN_OK && (history.n_tests > 1 || history.n_steps > 1))
         draw_history(&history, over_training);
     if ((over_frames && fclose(over_frames) != 0) | (over_training && fclose(over_training) != 0))
-        status = spin_fail(SPIN_E_MEMORY, "no memory for curves");
+        status = spin_fail(SPIN_E_MEMORY, "out of memory for the curves of the report");
     spin_json_set_string(page, "over_frames", frames);
     spin_json_set_string(page, "over_training", training);
     if (history.total_seconds > 0)
@@ -278,7 +280,7 @@ static spin_status put_picture(struct pictures *p, const struct spin_camera *c, 
         spin_text_base64(out, bytes, n);
     free(bytes);
     if (!out || fclose(out) != 0)
-        return spin_fail(SPIN_E_MEMORY, "no memory for an image");
+        return spin_fail(SPIN_E_MEMORY, "out of memory for an image of the report");
     spin_json_push_string(to, text);
     return SPIN_OK;
 }

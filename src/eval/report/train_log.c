@@ -25,7 +25,7 @@ static spin_status add_line(struct spin_train_log *h, const spin_json *j)
     double iteration, value, seconds = 0, ssim = 0;
 
     if (!spin_json_number(spin_json_get(j, "iteration"), &iteration))
-        return spin_malformed("no 'iteration'");
+        return spin_malformed("'iteration' is missing");
     if (spin_json_number(spin_json_get(j, "seconds"), &seconds))
         h->total_seconds = seconds;
     if (spin_json_number(spin_json_get(j, "loss"), &value)) {
