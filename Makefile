@@ -441,20 +441,29 @@ $(B)/tests/bench/%.o: QUICK :=
 
 # gold links the many tests in half the time of ld. Their first link looks for it.
 TEST_LD = $(eval TEST_LD := $(shell $(CC) -fuse-ld=gold -Wl,--version 2>/dev/null | sed -n 's/^GNU gold.*/-fuse-ld=gold/p'))$(TEST_LD)
+# The tests share one library that exports every symbol. After a change of the library they need not
+# be linked again, so the prerequisite is order-only.
+TEST_LIB := $(B)/tests/libspin-tests.so
+$(TEST_LIB): $(LIB_O)
+	@mkdir -p $(@D)
+	$(SAY) LINK $@
+	$(Q)$(LINK) $(TEST_LD) -shared -Wl,-soname,$(@F) -o $@ $(LIB_O) $(SPIN_LDLIBS) $(LDLIBS)
+LINK_TEST = $(LINK) $(TEST_LD) -Wl,-rpath,'$$ORIGIN/..' -o $@ $(filter %.o,$^) $(TEST_LIB) $(SPIN_LDLIBS) $(LDLIBS)
+
 # Objects that all tests link.
 TEST_O := $(B)/tests/check.o $(B)/tests/device/strict.o
-$(B)/tests/%: $(B)/tests/%.o $(TEST_O) $(LIB) | $(SHIMS)
+$(B)/tests/%: $(B)/tests/%.o $(TEST_O) | $(TEST_LIB) $(SHIMS)
 	$(SAY) LINK $@
-	$(Q)$(LINK) $(TEST_LD) -o $@ $< $(TEST_O) $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
+	$(Q)$(LINK_TEST)
 
 # Fuzz targets: every build links them with a main() that replays inputs; `make fuzz F=npy` links
 # libFuzzer (clang).
 FUZZ_BIN := $(FUZZ_C:%.c=$(B)/%)
 .PHONY: fuzz-bins
 fuzz-bins: $(FUZZ_BIN)
-$(B)/tests/fuzz/fuzz-%: $(B)/tests/fuzz/fuzz-%.o $(B)/tests/fuzz/replay.o $(LIB)
+$(B)/tests/fuzz/fuzz-%: $(B)/tests/fuzz/fuzz-%.o $(B)/tests/fuzz/replay.o | $(TEST_LIB)
 	$(SAY) LINK $@
-	$(Q)$(LINK) $(TEST_LD) -o $@ $< $(B)/tests/fuzz/replay.o $(LIB) $(SPIN_LDLIBS) $(LDLIBS)
+	$(Q)$(LINK_TEST)
 
 T ?= 60
 fuzz: ## one libFuzzer target: make fuzz F=npy [T=60], T in seconds
@@ -535,9 +544,13 @@ install: all $(LIB) ## install into PREFIX, libraries into LIBDIR, all below DES
 	install -m 644 exporters/python/spin4d.py $(DESTDIR)$(PYTHONDIR)
 	install -d $(DEST)/share/spin4d/player $(DEST)/share/doc/spin4d/docs/how-to
 	install -m 644 $(PLAYER) $(DEST)/share/spin4d/player
-	for file in $(DOCS); do install -m 644 $$file $(DEST)/share/doc/spin4d/$$file || exit 1; done
-	for file in $(SAMPLE:fixtures/court-mini/%=%); do install -D -m 644 fixtures/court-mini/$$file $(DEST)/share/spin4d/sample/$$file || exit 1; done
-	for page in $(PAGES); do install -m 644 $$page $(DEST)/share/man/man$${page##*.}; done
+	install -m 644 $(filter-out docs/how-to/%,$(DOCS)) $(DEST)/share/doc/spin4d/docs
+	install -m 644 $(filter docs/how-to/%,$(DOCS)) $(DEST)/share/doc/spin4d/docs/how-to
+	for folder in $(sort $(patsubst %/,%,$(dir $(SAMPLE)))); do \
+	    install -D -m 644 -t $(DEST)/share/spin4d/sample$${folder#fixtures/court-mini} \
+	        $$(printf '%s\n' $(SAMPLE) | grep "^$$folder/[^/]*$$") || exit 1; \
+	done
+	$(foreach n,1 5 7,install -m 644 $(filter %.$n,$(PAGES)) $(DEST)/share/man/man$n &&) true
 	install -m 644 man/example-plugin/Makefile man/example-plugin/*.c $(DEST)/$(EXAMPLE)
 	install -d $(sort $(dir $(addprefix $(DEST)/,$(BASH) $(ZSH))))
 	for c in $(COMMANDS); do \

@@ -26,7 +26,9 @@ done
 for program in tests/card/t-card tests/bench/bench bin/spin-import bin/spin-retrain bin/spin-eval; do
     strip -o "$kit/bin/$(basename $program)" "$B/$program" || fail "'$B/$program' is not built"
 done
-strip -o "$kit/lib/spin-cuda.so" "$kernels" && strip -o "$kit/lib/spin-image-plain.so" "$B/lib/spin-image-plain.so" || exit 1
+for library in lib/spin-cuda.so lib/spin-image-plain.so tests/libspin-tests.so; do
+    strip -o "$kit/lib/$(basename $library)" "$B/$library" || fail "'$B/$library' is not built"
+done
 
 # All libraries except those of the C library.
 ldd "$kit"/bin/* "$kit"/lib/*.so | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' | sort -u |

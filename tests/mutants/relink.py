@@ -1,12 +1,14 @@
 """A tree in which a fault costs one compilation and the links of what a test runs.
 
 The sources are copied, the build is a farm of symbolic links to that of the repository. An object
-that is compiled from a faulty source replaces its link; programs are linked with it in front of the
-library, so that nothing is archived, and make does not run. The commands are those that make would
-run."""
+that is compiled from a faulty source replaces its link; commands are linked with it in front of the
+library, so that nothing is archived, and make does not run. Test programs are copies, which load
+the tree's own shared library, so that only this library is linked again. The commands are those
+that make would run."""
 import os
 import re
 import shlex
+import shutil
 import subprocess
 
 COMMANDS = "spin4d spin-import spin-retrain spin-export spin-eval".split()
@@ -39,6 +41,16 @@ class Tree:
                 subprocess.run(["rm", "-rf", here], check=True)
                 os.makedirs(os.path.dirname(here), exist_ok=True)
                 subprocess.run(["cp", "-as", os.path.abspath(there), here], check=True)
+        for output in self.commands:
+            if self.is_test_program(output):
+                self.take_over(output)
+
+    def is_test_program(self, output):
+        return self.test_library() in self.commands[output] and output != self.test_library() and \
+            os.path.exists(os.path.join(self.root, output))
+
+    def test_library(self):
+        return self.build + "/tests/libspin-tests.so"
 
     def own(self, output):
         """Replaces a link to a file that is about to be written."""
@@ -74,7 +86,9 @@ class Tree:
 
     def link_for(self, test, text, program):
         """Links what a test runs, unless it was linked already."""
-        wanted = [program] if program else []
+        wanted = [self.test_library()]
+        if program and any("/tests/" in o for o in self.objects):
+            wanted += [program]
         if not program or test.startswith("tests/cmd/"):
             wanted += [self.build + "/bin/" + name for name in sorted(set(NAMES.findall(text))) or COMMANDS]
         if re.search(r"libspin|import spin4d|SPIN_BUILD", text):
@@ -88,8 +102,15 @@ class Tree:
 
     def restore(self):
         for output in self.touched:
-            path = os.path.join(self.path, output)
-            if os.path.lexists(path):
-                os.remove(path)
-            os.symlink(os.path.abspath(os.path.join(self.root, output)), path)
+            self.take_over(output)
         self.touched = []
+
+    def take_over(self, output):
+        """The file of the repository's build again: test programs as copies, others as links."""
+        path, there = os.path.join(self.path, output), os.path.abspath(os.path.join(self.root, output))
+        if os.path.lexists(path):
+            os.remove(path)
+        if self.is_test_program(output):
+            shutil.copy(there, path)
+        else:
+            os.symlink(there, path)
