@@ -329,9 +329,9 @@ function tick(now) {
 
 // ---- Sound --------------------------------------------------------------------------------------
 
-// The sound, if there is one, is muted until the user turns it on, since browsers start no other
-// sound by themselves. It follows the clip: its time is set when the two differ by more than a
-// tenth of a second.
+// The sound, if there is one, is muted until the user turns it on, since browsers only start muted
+// sound without a user action. When the time of the sound differs from that of the clip by more
+// than a tenth of a second, it is set to the time of the clip.
 const audio = clip.sound && $('sound');
 function follow() {
     const { step, start } = clip.sound, at = state.clock * step - start, rate = state.speed * (asked.fps ?? clip.fps) * step;
@@ -373,7 +373,7 @@ function label() {
     $('scrub').value = state.frame;
     $('play').textContent = state.playing ? 'Pause' : 'Play';
     root.classList.toggle('playing', state.playing);
-    // A clip that waits in a frame of another page looks like an image without this button.
+    // Without this button, a paused clip inside another page would look like an image.
     $('start').hidden = !embedded || !state.drawn || state.playing || clip.numbers.length < 2;
     for (const b of $('versions').children) b.setAttribute('aria-pressed', b.dataset.version === (state.wipe ? 'wipe' : clip.versions[state.version].name));
     $('wipe').hidden = !state.wipe;
@@ -431,7 +431,7 @@ function moveBy(dx, dy) {
     aim(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k));
 }
 
-// Sets the target. Its distance from the first target is limited to the size of the scene.
+// Sets the target, at a distance from the first target of at most the size of the scene.
 function aim(target) {
     const first = inside(start.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
@@ -457,7 +457,7 @@ function zoomBy(factor) {
     welcome(false);
 }
 
-// Returns the current view in world units, as the address of the page and set() take it.
+// Returns the current view in world units, in the form of the page's address and of set().
 function viewNow() {
     const out = (p) => p.map((v, i) => v * clip.size + clip.centre[i]);
     return { eye: out(camera().eye), target: out(orbit.target) };
