@@ -243,7 +243,7 @@ static spin_status open_model(void *self, const char *path)
     SPIN_TRY(choose_heads(model));
     SPIN_TRY(spin_model_torch(m, m->path, load_network));
     if (model->used[COLOUR] && m->canonical.sh_degree != 3)
-        return spin_unsupported("'%s': SH of degree %d, but the network deforms SH of degree 3",
+        return spin_unsupported("'%s' has SH of degree %d, but the network deforms SH of degree 3",
                                 cloud, m->canonical.sh_degree);
     check_table(m, save);
     spin_model_describe(m, &m->canonical.n, m->canonical.sh_degree, moved(model));

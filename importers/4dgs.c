@@ -71,7 +71,7 @@ static spin_status describe(struct spin_model *m, struct spin_4dgs *info, size_t
               info->duration);
     spin_note(sequence, "the format clamps colours of degree 0 to the visible range, 0 to 1");
     if (info->camera)
-        spin_note(sequence, "not imported: the camera path");
+        spin_note(sequence, "the camera path is not imported");
     for (char *text = info->sound_notes, *line; (line = strsep(&text, "\n"));)
         if (*line)
             spin_note(sequence, "%s", line);

@@ -317,7 +317,7 @@ static spin_status read_cloud(const char *path, struct model *m)
         return spin_malformed("'%s' has %d properties embedding_*, expected 1 to %d", path,
                               m->n_embedding, MLP_MAX_WIDTH);
     if (n > 0 && m->used[COLOUR] && cloud.sh_degree != 3)
-        return spin_unsupported("'%s': SH of degree %d, but the network deforms SH of degree 3",
+        return spin_unsupported("'%s' has SH of degree %d, but the network deforms SH of degree 3",
                                 path, cloud.sh_degree);
     return spin_model_read(&m->base, path, "embedding_", m->n_embedding, &m->embedding);
 }

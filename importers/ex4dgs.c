@@ -403,7 +403,7 @@ static spin_status check_empty(const struct spin_value *model, const struct part
         int item = item_of(p, c);
 
         if (item > 0 && !spin_chkpnt_is_empty(spin_value_at(model, (size_t)item)))
-            return spin_malformed("item %d (%s%s) is not empty, but item %d (%sxyz) is", item,
+            return spin_malformed("item %d (%s%s) is not empty, but item %d (%sxyz) is empty", item,
                                   p->moving ? "motion " : "", kinds[c].tensor, item_of(p, PLACE),
                                   p->moving ? "motion " : "");
     }
@@ -473,10 +473,10 @@ static spin_status count_properties(const char *path, const struct spin_ply_elem
     p->n_keys = p->moving ? places / 3 : 1;
     p->sh_degree = rest % 3 == 0 ? degree_of((uint64_t)rest / 3 + 1) : -1;
     if (p->sh_degree < 0)
-        return spin_malformed("'%s': %d properties %sf_rest_*, expected 0, 9, 24 or 45", path, rest,
-                              p->moving ? "motion_" : "");
+        return spin_malformed("'%s' has %d properties %sf_rest_*, expected 0, 9, 24 or 45", path,
+                              rest, p->moving ? "motion_" : "");
     if (p->moving && (places % 3 != 0 || turns != 4 * p->n_keys))
-        return spin_malformed("'%s': %d properties motion_xyz_* and %d motion_rot_*, expected 3 "
+        return spin_malformed("'%s' has %d properties motion_xyz_* and %d motion_rot_*, expected 3 "
                               "and 4 for every key frame",
                               path, places, turns);
     return SPIN_OK;
@@ -691,9 +691,9 @@ static spin_status find_keys(const struct model *m, double time, struct keyframe
         return spin_not_found("'%s' has no time %g: its times are 0 to %g", m->base.path, time,
                               m->frames - 1);
     if (m->moving.n > 0 && (key < beside || key + 1 + beside >= m->moving.n_keys))
-        return spin_unsupported("'%s': time %g needs the key frames %g to %g, but there are %d",
-                                m->base.path, time, key - beside, key + 1 + beside,
-                                m->moving.n_keys);
+        return spin_unsupported(
+            "'%s': time %g needs the key frames %g to %g, but the model has only %d", m->base.path,
+            time, key - beside, key + 1 + beside, m->moving.n_keys);
     *out = (struct keyframes){m->kind, (int)key, (at - key * m->interval) / m->interval,
                               at / m->interval};
     return SPIN_OK;

@@ -378,8 +378,9 @@ static spin_status read_ply(struct model *m)
     SPIN_TRY(spin_model_vertices(&m->base, m->base.path, &e));
     SPIN_TRY(spin_fail_reading(check_header(ply, m, &sh_degree), m->base.path));
     if (ply->n_elements != 1 || e->has_list || ply->ascii || ply->big_endian)
-        return spin_malformed("'%s': expected a single element of little-endian binary data",
-                              m->base.path);
+        return spin_malformed(
+            "'%s': a .ftgs.ply must consist of a single element of little-endian binary data",
+            m->base.path);
     SPIN_TRY(reserve(m, (size_t)e->count, sh_degree));
     m->base.splats_4d.antialias = spin_ply_is_antialiased(ply);
     n_sh = (size_t)spin_sh_count(sh_degree);

@@ -296,8 +296,9 @@ static spin_status load_bounds(struct model *m, const struct spin_value *bounds,
         least[i] = values[2 * i];
         most[i] = values[2 * i + 1];
         if (!(most[i] > least[i]))
-            return spin_malformed("the bounds of the velocity network are %g to %g",
-                                  (double)least[i], (double)most[i]);
+            return spin_malformed(
+                "the bounds of the velocity network are %g to %g, expected the second to be larger",
+                (double)least[i], (double)most[i]);
     }
     return SPIN_OK;
 }
@@ -530,7 +531,7 @@ static spin_status read_checkpoint(struct spin_model *base)
     SPIN_TRY(bind_tensor(m, "means", 2, shape, &means));
     n = (size_t)means.shape[0];
     if (n == 0 || n > INT_MAX)
-        return spin_malformed("parameter 'means' has %zu Gaussians", n);
+        return spin_malformed("parameter 'means' has %zu Gaussians, expected 1 to %d", n, INT_MAX);
     SPIN_TRY(load_sh(m, n, &degree, sh));
     SPIN_TRY(spin_splats_4d_reserve(s, n, net ? 0 : 1, degree, SPIN_4D_GATES));
     s->least_opacity = LEAST_OPACITY;
@@ -562,7 +563,7 @@ static spin_status find_file(struct spin_model *m, const char *path, const char 
             return spin_not_found("'%s' contains neither separated.pt nor gaussians.pt", path);
     }
     if (strcmp(spin_path_name(m->path), "init.pt") == 0)
-        spin_note(m->sequence, "init.pt is the state before the training");
+        spin_note(m->sequence, "init.pt contains the Gaussians before training");
     return spin_model_find(m, config, folder, "config.toml");
 }
 

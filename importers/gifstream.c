@@ -308,7 +308,7 @@ static spin_status load_networks(struct spin_model *base)
     m->n_time = (size_t)m->net[CENTRE].layer[0].n_in - n_u;
     if ((size_t)m->net[CENTRE].layer[0].n_in < n_u || m->n_time % 2 != 0)
         return spin_malformed(
-            "tensor 'mlp_motion.0.weight' has %d inputs, expected %zu and an even "
+            "tensor 'mlp_motion.0.weight' has %d inputs, expected %zu plus an even "
             "number for the time",
             m->net[CENTRE].layer[0].n_in, n_u);
     return SPIN_OK;
@@ -364,8 +364,9 @@ static spin_status round_tensors(struct spin_model *base)
         if (!spin_value_number(spin_value_get(scaling, names[t]), &m->step[t]))
             continue;
         if (!(m->step[t] > 0 && m->step[t] < 1e6))
-            return spin_malformed("the step of '%s' in 'scaling' is %g, expected a number above 0",
-                                  names[t], m->step[t]);
+            return spin_malformed(
+                "the rounding step of '%s' in 'scaling' is %g, expected a number above 0", names[t],
+                m->step[t]);
         snprintf(name, sizeof name, "%s_entropy_model", names[t]);
         base->tensors = spin_value_get(base->torch.root, name);
         if (base->tensors && i >= 2)

@@ -596,8 +596,8 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
         n += model->kept[i];
     if (n == 0)
         return spin_unsupported(
-            "'%s': no offset is opaque from the positions of --camera at time %g", model->base.path,
-            time);
+            "'%s': no Gaussian is opaque from the positions of --camera at time %g",
+            model->base.path, time);
     columns &= SPIN_COL_MEANS;
     SPIN_TRY(spin_splats_reserve(out, n, columns, 0));
     n = 0;

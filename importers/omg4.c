@@ -542,7 +542,8 @@ static spin_status find_file(struct spin_model *m, const char *path)
     if (n_xz == 1)
         return spin_model_join(m, &m->path, path, "%s", best);
     return spin_not_found("'%s' contains %s", path,
-                          n_xz ? "several *.xz, but no comp.xz: name one" : "no comp.xz");
+                          n_xz ? "several *.xz, but no comp.xz: give one of the files"
+                               : "no comp.xz");
 }
 
 static spin_status parse_pickle(struct model *m)

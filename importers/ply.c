@@ -496,7 +496,7 @@ static spin_status open_clip(void *self, const char *path)
     clip->strict = spin_model_option(&clip->base, "strict") != NULL;
     SPIN_TRY(find_files(clip, path));
     if (clip->files.n_frames > INT_MAX)
-        return spin_unsupported("'%s' contains too many files", path);
+        return spin_unsupported("'%s' contains 2^31 or more files", path);
     for (size_t i = 0; i < clip->files.n_frames; i++)
         SPIN_TRY(open_frame(clip, i));
     return describe(clip);

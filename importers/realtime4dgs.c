@@ -435,8 +435,8 @@ static void r4_note(const struct rows *r, const struct clip_times *times,
                   times->first, times->last,
                   r->degree_t > 0 ? ", and colours depend on time_duration" : "");
     if (env && env->kind == SPIN_VALUE_TENSOR && !spin_chkpnt_is_empty(env))
-        spin_note(sequence,
-                  "the environment map is not imported: windows and far background are missing");
+        spin_note(sequence, "the environment map is not imported: the distant background, such as "
+                            "the sky, is missing");
 }
 
 /* ---- Realtime-4DGS --------------------------------------------------------------------------- */
@@ -521,8 +521,10 @@ static spin_status choose_convention(struct realtime_model *m)
     m->reading.older = asked == AUTO ? hint : asked == OLDER;
     if (asked == AUTO)
         spin_note(sequence,
-                  "the rotation convention is not in the file: assumed the one used %s September "
-                  "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other); set it "
+                  "the file does not state its convention of rotations: assumed the one used %s "
+                  "September "
+                  "2024, by the sizes of the Gaussians (median %.3g; %.3g with the other "
+                  "convention); set it "
                   "with --convention today|older",
                   m->reading.older ? "before" : "since", m->reading.older ? older : today,
                   m->reading.older ? today : older);
@@ -763,11 +765,12 @@ static spin_status add_rows(struct hybrid_model *m)
             sequence, "%s dropped: values that are not finite",
             spin_text_share(n_dropped, n_moving, "dynamic Gaussian", "is", "are", (char[96]){0}));
     if (m->gaussians.n_dropped > n_dropped)
-        spin_note(sequence,
-                  "%s dropped: values that are not finite; the method's own conversion makes such "
-                  "rotations, and its renderer skips them",
-                  spin_text_share(m->gaussians.n_dropped - n_dropped, n_still, "static Gaussian",
-                                  "is", "are", (char[96]){0}));
+        spin_note(
+            sequence,
+            "%s dropped: values that are not finite; the method's own conversion produces such "
+            "rotations, and its renderer skips these Gaussians",
+            spin_text_share(m->gaussians.n_dropped - n_dropped, n_still, "static Gaussian", "is",
+                            "are", (char[96]){0}));
     return spin_gaussian4d_check(&m->gaussians, n_moving + n_still, n_faint, NULL, sequence);
 }
 

@@ -72,7 +72,7 @@ static spin_status read_flags(struct model *m)
 
         SPIN_TRY(spin_cfg_read_bool(cfg, unsupported[i], &on));
         if (on)
-            return spin_unsupported("'%s': %s=True, another network than this importer reads",
+            return spin_unsupported("'%s': %s=True selects a network that is not supported",
                                     cfg->path, unsupported[i]);
     }
     SPIN_TRY(spin_cfg_read_bool(cfg, "gs_with_motion_mask", &m->mask));
@@ -136,7 +136,8 @@ static spin_status load_nodes(struct model *m)
     SPIN_TRY(spin_model_floats(&m->base, "nodes", 2, shape, &info, &m->nodes));
     m->n_nodes = (size_t)info.shape[0];
     if (m->n_nodes == 0 || m->n_nodes > MOST_NODES)
-        return spin_malformed("tensor 'nodes' has %zu nodes", m->n_nodes);
+        return spin_malformed("tensor 'nodes' has %zu nodes, expected 1 to %d", m->n_nodes,
+                              MOST_NODES);
     rows[0] = (int64_t)m->n_nodes;
     rows[1] = 1;
     if (m->skinning) {
@@ -449,7 +450,7 @@ static spin_status read_cloud(struct model *m, const char *path)
     SPIN_TRY(spin_model_cloud(&m->base, path, &cloud));
     m->n_features = spin_model_count(cloud.vertex, "fea_");
     if (wanted >= 0 && m->n_features != wanted)
-        return spin_malformed("'%s': %d properties fea_*, expected %d, for hyper_dim=%d%s", path,
+        return spin_malformed("'%s' has %d properties fea_*, expected %d, for hyper_dim=%d%s", path,
                               m->n_features, wanted, m->n_hyper,
                               m->mask ? " and a motion mask" : "");
     return spin_model_read(&m->base, path, m->n_features > 0 ? "fea_" : NULL, m->n_features,
@@ -463,7 +464,7 @@ static spin_status attach_all(struct model *m)
     const struct deform_net *net = &m->net;
 
     if (m->skinning && m->n_features != m->n_near + m->mask)
-        return spin_malformed("'%s': %d properties fea_*, expected one for each of %d nodes%s",
+        return spin_malformed("'%s' has %d properties fea_*, expected one for each of %d nodes%s",
                               base->path, m->n_features, m->n_near, m->mask ? " and a mask" : "");
     SPIN_TRY(spin_model_alloc(base, n, (size_t)m->n_near * sizeof *m->near, (void **)&m->near));
     SPIN_TRY(spin_model_alloc(base, n, (size_t)m->n_near * sizeof *m->share, (void **)&m->share));
@@ -493,7 +494,7 @@ static void describe(struct model *m, const char *name)
              m->n_nodes, name, m->net.linear.n, m->net.width,
              m->head[LOCAL_HEAD].n ? ", local frames" : "");
     if (m->still)
-        spin_note(sequence, "cfg_args states that the scene is static: one frame");
+        spin_note(sequence, "cfg_args states that the scene is static, so there is one frame");
     else
         spin_note(sequence, "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1)");
     if (m->head[OPACITY_HEAD].n)

@@ -101,7 +101,7 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
             ply->path);
     if (!(n_dc == 3 && n_t == 0) && !(n_dc == 6 && n_t == 3))
         return spin_malformed(
-            "'%s': %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
+            "'%s' has %d properties f_dc_* and %d f_t_*, expected 3 and 0 (lite) or 6 and 3 (full)",
             ply->path, n_dc, n_t);
     return SPIN_OK;
 }
@@ -150,8 +150,9 @@ static spin_status read_cloud(struct model *m)
         int n = g->n[m->full], found = n > 0 ? spin_model_count(e, g->name) : 0;
 
         if (n > 0 && found != n)
-            return spin_malformed("'%s': %d properties %s*, expected the %d of SpacetimeGaussians",
-                                  ply->path, found, g->name, n);
+            return spin_malformed(
+                "'%s' has %d properties %s*, expected the %d of SpacetimeGaussians", ply->path,
+                found, g->name, n);
         for (int i = 0; n >= 0 && i < (n > 0 ? n : 1); i++) {
             char name[32];
 
@@ -441,8 +442,9 @@ static void describe(const struct model *m)
                   m->n_dropped, m->n + m->n_dropped);
     }
     if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
-        spin_note(sequence, "trained on fisheye images, to which the method's renderer warps a "
-                            "pinhole image: these Gaussians are for the pinhole image");
+        spin_note(sequence,
+                  "the run was trained on fisheye images: the method renders pinhole images of "
+                  "the Gaussians and warps them to fisheye images");
 }
 
 static spin_status open_model(void *self, const char *path)

@@ -114,7 +114,7 @@ static spin_status open_file(struct clip *clip, size_t file)
 static spin_status reserve_frames(struct clip *clip, size_t n)
 {
     if (n > INT_MAX)
-        return spin_unsupported("'%s': too many frames", clip->files.frame[0].path);
+        return spin_unsupported("'%s' contains 2^31 or more frames", clip->files.frame[0].path);
     clip->n_frames = (int)n;
     SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->numbers, (void **)&clip->numbers));
     SPIN_TRY(spin_model_alloc(&clip->base, n, sizeof *clip->times, (void **)&clip->times));

@@ -179,7 +179,7 @@ static spin_status check_motion(const struct model *m, const struct spin_ply_ele
                                 "dimensions, which are not supported as PLY",
                                 m->base.path, spin_ply_has(e, "rot_4") ? "rot_4" : "scale_3");
     if (n != 3 && !extra && !(m->dialect == OPENSPLAT4D && n == 0))
-        return spin_malformed("'%s': %d properties motion_*, expected motion_0, motion_1 and "
+        return spin_malformed("'%s' has %d properties motion_*, expected motion_0, motion_1 and "
                               "motion_2",
                               m->base.path, n);
     if (extra)
@@ -319,7 +319,7 @@ static spin_status read_file(struct model *m, const char *asked)
     SPIN_TRY(check_motion(m, e, &moves));
     SPIN_TRY(spin_gs_ply_degree(&m->base.ply, e, &sh_degree, &n_rest));
     if (n_rest > (int)spin_n_rest(3))
-        return spin_unsupported("'%s': SH of degree 4 (%d properties f_rest_*), expected 0 to 3",
+        return spin_unsupported("'%s' has SH of degree 4 (%d properties f_rest_*), expected 0 to 3",
                                 m->base.path, n_rest);
     if (m->dialect == SUPERSPLAT4D)
         SPIN_TRY(read_comment(m, sh_degree));

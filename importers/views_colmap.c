@@ -369,7 +369,8 @@ static spin_status read_options(struct colmap *m)
 
     m->images = spin_model_option(&m->base, "images");
     if (m->images && !spin_views_is_safe_name(m->images))
-        return spin_misuse("option 'images' is '%s', expected a folder's name", m->images);
+        return spin_misuse("option 'images' is '%s', expected the name of a folder in the data set",
+                           m->images);
     SPIN_TRY(spin_option_word(values, "principal", "file|centre", &rule));
     m->model.centre = rule == 1;
     m->hold = -1;

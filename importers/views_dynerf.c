@@ -432,7 +432,8 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
 
     SPIN_TRY(spin_option_count(values, "test", -1, INT_MAX, &test));
     if (test >= (int)set->n_cameras)
-        return spin_misuse("option 'test' is %d, but there are %zu cameras", test, set->n_cameras);
+        return spin_misuse("option 'test' is %d, but there are only %zu cameras", test,
+                           set->n_cameras);
     for (size_t i = 0; i < set->n; i++) {
         const struct frame_image *image = &set->image[i];
         int c = spin_views_index_of(set->camera, set->n_cameras, image->camera);

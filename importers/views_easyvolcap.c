@@ -84,7 +84,7 @@ static spin_status take_numbers(struct reader *r, const char *at)
         if (end == at || !strchr(" ,]", *end) || !isfinite(value))
             return spin_malformed("'%.40s' is not a number", at);
         if (spin_json_push_number(data, value) != 0)
-            return spin_fail(SPIN_E_MEMORY, "no memory");
+            return spin_fail(SPIN_E_MEMORY, "not enough memory");
         at = end;
     }
     r->open = *at != ']';
@@ -100,7 +100,7 @@ static spin_status take_below(struct reader *r, char *line)
     if (*line == '-' && spin_json_is_array(r->value))
         return spin_json_push_string(r->value, plain_text(line + 1 + strspn(line + 1, " "))) == 0
                    ? SPIN_OK
-                   : spin_fail(SPIN_E_MEMORY, "no memory");
+                   : spin_fail(SPIN_E_MEMORY, "not enough memory");
     value = strchr(line, ':');
     if (!value || !spin_json_is_object(r->value))
         return spin_malformed("'%.40s' does not belong to a list or a matrix", line);

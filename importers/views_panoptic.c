@@ -178,8 +178,9 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
     SPIN_TRY(spin_views_read_json(m->path, "train_meta.json", read_views, &train, out, NULL));
     SPIN_TRY(spin_views_read_json(m->path, "test_meta.json", read_views, &test, out, &found));
     if (found && test.n_rows != train.n_rows)
-        return spin_malformed("'%s': train_meta.json has %zu frames and test_meta.json %zu",
-                              m->path, train.n_rows, test.n_rows);
+        return spin_malformed(
+            "'%s': train_meta.json has %zu frames and test_meta.json %zu, expected the same",
+            m->path, train.n_rows, test.n_rows);
     SPIN_TRY(spin_views_set_numbers(out, first));
     return spin_views_check_images(out, first);
 }

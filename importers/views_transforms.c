@@ -429,8 +429,9 @@ static spin_status read_options(const struct spin_plugin_values *values, struct 
     out->test_file = spin_plugin_value(values, "test-file", "transforms_test.json");
     out->ending = spin_plugin_value(values, "ending", ".png");
     if (!spin_views_is_safe_name(out->test_file))
-        return spin_misuse("option 'test-file' is '%s', expected a name in the folder",
-                           out->test_file);
+        return spin_misuse(
+            "option 'test-file' is '%s', expected the name of a file in the data set",
+            out->test_file);
     SPIN_TRY(spin_option_word(values, "time", "file|max|unit", &time));
     out->time = (enum time_rule)time;
     SPIN_TRY(spin_option_word(values, "pose", "right|4dgaussians", &pose));

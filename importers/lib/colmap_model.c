@@ -473,7 +473,7 @@ spin_status spin_colmap_read(struct spin_colmap *m)
     if (m->n_images == 0)
         return spin_malformed("'%s' has no images", m->sparse);
     if (m->n_images > INT_MAX)
-        return spin_unsupported("'%s' has too many images", m->sparse);
+        return spin_unsupported("'%s' has 2^31 or more images", m->sparse);
     if (spin_model_holds(m->sparse, m->binary ? "points3D.bin" : "points3D.txt"))
         SPIN_TRY(read_file(m, &point_file));
     warn_behind(m);

@@ -126,8 +126,9 @@ static void note_gaps(const struct spin_file_sequence *seq, struct spin_sequence
 
     for (size_t i = 1; missing > 0 && i < seq->n_frames; i++) {
         if (f[i].number > f[i - 1].number + 1) {
-            spin_note(sequence, "frame numbers have gaps: %lld are missing, the first is %d",
-                      missing, f[i - 1].number + 1);
+            spin_note(sequence,
+                      "frame numbers have gaps: %lld numbers are missing, the first is %d", missing,
+                      f[i - 1].number + 1);
             return;
         }
     }

@@ -53,10 +53,10 @@ static spin_status load_plane(struct spin_model *m, int scale, int p, struct hex
         int *size = &hex->size[scale][hex_axes[p][i]];
 
         if (n == 0 || n > HEX_MAX_SIZE || (*size && (uint64_t)*size != n))
-            return spin_malformed("tensor '%s%s' has %llu samples along %c, expected %s%d",
+            return spin_malformed("tensor '%s%s' has %llu samples along %c, expected %s%d%s",
                                   m->prefix, key, (unsigned long long)n, "xyzt"[hex_axes[p][i]],
-                                  *size ? "as in previous planes " : "1 to ",
-                                  *size ? *size : HEX_MAX_SIZE);
+                                  *size ? "" : "1 to ", *size ? *size : HEX_MAX_SIZE,
+                                  *size ? " as in previous planes" : "");
         *size = (int)n;
     }
     return channel_last((size_t)hex->channels, (size_t)(info.shape[2] * info.shape[3]),

@@ -540,7 +540,7 @@ spin_status spin_model_vertices(struct spin_model *m, const char *path,
     if ((*vertex)->count == 0)
         return spin_malformed("'%s' contains 0 vertices", path);
     if ((*vertex)->count > INT_MAX)
-        return spin_unsupported("'%s': more than 2^31 vertices", path);
+        return spin_unsupported("'%s' has 2^31 or more vertices", path);
     return SPIN_OK;
 }
 
@@ -549,10 +549,10 @@ spin_status spin_model_cloud(struct spin_model *m, const char *path, struct spin
     SPIN_TRY(spin_model_ply(m, path));
     SPIN_TRY(spin_gs_ply_find(&m->ply, cloud));
     if (cloud->vertex->count > INT_MAX)
-        return spin_unsupported("'%s': more than 2^31 vertices", path);
+        return spin_unsupported("'%s' has 2^31 or more vertices", path);
     if (cloud->n_rest > (int)spin_n_rest(3))
         return spin_malformed(
-            "'%s': %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)", path,
+            "'%s' has %d properties f_rest_*, expected 0, 9, 24 or 45 (SH degree 0 to 3)", path,
             cloud->n_rest);
     return SPIN_OK;
 }

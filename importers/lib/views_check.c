@@ -134,7 +134,7 @@ spin_status spin_views_check_intrinsics(const struct spin_camera *c)
 spin_status spin_views_intrinsics(const double k[9], const char *key, struct spin_camera *out)
 {
     if (!(fabs(k[6]) <= 1e-6 && fabs(k[7]) <= 1e-6 && fabs(k[8] - 1) <= 1e-6 && fabs(k[3]) <= 1e-6))
-        return spin_malformed("'%s' is not [fx 0 cx; 0 fy cy; 0 0 1]", key);
+        return spin_malformed("'%s' is not of the form [fx 0 cx; 0 fy cy; 0 0 1]", key);
     if (fabs(k[1]) > 1e-6 * fabs(k[0]))
         return spin_unsupported("'%s' has a skew of %g, expected 0", key, k[1]);
     out->fx = k[0];

@@ -43,7 +43,7 @@ static void test_files(const char *model)
     run_close(&run);
     copy_file(path_in(copy, "separated.pt"), path_in(copy, "init.pt"));
     ok(run_open(NULL, path_in(copy, "init.pt"), &run) == SPIN_OK &&
-           strstr(run.sequence.notes, "before the training"),
+           strstr(run.sequence.notes, "Gaussians before training"),
        "the state before the training is noted");
     run_close(&run);
     remove(path_in(copy, "separated.pt"));
