@@ -89,8 +89,8 @@ export const createPlayer = (element, url, options) => new Player(element, url, 
 if (globalThis.customElements && !customElements.get('spin-clip')) {
     customElements.define('spin-clip', class extends HTMLElement {
         static observedAttributes = ['src'];
-        // Whether connectedCallback() has run. If the element is in the document before its class is
-        // defined, attributeChangedCallback() runs first; it must not load the clip as well.
+        // Whether connectedCallback() has run. If the element is in the document before its class
+        // is defined, attributeChangedCallback() runs first; it must not load the clip as well.
         #connected = false;
         connectedCallback() { this.#connected = true; this.#open(); }
         disconnectedCallback() { this.#connected = false; this.#close(); }

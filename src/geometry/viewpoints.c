@@ -262,8 +262,8 @@ static bool find_place(const struct placing *p, const double direction[3], doubl
     return free_view(p, eye);
 }
 
-/* Lists the positions with a free view in n directions, and returns their number. Their distances
- * vary at random from `least` to 1 times the largest possible one. */
+/* Lists the positions with a free view in n directions, and returns their number. Each distance is
+ * a random share, from `least` to 1, of the largest possible distance. */
 static int list_places(const struct placing *p, int n, double turn, double least, double (*eye)[3])
 {
     int n_eyes = 0;

@@ -5,7 +5,7 @@
 #ifndef SPIN_BASE_WINDOWS_POSIX_H
 #define SPIN_BASE_WINDOWS_POSIX_H
 
-/* Include these before their names are redefined below. */
+/* Include these headers before the macros below redefine the names of their functions. */
 #include <direct.h>
 #include <errno.h>
 #include <fcntl.h>
