@@ -13,7 +13,7 @@
 struct spin_dynamic_mask {
     const struct spin_views *views;
     struct spin_image_cache *pixels;
-    enum spin_dynamic_from from; /* MASKS, IMAGES or OFF */
+    enum spin_dynamic_from from; /* origin of the masks: MASKS, IMAGES or OFF */
     bool alpha;                  /* true: masks are the alpha of the image files */
     struct spin_median *median;  /* [n_medians] medians of the cameras computed so far */
     size_t n_medians;

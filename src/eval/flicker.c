@@ -10,7 +10,7 @@
  * camera. */
 struct moment {
     float *render, *image; /* [3][h][w] */
-    uint8_t *dynamic;      /* [h][w] 0 or 1 */
+    uint8_t *dynamic;      /* [h][w] 1 for dynamic pixels, otherwise 0 */
     int frame;             /* index of the frame in the clip; -1: no view so far */
 };
 

@@ -16,8 +16,8 @@ struct spin_flicker_sums {
     int camera;            /* camera_id */
     size_t n_static;       /* number of samples whose pixel is static in both frames */
     size_t n_dynamic;      /* number of all other samples */
-    double render, images; /* static samples: |R(t+1) - R(t)| and |I(t+1) - I(t)| */
-    double dynamic_error;  /* dynamic samples: |(R(t+1) - R(t)) - (I(t+1) - I(t))| */
+    double render, images; /* sums over static samples of |R(t+1) - R(t)| and |I(t+1) - I(t)| */
+    double dynamic_error;  /* sum over dynamic samples of |(R(t+1) - R(t)) - (I(t+1) - I(t))| */
 };
 
 /* Means of these sums over the samples of n cameras, in units of 1/255; NaN if there are no

@@ -23,7 +23,7 @@ static const double least_share = 0.05;
 struct region {
     int width, height;
     const uint8_t *rgb8, *background;
-    uint8_t *empty;  /* [h][w] 0 or 1 */
+    uint8_t *empty;  /* [h][w] 1 for pixels of the empty region, otherwise 0 */
     uint32_t *stack; /* empty pixels whose neighbours were not visited yet */
     size_t n;
 };

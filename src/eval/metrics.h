@@ -23,7 +23,7 @@ struct spin_quality {
 };
 
 struct spin_eval_view {
-    /* number of the frame in the source; camera_id of the view */
+    /* Number of the frame in the source; camera_id of the view. */
     int frame, camera;
     struct spin_quality q;
 };
@@ -34,8 +34,8 @@ struct spin_eval_report {
     size_t n_views;
     int n_frames;        /* number of measured frames */
     int n_bundle_frames; /* number of all frames of the bundle, to which `storage` refers */
-    /* true if retrained, or refined, attributes were measured; if both are false: those of the
-     * source */
+    /* True if retrained, or refined, attributes were measured; if both are false: those of the
+     * source. */
     bool trained, refined;
     enum spin_dynamic_from dynamic; /* origin of the masks of dynamic regions; OFF: not measured */
     /* True if the background changes only at pixels of known alpha in psnr_opposite. */
@@ -86,7 +86,7 @@ struct spin_metrics {
     const char *what; /* text of the progress line */
 
     /* Results of spin_metrics_run(). */
-    struct spin_eval_view *view; /* [n_pairs], or NULL */
+    struct spin_eval_view *view; /* [n_pairs] receives the measures of each pair; or NULL */
     double seconds_decode;       /* total time to decode frames to splats */
     double seconds_draw;         /* total time to render views */
     int n_decoded;               /* number of decoded frames */

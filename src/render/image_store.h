@@ -14,8 +14,8 @@ struct spin_image_store {
     size_t n, image_bytes, mask_bytes;
     size_t *key;   /* [n] key of the image in each slot; SIZE_MAX: the slot is empty */
     int64_t *used; /* [n] value of `turn` when each slot was last found or filled */
-    int64_t turn;
-    size_t next; /* slot to try first for the next insertion */
+    int64_t turn;  /* number of the current batch of requests */
+    size_t next;   /* slot to try first for the next insertion */
 };
 
 /* Reserves memory for n images of up to max_pixels pixels each, with or without masks. */

@@ -56,7 +56,7 @@ struct spin_player {
     bool now_antialias;
     uint8_t *looked;  /* [frames of the bundle] 1: the frame is counted in n_bad and n_bad_frames */
     uint64_t n_bad;   /* number of splats that are not drawn because they have non-finite values */
-    int n_bad_frames; /* number of frames with such splats */
+    int n_bad_frames; /* number of frames that contain such splats */
 };
 
 /* True if the bundle contains retrained frames, that is, SPIN_FROM_TRAINED. */

@@ -1,5 +1,5 @@
-/* Renders views (projection, sorting into tiles, blending) and computes the gradients of both
- * projection and blending in a backward pass. */
+/* Renders views: projects splats, sorts them into tiles and blends them. The backward pass computes
+ * the gradients of blending and projection. */
 #pragma once
 
 #include "device/device.h"

@@ -68,7 +68,7 @@ struct layout {
     struct view view[MOST_VIEWS];
     int n_views;
     struct spin_backdrop *out;
-    float *spacing; /* [MOST_SPLATS] spacing_of() each splat of the backdrop */
+    float *spacing; /* [MOST_SPLATS] result of spacing_of() for each splat of the backdrop */
 };
 
 static void close_layout(struct layout *l)

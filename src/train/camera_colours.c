@@ -35,7 +35,7 @@ struct colours {
     struct spin_plan *plan;
     struct spin_photos *photos;
     struct spin_splats splats; /* splats of the current frame */
-    size_t step, n_points;     /* the points are every step-th splat of the frame */
+    size_t step, n_points;     /* the compared points are every step-th splat of the frame */
     uint8_t *image;            /* [h][w][3] image of the current view */
     /* [points][cameras] samples of the current frame: colour r g b in 0..1, and r^2 of the pixel
      * (spin_lens_r2()). The colour is NaN if the point is not visible. */

@@ -25,7 +25,7 @@ struct spin_densify_options {
     double prune_opacity; /* points with a smaller opacity are pruned; default spin_prune_opacity */
     size_t max_points;    /* limit for the number of points after densification; 0: no limit */
     uint64_t seed;
-    int frame; /* selects the random numbers, together with the seed */
+    int frame; /* number of the frame; selects the random numbers together with the seed */
     /* Sets out [n][3] to standard normal samples for splits: one sample for the first child of each
      * split point, then one for the second child of each split point. NULL: samples are generated
      * from the seed, the frame, the iteration and the index of the sample. */

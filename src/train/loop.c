@@ -241,7 +241,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
     return SPIN_OK;
 }
 
-/* Logs how much of the iterations' time each operation took. */
+/* Logs the seconds of each device operation, and their share of the time of all iterations. */
 static void log_seconds(const struct spin_steps *steps)
 {
     double named = 0;

@@ -11,7 +11,7 @@ struct row {
     enum type type;
     const char *field, *argument;
     size_t offset, n; /* offset of the field in the options, and number of its values */
-    double min, max;  /* 0, 0: no limit */
+    double min, max;  /* range of each value; 0, 0: no limit */
     struct {
         double value[PRESETS][4]; /* [preset][number] */
         const char *name[PRESETS];
@@ -20,7 +20,7 @@ struct row {
         /* When the JSON contains the option. 0: never; 1: always; other values are the offset of a
          * field: if this field differs from its value in the preset "paper". */
         size_t when;
-        const char *key; /* NULL: the field's name */
+        const char *key; /* key in the JSON; NULL: the name of the field */
     } in_json[2];        /* [spin_options_of] */
 };
 

@@ -37,7 +37,8 @@ struct fit {
     int n_cameras, n_lenses;
     const bool *falls;             /* [lenses] true if the falloff of the lens is fitted */
     double *y, *weight, *residual; /* [n] log value, weight and residual of each sample */
-    double *x, *r, *p, *q;         /* [n_unknown] solution; vectors of the conjugate gradients */
+    /* [n_unknown] x: solution; r, p, q: vectors of the conjugate gradients. */
+    double *x, *r, *p, *q;
 };
 
 static double *lens_of(const struct fit *f, double *x, size_t i)

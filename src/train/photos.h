@@ -78,7 +78,7 @@ spin_status spin_sampler_batch(struct spin_sampler *sampler, int64_t iteration);
  * (--preview). */
 
 /* Renders the test views with the player `shown` and measures their quality. live_counts: see
- * metrics.h. `what` names the work in the progress display. */
+ * struct spin_metrics. `what` names the work in the progress display. */
 spin_status spin_test_views_measure(const struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const size_t *live_counts,
                                     const char *what, struct spin_quality *out);
