@@ -1,12 +1,12 @@
 /* Writes .4dgs, version 1 (formats/4dgs.h): a clip of 4D splats, each visible in an interval of
- * time, as one file for players that load a part of the clip at a time. Clips of frames are written
- * by lib/4dgs_frames.c.
+ * time, as one file, of which players can load a part of the clip at a time. lib/4dgs_frames.c
+ * writes clips that consist of frames.
  *
- * All values are quantised. Each splat is moved along its path to the quantised time, and its
- * position is quantised last, so that the errors of time and velocity do not move it while it is
- * visible. The clip is divided into segments of about half a second. A chunk contains the splats
- * that are visible in one segment only; one more chunk contains those that are visible for longer.
- */
+ * All values are quantised. The position is quantised last, after the splat has been moved along
+ * its path to its quantised centre in time, so that the errors of time and velocity do not displace
+ * the splat while it is visible. The clip is divided into intervals of about half a second, each
+ * with a chunk of the splats that are visible in this interval only. One more chunk contains the
+ * splats that are visible in several intervals. */
 #include "base/base.h"
 #include "exporters/lib/4dgs_frames.h"
 #include "exporters/lib/time_windows_check.h"
@@ -17,8 +17,8 @@
 
 /* Opacities below this are not drawn. */
 #define LEAST_CUTOFF (1 / 255.0)
-/* Splats that begin or end abruptly do so at least this share of a frame before or after the time
- * of a frame, so that rounding does not make them visible in another frame. */
+/* A splat that appears or disappears abruptly does so at least this fraction of a frame before or
+ * after the time of a frame, so that rounding does not make it visible in another frame. */
 #define MARGIN 1e-3
 /* Largest number of frames from one keyframe to the next. */
 #define MOST_DEPTH 1000
@@ -31,21 +31,21 @@ struct export
     double fps;
     struct spin_4dgs_coding coding;
     double(*span)[2];              /* [clip.n] interval in which each row is visible, in seconds */
-    uint32_t *window_of;           /* [clip.n] index of this interval in the window table */
+    uint32_t *window_of;           /* [clip.n] index of `span` of this row in the window table */
     struct spin_4dgs_splat *splat; /* [order.n] */
     double segment;                /* duration of a chunk in seconds */
     double slack;                  /* largest error of a position, at the splat's centre in time */
     struct spin_4dgs_coder coder;
-    struct spin_4dgs_frames frames; /* the export of a clip of frames */
+    struct spin_4dgs_frames frames; /* used if the clip consists of frames */
     struct spin_4dgs_writer writer;
     struct spin_out out;
 };
 
 /* ---- Windows --------------------------------------------------------------------------------- */
 
-/* Converts the beginning (which = 0) or the end (1) of a row's visibility to seconds. The result
- * stays on the same side of the nearest frame's time as in the source, so that the row is visible
- * in the same frames. */
+/* Converts the start (which = 0) or the end (which = 1) of a row's visibility to seconds. Relative
+ * to the time of the nearest frame, the result is on the same side as in the source, so that the
+ * row is visible in the same frames. */
 static double convert_cut(const struct export *x, size_t k, size_t which)
 {
     const struct spin_export_job *job = x->windows.job;
@@ -107,8 +107,8 @@ static int compare_floats(const void *a, const void *b)
     return (*x > *y) - (*x < *y);
 }
 
-/* Sets the bounding box and the quantisation steps. The step of positions depends on the median of
- * all scales. */
+/* Sets the bounding box of positions and the quantisation steps, of which that of positions depends
+ * on the median of all scales. */
 static spin_status choose_steps(struct export *x)
 {
     const struct spin_splats_4d *s = &x->windows.clip;
@@ -133,9 +133,9 @@ static spin_status choose_steps(struct export *x)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Quantises sigma, the centre in time and the path of a row, and moves row k of the clip to the
- * time that a reader decodes. Returns the duration of the splat's visible life, which determines
- * the quantisation step of the path. */
+/* Quantises sigma and the centre in time of row k, and moves the row along its path to the
+ * quantised centre in time. Returns `life` for spin_4dgs_motion_step(), which determines the
+ * quantisation step of the velocity. */
 static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
 {
     struct spin_splats_4d *s = &x->windows.clip;
@@ -157,8 +157,9 @@ static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
     return never ? span[1] - span[0] : sqrt(-2 * log(x->coding.cutoff)) * sigma;
 }
 
-/* Quantises the path and the position. The position is chosen such that the error of the path is 0
- * at one time: the visible time nearest to the splat's centre in time. */
+/* Quantises the velocity and the position. The position compensates the error of the velocity at
+ * one time: the centre in time of the splat or, if the splat is not visible then, the nearest time
+ * at which it is visible. */
 static void code_place(struct export *x, size_t k, double life, struct spin_4dgs_splat *to,
                        struct spin_gaussian *shown)
 {
@@ -199,8 +200,8 @@ static void code_row(struct export *x, size_t k, struct spin_4dgs_splat *to)
 
 /* ---- Chunks ---------------------------------------------------------------------------------- */
 
-/* Returns the chunk of a row: 1 + the index of the segment in which it is visible; 0 if it is
- * visible in several segments. */
+/* Returns the chunk of a row: 1 + the index of the interval in which it is visible, or 0 if it is
+ * visible in several intervals. */
 static uint64_t chunk_of(const struct export *x, size_t k)
 {
     const struct spin_splats_4d *s = &x->windows.clip;
@@ -214,7 +215,7 @@ static uint64_t chunk_of(const struct export *x, size_t k)
     return last > first && last < (segment + 1) * x->segment ? (uint64_t)segment + 1 : 0;
 }
 
-/* Quantises the rows and sorts them by chunk, and by position within a chunk. */
+/* Quantises the rows, and sorts them by chunk and, within a chunk, by position. */
 static spin_status code_rows(struct export *x)
 {
     spin_sort_rows_by_place(&x->order, &x->windows.view);
@@ -276,7 +277,7 @@ static void free_export(void *self)
     free(x);
 }
 
-/* Prepares the export of frames, with a keyframe about every second. */
+/* Prepares the export of a clip that consists of frames, with a keyframe about once per second. */
 static void expect_frames(struct export *x, const struct spin_export_job *job)
 {
     x->coding.key_every = (int)spin_4dgs_clamp(rint(x->fps), 1, MOST_DEPTH);

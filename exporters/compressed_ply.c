@@ -1,11 +1,11 @@
 /* Writes one compressed PLY per frame in PlayCanvas's layout (formats/compressed_ply.h). The axes
- * are those of the training, unless --up or --rotate turns the scene.
+ * are those of the training, unless --up or --rotate rotates the scene.
  *
  * The values of a chunk are quantised within their common range. Rows are sorted in Morton order,
  * which keeps these ranges small; --order source keeps the source's order at the cost of precision.
  *
- * SH is by far the largest column. The SH of all rows are read once in the source's order, packed,
- * and stored at the rows' positions in the file, so that the mapped bundle need not stay in memory.
+ * SH is by far the largest column. All SH are read once, in the order of the source, and are packed
+ * into an array in the order of the file, so that pages of the mapped bundle can be released early.
  */
 #include <stdatomic.h>
 
@@ -33,8 +33,7 @@ struct export
 
     /* The following members describe the current frame. */
     uint32_t *row;   /* [n] row i of the file is row row[i] of the source */
-    uint32_t *place; /* [source rows] the inverse of `row`: the index of each kept source row in the
-                        file */
+    uint32_t *place; /* [rows of the source] inverse of `row`: index in the file of a kept row */
     float *colour;   /* [n][3] colours in the order of the file */
     unsigned char *rest; /* [n][n_rest] packed SH above degree 0, in the order of the file */
     unsigned char *scratch;
@@ -100,7 +99,8 @@ static void pack_task(void *context, int task)
 
 /* ---- SH -------------------------------------------------------------------------------------- */
 
-/* Scatters colours and SH of one block of source rows to their indices in the file. */
+/* Copies colours and packed SH of one block of source rows to the arrays in the order of the file.
+ */
 static void scatter_block(void *context, int b)
 {
     struct export *x = context;

@@ -3,20 +3,22 @@
  *
  * Vertex data cannot change over time in glTF. A clip is therefore stored as one node per frame,
  * and an animation with STEP interpolation sets the scale of each node: 1 while the frame of the
- * node is shown, 0 otherwise. A final key repeats the last value, so that players show the last
- * frame for its whole duration. An attribute whose values are the same in two frames is stored
- * once. --still-apart moves the splats that are equal in all frames (lib/static_rows.h) to a
- * separate node without animation. This node is the first of the scene, so that players that draw
- * one mesh after another draw the static splats first.
+ * node is shown, 0 otherwise. An additional key frame at the end repeats the last value, so that
+ * players show the last frame for its whole duration. If an attribute has the same values in
+ * several frames, these are stored once. --still-apart moves the splats that are equal in all
+ * frames (lib/static_rows.h) to a separate node without animation. This node is the first of the
+ * scene, so that players that draw one mesh after another draw the static splats first.
  *
- * Differences from 3D Gaussian Splatting: quaternions are x y z w, scales and opacities are
- * activated (exp, sigmoid), and each SH coefficient has its own accessor. The axes of glTF are x
- * left, y up, z forward; those of the training are x right, y down, z forward. A rotation by 180
- * degrees about z converts between them: x and y change sign, quaternions are multiplied from the
- * left by w x y z = (0, 0, 0, 1), and SH coefficients of odd order m change sign.
+ * Differences from the PLY of 3D Gaussian Splatting: quaternions are x y z w, scales and opacities
+ * are stored after their activation (exp, sigmoid), and each SH coefficient has its own accessor.
+ * The axes of glTF are x left, y up, z forward; those of the training are x right, y down, z
+ * forward. A rotation by 180 degrees about z converts between them: x and y change sign,
+ * quaternions are multiplied from the left by w x y z = (0, 0, 0, 1), and SH coefficients of odd
+ * order m change sign.
  *
- * The file stores one attribute of all splats after another. Blocks of rows are converted and
- * written to their offsets one at a time, so that no second copy of the frame is in memory. */
+ * In the file, each attribute is an array over all splats of a frame. Rows are converted in blocks,
+ * and the values of a block are written directly to their offsets in these arrays, so that no
+ * second copy of the frame is in memory. */
 #include <stdatomic.h>
 
 #include "base/base.h"
@@ -61,17 +63,16 @@ struct export
 struct writing {
     struct export *x;
     const struct spin_glb_frame *frame;
-    bool fresh[SPIN_GLB_MAX_ATTRIBUTES]; /* true: the file does not contain the values of this
-                                            attribute yet, so they are written */
+    bool fresh[SPIN_GLB_MAX_ATTRIBUTES]; /* true: values that the file does not yet contain */
     unsigned char *scratch;
-    float *bounds;       /* [blocks][6] minimum x y z, maximum x y z of the positions in a block */
-    uint64_t (*hash)[2]; /* [blocks][attributes] hashes of the columns, which the hashing pass sets;
-                            NULL: this is the writing pass */
+    float *bounds; /* [blocks][6] minimum x y z, maximum x y z of the positions in a block */
+    /* [blocks][attributes] hashes of the columns, set by the hashing pass; NULL: writing pass. */
+    uint64_t (*hash)[2];
     atomic_int error;
 };
 
-/* Converts the rows of a block to columns. Then the hashing pass hashes all columns, and the
- * writing pass writes those that w->fresh marks. */
+/* Converts the rows of a block to columns. In the hashing pass, hashes all columns; in the writing
+ * pass, writes those for which w->fresh is true. */
 static void write_block(void *context, int number)
 {
     struct writing *w = context;
@@ -120,7 +121,7 @@ static void write_block(void *context, int number)
 }
 
 /* Assigns a column of the file to each attribute of the frame: an existing column with the same
- * hash, or a new one. Without hashes all columns are new. */
+ * hash or, if there is none or w->hash is NULL, a new column. */
 static spin_status find_columns(struct writing *w, struct spin_glb_frame *frame)
 {
     struct export *x = w->x;
@@ -214,8 +215,9 @@ static uint64_t gltf_bytes(const void *self, size_t n)
     return spin_glb_bytes(&((const struct export *)self)->clip, n);
 }
 
-/* Sets *row to the rows in the order in which the importer reads a frame: those of the frame's
- * node, then the static splats. Without static splats *row is NULL: the order of the source. */
+/* Sets *row to the rows in the order in which the importer reads a frame: first the rows of the
+ * frame's node, then the static splats. If there are no static splats, sets *row to NULL, which
+ * means the order of the source. */
 static spin_status gltf_order(void *self, const struct spin_keyed **row)
 {
     struct export *x = self;
@@ -224,8 +226,8 @@ static spin_status gltf_order(void *self, const struct spin_keyed **row)
     return x->still.n > 0 ? spin_static_rows_order(&x->still, &x->frames.rows, 0, row) : SPIN_OK;
 }
 
-/* Appends a frame to the single file. Static splats are written only once, after the other splats
- * of the first frame. */
+/* Appends a frame to the single file. The static splats of --still-apart are written only once,
+ * after the other splats of the first frame. */
 static spin_status add_to_file(void *self, const struct spin_frame_info *info,
                                const struct spin_splats *s)
 {
@@ -269,7 +271,7 @@ static spin_status parse_options(void *self, const struct spin_export_job *job)
     return SPIN_OK;
 }
 
-/* Describes the files to be written. Called after all options were read. */
+/* Sets x->clip, the description of the files to be written, after all options have been read. */
 static spin_status begin_clip(void *self, const struct spin_export_job *job)
 {
     struct export *x = self;
@@ -324,8 +326,8 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     n = x->still.n;
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
-    /* The size is only an upper bound if there are several frames, which share equal attributes, or
-     * if options drop splats. */
+    /* The size is exact unless there are several frames, which may share columns, or options drop
+     * splats. */
     if (job->counts)
         spin_frames_log_size(job->output, job->n_frames, gltf_bytes(x, n),
                              job->n_frames > 1 || job->counts_are_bounds);

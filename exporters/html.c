@@ -1,11 +1,11 @@
 /* Writes a web page that plays the clip: a single .html file with splats and player, which needs
- * neither a server nor the internet. With --split, the splats are in a second file of blocks, and
- * the page loads the blocks that it shows. If the bundle has both imported and retrained
- * attributes, the page can switch between them.
+ * neither a server nor the internet. With --split, the splats are in a second file, which consists
+ * of blocks, and the page loads a block when it is about to show it. If the bundle has both
+ * imported and retrained attributes, the page can switch between them.
  *
  * The player in exporters/html/ uses WebGL 2 and no library. exporters/html/format.md describes the
- * blocks, and lib/page_*.c encodes them. The JSON that describes the clip is written after the
- * blocks, because it lists their sizes. */
+ * format of blocks, and lib/page_*.c encodes them. The JSON that describes the clip is written
+ * after the blocks, because it contains their sizes. */
 #include <ctype.h>
 #include <strings.h>
 #include <time.h>
@@ -57,18 +57,20 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-/* Largest size of the draft as a share of all blocks. The first image then appears before a tenth
- * of the file of --split is loaded. */
+/* Largest size of the draft (a coarse version of the first frame) as a fraction of the size of all
+ * blocks. With this limit, the first image appears before a tenth of the file of --split is loaded.
+ */
 #define DRAFT_SHARE 0.05
 
-/* Size in bytes above which a log line recommends --split. */
+/* If the page has more bytes, a log line recommends --split. */
 #define SPLIT_BYTES 3000000
 
-/* A block that was written: one frame of a version of the clip, or some rows of its 4D splats. */
+/* A block that has been written: a frame of a version of the clip, or some rows of 4D splats. */
 struct page_frame {
-    int first; /* index of the key frame that this frame depends on */
+    int first; /* frames: index of the key frame on which this frame depends */
     size_t shared, still, own;
-    /* for rows of 4D splats: they are visible in ticks `from` to `end` - 1 only */
+    /* Rows of 4D splats: the range of frames, from `from` to `end` - 1, in which they are visible.
+     */
     int from, end;
     uint64_t at, bytes; /* offset of the block in the file of --split, and size of the block */
 };
@@ -84,8 +86,7 @@ struct version {
     int n_written;
     double n_kept;
     size_t n_empty; /* number of frames without splats */
-    bool rows;      /* true: the blocks contain rows of 4D splats, and page_frame.first is not used;
-                       false: each block contains a frame */
+    bool rows;      /* true: blocks contain rows of 4D splats; false: each contains a frame */
 };
 
 struct export
@@ -95,22 +96,22 @@ struct export
     bool split, has_poster;
     /* The encoder of the draft, which shows the first version; used only with --split. */
     struct spin_page_draft draft;
-    size_t draft_splats; /* number of splats in the draft; 0: there is no draft */
+    size_t draft_splats; /* number of splats in the draft; 0: no draft */
     uint64_t draft_bytes;
     struct spin_splat_rows rows;
     struct spin_sort_rows order;
     struct spin_page_space space;
-    double size; /* size of the scene, see spin_initial_view_middle(); 0: not known yet */
+    double size; /* size of the scene, see spin_initial_view_middle(); 0: not yet known */
     struct spin_initial_view view;
-    bool faces_subject; /* the clip has no cameras, and `view` is aimed at the subject */
+    bool faces_subject; /* true: the clip has no cameras, and `view` faces the subject */
     struct version version[2];
     int n_versions;
     struct spin_splats source;
-    struct spin_page_rows four_d; /* encoder of 4D splats; used for the first version only */
+    struct spin_page_rows four_d; /* encoder of 4D splats, used only for version[0] */
     size_t max_splats;            /* largest number of splats per frame; 0: no limit */
     int every, key_every;
     double fps;
-    const char *title; /* title above the clip; NULL: the name of the file is the title */
+    const char *title; /* title above the clip; NULL: the name of the file */
     int *number;       /* [n_written] number of each written frame */
     int n_written;
     uint64_t data_bytes, n_splats;
@@ -150,8 +151,8 @@ static void write_seven(FILE *to, unsigned seven)
     putc(at ? '0' + (int)(at - special) : (int)seven, to);
 }
 
-/* Writes the bytes as characters of seven bits each. Characters that HTML interprets or an editor
- * may change are written as an escape character and a digit. */
+/* Writes bytes as text: each character stores seven bits. Characters that HTML interprets or that
+ * an editor may change are written as an escape character and a digit. */
 static void write_sevens(FILE *to, const uint8_t *bytes, size_t n)
 {
     unsigned held = 0;
@@ -219,8 +220,8 @@ static spin_status take_draft(void *context, const struct spin_page_block *block
     return spin_out_write(&x->data, block->data, block->n_bytes);
 }
 
-/* With --split, writes the draft after all blocks, unless the block of the first key frame is
- * already small enough to serve as the draft. */
+/* With --split, writes the draft after all blocks. If the block of the first frame is as small as a
+ * draft, it is used instead, and no draft is written. */
 static spin_status write_draft(struct export *x)
 {
     double most = DRAFT_SHARE * (double)x->data_bytes;
@@ -340,8 +341,8 @@ static spin_json *steps_json(const struct spin_page_space *space)
     return j;
 }
 
-/* step: duration of a frame of the page in the sound, in seconds. start: time of the clip at which
- * the sound begins, in seconds. */
+/* Returns the description of the sound. step: seconds of the sound that one frame of the page
+ * lasts; start: time of the clip at which the sound begins, in seconds. */
 static spin_json *sound_json(const struct export *x)
 {
     const struct spin_sound *s = x->job->sound;
@@ -408,7 +409,7 @@ static spin_status write_script(struct export *x, const char *how, const char *t
     return write_text(x, "</script>\n");
 }
 
-/* Writes a file name as a relative address. */
+/* Writes a file name as a relative URL. */
 static spin_status write_address(struct export *x, const char *name)
 {
     char text[8];
@@ -479,7 +480,7 @@ static spin_status parse_options(struct export *x)
     SPIN_TRY(spin_option_count(v, "every", 1, 1000000000, &x->every));
     x->key_every = DEFAULT_KEY_EVERY;
     SPIN_TRY(spin_option_count(v, "key-every", 1, SPIN_PAGE_MOST_FRAMES, &x->key_every));
-    /* This call only checks the values of --bound-*. set_space() computes the bounds when the size
+    /* Only check the values of --bound-* here: set_space() computes the bounds later, when the size
      * of the scene is known. */
     SPIN_TRY(spin_page_bounds_from(v, 1, &bounds));
     x->split = spin_plugin_value(v, "split", NULL) != NULL;
@@ -541,8 +542,8 @@ static spin_status open_beside(const struct export *x, const char *ending, struc
     return SPIN_OK;
 }
 
-/* Opens the page and the files beside it: with --split the blocks and the sound, with --poster the
- * poster. */
+/* Opens the page and the files beside it: with --split those of the blocks and of the sound, with
+ * --poster that of the poster. */
 static spin_status open_files(struct export *x)
 {
     SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));
@@ -572,7 +573,7 @@ static spin_status write_title(struct export *x)
     return SPIN_OK;
 }
 
-/* Writes the address of the poster, which is relative to the page. */
+/* Writes the elements with the URL of the poster, relative to the page, and its size. */
 static spin_status write_poster_tags(struct export *x)
 {
     char text[160];
@@ -587,7 +588,8 @@ static spin_status write_poster_tags(struct export *x)
 }
 
 /* Writes the elements with the title that browsers show in tabs, search engines in results, and
- * other sites in previews of links. The title above the clip is in the JSON. */
+ * other sites in previews of links. The title that the page shows above the clip is in the JSON
+ * instead. */
 static spin_status write_titles(struct export *x)
 {
     SPIN_TRY(write_text(x, "<title>"));
@@ -600,7 +602,7 @@ static spin_status write_titles(struct export *x)
     return write_text(x, "<style>\n");
 }
 
-/* Aims the first view at the subject if the clip has no cameras. */
+/* If the clip has no cameras, makes the first view face the subject. */
 static spin_status find_subject(struct export *x)
 {
     static const double origin[3] = {0};
@@ -627,7 +629,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
 }
 
 /* Sets the centre, the size and the initial view of the scene from the first frame and the data
- * set, passes them to the encoders, and writes the poster. */
+ * set, passes centre, size and error bounds to the encoders, and writes the poster. */
 static spin_status set_space(struct export *x, const struct spin_splats *s, int frame)
 {
     int row = x->job->dataset_frame_of ? x->job->dataset_frame_of[frame] : -1;
@@ -759,7 +761,7 @@ static spin_status fill_report(struct export *x)
     return SPIN_OK;
 }
 
-/* Logs the largest error of each attribute beside its bound, and fills the report of --check. */
+/* Logs the largest error and the bound of each attribute, and fills the report of --check. */
 static void say_errors(const struct export *x)
 {
     const struct spin_page_bounds *b = &x->space.bounds;
@@ -800,7 +802,8 @@ static void say_errors(const struct export *x)
     }
 }
 
-/* Commits a file beside the page, if there is one. *path receives its path, allocated. */
+/* Commits a file beside the page, if it was opened. *path receives its path, which the caller
+ * frees. */
 static spin_status commit_beside(struct spin_out *out, char **path)
 {
     SPIN_FREED char *own = NULL;
@@ -814,7 +817,8 @@ static spin_status commit_beside(struct spin_out *out, char **path)
     return SPIN_OK;
 }
 
-/* Commits the files beside the page before the page, so that a page never exists without them. */
+/* Commits the files beside the page first and the page last, so that a page never exists without
+ * its files. After a failure, removes files that were already committed. */
 static spin_status commit_files(struct export *x)
 {
     struct spin_out *beside[] = {&x->data, &x->poster, &x->sound};

@@ -42,9 +42,10 @@ struct export
 {
     struct spin_output_folder folder;
     const struct spin_export_job *job;
-    char *output;                /* the folder to write */
-    struct spin_pattern pattern; /* names of the files; text NULL: spin_image_name() */
-    int start;                   /* number of the first image; -1: the clip's numbers */
+    char *output; /* the folder to write */
+    struct spin_pattern
+        pattern; /* names of the files; if its text is NULL, see spin_image_name() */
+    int start;   /* number of the first image; -1: the clip's numbers */
     bool clamps;
     uint64_t n_bright; /* number of pixels brighter than white; not counted with --clamp */
     float brightest;   /* largest colour value of these pixels; 1 is white */
@@ -72,8 +73,8 @@ static bool any_chosen(const struct export *x)
     return false;
 }
 
-/* Reads alpha and depth of the last render into x->film: alpha if the background is transparent,
- * depth if --depth is given. */
+/* Reads layers of the last render into x->film: alpha if the background is transparent, and depth
+ * if --depth is given. */
 static spin_status take_layers(struct export *x, const struct spin_camera *camera)
 {
     size_t n = (size_t)camera->width * (size_t)camera->height;
@@ -90,9 +91,9 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
     return SPIN_OK;
 }
 
-/* Finds colours above 1, which occur where several bright splats overlap: with --clamp, limits them
- * to 1; otherwise, counts the pixels. The colours in `image` are premultiplied by alpha, so alpha
- * is their limit. */
+/* Finds colours above 1 in EXR images, which occur where several bright splats overlap. With
+ * --clamp, limits them to 1; otherwise counts the pixels. The colours in `image` are premultiplied
+ * by alpha, so alpha takes the place of 1. */
 static void limit_colours(struct export *x)
 {
     size_t n = (size_t)x->film.width * (size_t)x->film.height;
@@ -113,8 +114,8 @@ static void limit_colours(struct export *x)
     }
 }
 
-/* Sets *path to the path of a file in the output folder. With a pattern, the file name is made from
- * the pattern and `number`; otherwise it is `name`. */
+/* Sets *path to the path of a file in the output folder. If there is a pattern, the file name is
+ * made from the pattern and `number`; otherwise it is `name`, with the extension of the format. */
 static spin_status path_of(const struct export *x, int number, char *name, char **path)
 {
     if (x->pattern.text)
@@ -124,8 +125,8 @@ static spin_status path_of(const struct export *x, int number, char *name, char 
     return spin_path_join(x->folder.path, name, path);
 }
 
-/* Renders an image and writes it to path_of(). `number` is the number of the frame or, on a camera
- * path, that of the image. */
+/* Renders an image and writes it to path_of(). number: number of the frame or, on a camera path, of
+ * the image. */
 static spin_status export_picture(struct export *x, char *name, int number, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth)
@@ -157,7 +158,7 @@ static void free_export(void *self)
     free(x);
 }
 
-/* Returns an error if an option would have no effect. */
+/* Returns SPIN_E_USAGE if an option would have no effect. */
 static spin_status check_options(const struct export *x)
 {
     static const char *const moving[] = {"duration", "repeat"}, *const exr[] = {"transfer",
@@ -252,8 +253,8 @@ static spin_status parse_film(struct export *x)
     return SPIN_OK;
 }
 
-/* Returns an error if no camera is chosen, or if a pattern would give several cameras of a frame
- * the same name. */
+/* Returns an error if no camera is chosen, or if images of several cameras would have the same name
+ * because of a pattern. */
 static spin_status check_cameras(const struct export *x)
 {
     const struct spin_views *views = x->job->views;
@@ -297,8 +298,8 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     return SPIN_OK;
 }
 
-/* Renders the images of a frame from a camera that is not one of the data set's. File names contain
- * the number of the image on the camera's path, not the number of the frame. */
+/* Renders the images of a frame from a camera on a path instead of the data set's cameras. File
+ * names contain the number of the image on the path, not the number of the frame. */
 static spin_status export_own(struct export *x, int frame, const struct spin_splats *splats)
 {
     struct spin_camera_path *d = &x->drawing;

@@ -1,6 +1,6 @@
 /* Writes one PLY per frame in the layout of 3D Gaussian Splatting (formats/gs_ply.h). Rotations
- * have unit length and w >= 0, as some viewers assume. The axes are those of the training unless
- * --up or --rotate turns them. */
+ * have unit length and w >= 0, as some viewers assume. The axes are those of the training, unless
+ * --up or --rotate rotates the scene. */
 
 #include "exporters/lib/frames.h"
 #include "formats/gs_ply.h"

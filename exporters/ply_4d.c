@@ -4,25 +4,25 @@
  *
  * .ftgs.ply of FreeTimeGS, version 1: paths are linear. Time is normalised to 0..1 over the clip
  * (frame i of F is at i/(F-1)) and velocity is in world units per clip; sigma and opacity are
- * stored as logarithm and logit. Readers clamp sigma to at least min_duration, so the header states
- * a value just below the smallest sigma written.
+ * stored as logarithm and logit. Readers clamp sigma to at least the value of min_duration in the
+ * header, so this value is written as just below the smallest sigma of the file.
  *
  * .sogst.ply, the input of .sogst encoders (formats/sogst.h): paths of degree 1 or 2. Time is in
  * seconds from the first frame, and sigma is not stored as a logarithm. The reference encoder
  * accepts only SH of degree 0 or 3, so missing coefficients are written as 0.
  *
  * STG-lite, a PLY with motion_0..2 for SuperSplat-4D and OpenSplat4D: paths are linear. Time is in
- * seconds from the first frame. Each viewer reads properties of its own for time: trbf_scale of
- * SuperSplat-4D is log(sqrt(2) sigma), since its window has no factor 1/2; scale_t of OpenSplat4D
- * is log(sigma). */
+ * seconds from the first frame. The two viewers read different properties for sigma: trbf_scale of
+ * SuperSplat-4D is log(sqrt(2) sigma), since the exponent of its window lacks the factor 1/2;
+ * scale_t of OpenSplat4D is log(sigma). */
 #include "base/base.h"
 #include "exporters/lib/time_windows_check.h"
 #include "formats/gs_ply.h"
 #include "io/ply.h"
 #include "math/sh.h"
 
-/* The largest sigma to write, in clip lengths. A splat that does not fade gets this sigma: one clip
- * length from the splat's centre in time, its window is still 0.9998. */
+/* The largest sigma to write, in clip lengths. A splat that does not fade is written with this
+ * sigma: even at a distance of one clip length from its centre in time, the window is 0.9998. */
 #define MOST_SIGMA 50
 #define MOST_SECONDS 1e6 /* largest sigma in seconds, for STG-lite */
 enum { BATCH = 4096 };   /* number of rows that are written at a time */
@@ -33,9 +33,9 @@ struct layout {
     const char *name;     /* name of the format in messages */
     const char *importer; /* the importer that reads the format */
     int degree;           /* highest degree of a path */
-    bool seconds;         /* unit of time in the file; true: seconds, false: clip lengths */
-    bool cov2d; /* the format stores two factors of the screen-space covariance; SH are padded to
-                   degree 3 */
+    bool seconds;         /* unit of time in the file: true: seconds; false: clip lengths */
+    /* True: the format stores cov2d of struct spin_splats_4d, and requires SH of degree 0 or 3. */
+    bool cov2d;
     double most_seconds; /* the largest sigma to write; 0: MOST_SIGMA clip lengths */
     void (*print_header)(struct export *x);
     /* Converts row i. All floats of `to` are 0 before the call. */
@@ -97,7 +97,7 @@ static void print_ftgs(struct export *x)
             "comment use_velocity %d\ncomment min_duration %.9g\ncomment opacity_floor 0\n"
             "comment n_frames %d\n",
             x->sh_degree, s->degree > 0, least * (1 - 1e-6), x->windows.job->n_frames);
-    /* The line "comment fps" is not part of the format; only spin-import reads this line. */
+    /* The line "comment fps" is not part of the format. Only spin-import reads it. */
     if (x->windows.job->fps > 0)
         fprintf(x->out.file, "comment fps %.9g\n", x->windows.job->fps);
     fprintf(x->out.file, "element vertex %zu\n", x->order.n);
@@ -150,8 +150,8 @@ static void print_header(struct export *x)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Writes the SH coefficients of degree 0 to dc and the others to rest: first all coefficients of
- * red, then those of green, then those of blue. */
+/* Writes the SH coefficients of degree 0 to `dc`, and those above to `rest`: first all coefficients
+ * of red, then those of green, then those of blue. */
 static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
 {
     size_t n_there = (size_t)spin_splat_rows_n_sh(&x->rows), n_file = n_rest(x) / 3;
@@ -165,7 +165,7 @@ static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
 }
 
 /* Sets `to` to the coefficient of d^(power + 1) in the path of row i, where d is the time relative
- * to the row's centre. `to` is not changed if the path has a lower degree. */
+ * to the row's centre in time. If the path has a lower degree, `to` is not changed. */
 static void fill_path(const struct export *x, size_t i, int power, float to[3])
 {
     const struct spin_splats_4d *s = &x->windows.clip;

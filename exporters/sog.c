@@ -1,10 +1,10 @@
 /* Writes one SOG per frame, PlayCanvas's compact format (formats/sog.h). The axes are those of the
- * training, unless --up or --rotate turns the scene. Rows are in Morton order, since WebP
+ * training, unless --up or --rotate rotates the scene. Rows are in Morton order, since WebP
  * compresses better if neighbouring pixels are similar splats.
  *
- * So that static splats mostly keep the same bits from frame to frame, the bounding box of the
- * positions only grows, and the codebook of an earlier frame is reused if its error is close to
- * that of a new codebook. The palette of SH is not reused: each frame has its own. */
+ * Codes of static splats should not change from frame to frame. For this, the bounding box of
+ * positions only grows, and codebooks of an earlier frame are reused if their error is close to
+ * that of new ones. The palette of SH is not reused: each frame has its own. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/pictures.h"
@@ -12,7 +12,7 @@
 #include "io/webp.h"
 #include "math/sh.h"
 
-/* A codebook is reused if its squared error is at most this many times that of a new one. */
+/* A codebook is reused if its squared error is at most this multiple of that of a new codebook. */
 #define KEEP_BOOK 1.1
 
 static const struct spin_plugin_option options[] = {

@@ -2,13 +2,14 @@
  *
  * Both formats quantise a splat's centre in time. Each splat is therefore moved along its path to
  * the quantised time; the remaining error is that the splat fades slightly too early or too late.
- * Ranges and evenly spaced codebooks bound the errors of the other values. Sigmas are limited to
- * MOST_SIGMA, since all sigmas are quantised in a common range, so that a large one would coarsen
- * the steps of the small ones. A splat whose sigma is limited is moved in time towards the middle
- * of the clip, such that its opacity at the middle keeps its value and its derivative.
+ * For the other values, ranges and evenly spaced codebooks limit the error to half a step. Sigmas
+ * are limited to MOST_SIGMA: all sigmas are quantised in a common range, so a very large sigma
+ * would make the steps too coarse for small ones. A splat whose sigma is limited is moved in time
+ * towards the middle of the clip, such that its opacity at the middle keeps its value and its
+ * derivative.
  *
- * TSOG can also contain a clip of frames: each splat then has the index of the only frame that
- * shows it. */
+ * TSOG can also contain a clip that consists of frames: each splat then has the index of the only
+ * frame in which it is visible. */
 #include "base/base.h"
 #include "exporters/lib/time_windows_check.h"
 #include "exporters/lib/pictures.h"
@@ -21,23 +22,23 @@
 #include "math/sh.h"
 
 #define MOST_SIGMA 8 /* largest sigma, in clip lengths */
-/* .sogst: a splat is drawn within this many sigmas of its centre in time. */
+/* .sogst: a splat is drawn at times that differ from its centre in time by at most this multiple of
+ * sigma. */
 #define K_SIGMA 3.8
 /* .sogst: the names of segments have three digits. */
 #define MAX_SEGMENTS 999
 /* .sogst: a splat that is drawn for longer than this many segments is persistent. */
 #define PERSISTENT 3.0
 #define PLAYED 1000000 /* largest number of splats that the player of TSOG draws */
-/* Number of values of the 16-bit codes of times. A clip of frames needs at least one value per
- * frame. */
+/* Number of values of a 16-bit code. A clip of frames needs at least one value per frame, so this
+ * is also the largest number of frames. */
 #define STEPS 65536
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
 
 struct container {
     const char *name;     /* name of the format in messages */
     const char *importer; /* the importer that reads the format */
-    bool sogst; /* true: .sogst, with times in seconds, codebooks of times, and segments; false:
-                   TSOG */
+    bool sogst; /* true: .sogst, with times in seconds, codebooks for times, and segments */
     int degree; /* highest degree of paths */
 };
 
@@ -48,13 +49,13 @@ struct export
 {
     const struct spin_export_job *job;
     const struct container *kind;
-    /* If `frames`: a copy of the job in which splats_4d contains the rows of all frames, and the
-     * time of a frame is its index. */
+    /* Used if `frames` is true: a copy of the job in which splats_4d contains the rows of all
+     * frames, and the time of a frame is its index. */
     struct spin_export_job own;
     bool frames;     /* true: the clip consists of frames, not of 4D splats */
-    double *places;  /* [n_frames] if `frames`: the times of `own`: 0, 1, 2, ... */
-    size_t n_cut;    /* if `frames`: number of rows added to windows.clip so far */
-    size_t capacity; /* if `frames`: number of rows for which windows.clip has memory */
+    double *places;  /* [n_frames] times of `own`: 0, 1, 2, ...; only if `frames` is true */
+    size_t n_cut;    /* rows that have been added to windows.clip; only if `frames` is true */
+    size_t capacity; /* rows that windows.clip can hold; only if `frames` is true */
     struct spin_splat_rows rows;
     struct spin_sort_rows order; /* row j of the file is row item[j].row of windows.clip */
     struct spin_time_windows windows;
@@ -63,22 +64,24 @@ struct export
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
-    double fade_lost; /* largest error of an opacity that the quantisation of times and sigmas
-                         causes */
+    double fade_lost; /* largest error of an opacity from quantising centres and sigmas */
     struct spin_out out;
     struct spin_sound sound; /* sound.data is NULL if there is none */
     unsigned char *samples;  /* memory of `sound`, or NULL */
 
     /* In the following arrays, rows are in the order of the file. */
-    float *rest, *palette; /* SH coefficients above degree 0: of the rows, [n][n_rest], and of the
-                              palette, [n_palette][n_rest] */
-    uint32_t *label;       /* [n] palette index of each row */
-    size_t n_groups; /* 1: the clip is not segmented; otherwise 1 + number of segments: group 0
-                        contains the persistent splats, group g those of segment g - 1 */
-    size_t *end;     /* [n_groups] index of the group's last row, plus 1 */
-    double *span;    /* [n_groups][2] first and last time at which the group is drawn */
-    struct spin_picture *picture; /* [n_groups][PER_GROUP] images of the groups, then the image of
-                                     the palette, then [n_groups] images of the groups' labels */
+    /* SH coefficients above degree 0: of the rows, [n][n_rest]; of the palette,
+     * [n_palette][n_rest]. */
+    float *rest, *palette;
+    uint32_t *label; /* [n] palette index of each row */
+    /* If the clip has segments: 1 + their number; group 0 contains the persistent splats, group g
+     * those of segment g - 1. Otherwise 1. */
+    size_t n_groups;
+    size_t *end;  /* [n_groups] index of the group's last row, plus 1 */
+    double *span; /* [n_groups][2] first and last time at which the group is drawn */
+    /* [n_groups][PER_GROUP] images of the groups, then the image of the palette, then [n_groups]
+     * images of labels. */
+    struct spin_picture *picture;
     struct spin_quant_error *block_quant;
 };
 
@@ -116,8 +119,8 @@ static void finish_range(struct spin_sog_range *range)
     }
 }
 
-/* Fills a codebook with 256 values from `least` to `most`: a geometric series if `quotients`, else
- * evenly spaced values. */
+/* Fills a codebook with 256 values from `least` to `most`: evenly spaced or, if `quotients` is
+ * true, in a geometric series. */
 static void fill_book(struct spin_sog_book *book, double least, double most, bool quotients)
 {
     book->n = SPIN_CODEBOOK;
@@ -129,8 +132,8 @@ static void fill_book(struct spin_sog_book *book, double least, double most, boo
     }
 }
 
-/* Codes time[0], a splat's centre in time, and time[1], its sigma. Sets shown[0] and shown[1] to
- * the two values that a reader decodes. */
+/* Quantises time[0], a splat's centre in time, and time[1], its sigma. shown: receives the two
+ * values as readers decode them. */
 static void code_time(const struct spin_sog_4d *coding, const float time[2], uint8_t *low,
                       uint8_t *high, float shown[2])
 {
@@ -152,8 +155,8 @@ static void code_time(const struct spin_sog_4d *coding, const float time[2], uin
     shown[1] = coding->sigma.value[low[1]];
 }
 
-/* Returns the largest error of a splat's centre in time if centres are coded with this codebook, as
- * a multiple of the splat's sigma. */
+/* Returns the largest error of a centre in time, as a multiple of the splat's sigma, if centres are
+ * quantised with this codebook. */
 static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK])
 {
     double worst = 0;
@@ -167,8 +170,8 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
     return worst;
 }
 
-/* Chooses the codebook of centres in time: evenly spaced values, or values that are adapted to the
- * splats' times if these lead to a smaller worst_shift(). */
+/* Chooses the codebook of centres in time: evenly spaced values or, if its worst_shift() is
+ * smaller, a codebook that is adapted to the splats. */
 static spin_status choose_centres(struct export *x)
 {
     struct spin_sog_book *book = &x->coding.centre;
@@ -185,9 +188,8 @@ static spin_status choose_centres(struct export *x)
     return SPIN_OK;
 }
 
-/* Returns the largest error of a splat's opacity at three times: at the splat's centre in time, one
- * sigma before, and one sigma after. time: exact centre and sigma; shown: decoded centre and
- * sigma. */
+/* Returns the largest error of a splat's opacity at three times: at its centre in time, and one
+ * sigma before and after it. time: exact centre and sigma; shown: decoded centre and sigma. */
 static double fade_lost(float logit, const float time[2], const float shown[2])
 {
     double most = 0;
@@ -201,7 +203,8 @@ static double fade_lost(float logit, const float time[2], const float shown[2])
     return spin_sigmoid_of((double)logit) * most;
 }
 
-/* Rounds times and sigmas, and moves each splat along its path to the rounded time. */
+/* Quantises centres in time and sigmas, and moves each splat along its path to its quantised centre
+ * in time. */
 static spin_status round_times(struct export *x)
 {
     struct spin_splats_4d *s = &x->windows.clip;
@@ -560,8 +563,8 @@ static void print_still(FILE *to, const struct export *x)
     print_files(to, x, SPIN_4D_CENTROIDS, 2);
 }
 
-/* Prints the sound. TSOG has no members for the start and the name of a sound, so these are stored
- * in an extension of spin4d. */
+/* Prints the sound. TSOG has no keys for the start and the name of a sound, so these are stored
+ * under a key that only spin4d reads. */
 static void print_sound(FILE *to, const struct spin_sound *s)
 {
     fprintf(to, ",\"audio\":{\"file\":\"sound%s\",\"mimeType\":\"%s\",\"volume\":%.9g,",
@@ -595,7 +598,7 @@ static void print_tsog(FILE *to, const struct export *x)
     if (x->sound.data)
         print_sound(to, &x->sound);
     fprintf(to, ",\"playback\":{\"duration\":%.9g,\"fps\":%.9g,\"rate\":1,\"loop\":true}}\n",
-            /* In a clip of frames, the last frame is shown as long as the others. */
+            /* In a clip of frames, the last frame is shown as long as all others. */
             (x->job->n_frames - !x->frames) / x->fps, x->fps);
 }
 
@@ -609,8 +612,8 @@ static void print_stream(FILE *to, const struct export *x, size_t g)
         fprintf(to, "\"seg_%03zu\"", g - 1);
 }
 
-/* reveal: number of bytes from the start of the file to the end of the first segment that contains
- * splats; geometry: number of bytes from the start of the file to the end of the last segment. */
+/* Prints meta.json of a .sogst. reveal: offset in the file of the end of the first segment that
+ * contains splats; geometry: offset of the end of the last segment. */
 static void print_sogst(FILE *to, const struct export *x, uint64_t reveal, uint64_t geometry)
 {
     const double *cov2d = x->job->splats_4d->cov2d;
@@ -768,8 +771,8 @@ static void free_export(void *self)
     free(x);
 }
 
-/* Sets the duration of a segment of .sogst: by default half a second, or a 999th of the clip if
- * that is longer, rounded to a whole number of frames. */
+/* Sets the duration of a segment of .sogst. The default is half a second or, if longer, a 999th of
+ * the clip, rounded to a whole number of frames. */
 static spin_status choose_segment(struct export *x)
 {
     double half = fmax(floor(x->fps / 2 + 0.5), 1);
@@ -796,8 +799,8 @@ static spin_status read_options(struct export *x)
     return spin_splat_rows_begin(&x->rows, x->job, NULL);
 }
 
-/* Prepares the export of a clip of frames: splats of a frame become 4D splats that are visible only
- * in this frame, whose index is used as their time. */
+/* Prepares the export of a clip that consists of frames: the splats of a frame become 4D splats
+ * that are visible only in this frame. The index of the frame is their time. */
 static spin_status expect_frames(struct export *x)
 {
     int n = x->job->n_frames;
@@ -890,7 +893,7 @@ static spin_status take_frame(void *self, int frame, const struct spin_frame_inf
     return SPIN_OK;
 }
 
-/* Completes the 4D splats that take_frame() made of the frames' rows. */
+/* Completes the 4D splats that take_frame() has made from the rows of all frames. */
 static spin_status join_frames(struct export *x)
 {
     struct spin_time_windows *b = &x->windows;

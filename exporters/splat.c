@@ -1,6 +1,6 @@
 /* Writes one .splat file per frame (formats/splat.h), in the axes of the source. Splats keep the
- * source's order; --order size writes the largest and most opaque splats first, so that a player
- * can show the scene before the file is fully loaded. */
+ * order of the source. --order size writes the largest and most opaque splats first, so that a
+ * player can show the scene before the file is fully loaded. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/splat.h"

@@ -1,12 +1,12 @@
 /* Writes one SPZ per frame (formats/spz.h).
  *
- * Positions have 12 fractional bits, as in the reference implementation; the largest coordinate is
- * then 2048. If a frame has larger coordinates, this and all later frames are written with fewer
- * fractional bits, so that static splats have the same bytes in all of these frames.
+ * Positions have 12 fractional bits, as in the reference implementation, which allow coordinates up
+ * to 2048. If a frame has larger coordinates, it is written with fewer fractional bits. All later
+ * frames are too, so that static splats have the same bytes in all of these frames.
  *
- * The format does not define its axes. --axes source writes those of the training, as
- * splat-transform does; --axes rub rotates by 180 degrees about x: to x right, y up, z back, the
- * axes of Niantic's library. */
+ * The format does not define its axes. --axes source writes the axes of the training, like
+ * splat-transform. --axes rub rotates the scene by 180 degrees about x, to x right, y up, z back,
+ * the axes of Niantic's library. */
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/spz.h"
@@ -33,7 +33,7 @@ struct export
     /* Output of the compressor: one stream in version 4, the whole file in version 3. */
     unsigned char *packed; /* [n_packed_room] */
     size_t n_packed_room;
-    /* The table of contents, in version 4 only. */
+    /* The table of contents; only version 4 has one. */
     unsigned char toc[SPIN_SPZ_STREAMS * SPIN_SPZ_TOC_ENTRY];
     /* Input of the compressor: one stream in version 4, the whole file in version 3. */
     unsigned char *bytes;
@@ -46,8 +46,8 @@ struct export
 
 /* ---- Streams --------------------------------------------------------------------------------- */
 
-/* Codes the current attribute of row i, and adds the error, the source's value minus the decoded
- * value, to quant. */
+/* Quantises the current attribute of row i, and adds the error (the value of the source minus the
+ * decoded value) to quant. */
 static void code_row(const struct export *x, size_t i, unsigned char *out,
                      struct spin_quant_error *quant)
 {
@@ -105,7 +105,7 @@ static void code_block(void *context, int task)
     spin_splat_rows_release(rows, b, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES);
 }
 
-/* Codes one attribute of all rows to `to` and returns the number of bytes. */
+/* Quantises one attribute of all rows into `to`, and returns the number of bytes. */
 static size_t code_stream(struct export *x, int stream, unsigned char *to)
 {
     const struct spin_splat_rows *rows = &x->frames.rows;
@@ -117,7 +117,7 @@ static size_t code_stream(struct export *x, int stream, unsigned char *to)
     return rows->n_kept * x->width;
 }
 
-/* Writes one attribute as a zstd frame and fills its entry of the table of contents. */
+/* Writes one attribute as a zstd frame, and sets its entry in the table of contents. */
 static spin_status write_stream(struct export *x, int stream, struct spin_out *out)
 {
     size_t n = code_stream(x, stream, x->bytes), n_packed;
@@ -178,9 +178,8 @@ static spin_status write_version_3(struct export *x, struct spin_out *out)
     return spin_out_write(out, x->packed, n_packed);
 }
 
-/* Writes the table of contents twice: first to reserve its bytes, then with the sizes of the
- * streams.
- */
+/* Writes the table of contents twice: first as a placeholder, and again when the sizes of the
+ * streams are known. */
 static spin_status write_version_4(struct export *x, struct spin_out *out)
 {
     const struct spin_spz_header header = header_of(x);
@@ -192,7 +191,7 @@ static spin_status write_version_4(struct export *x, struct spin_out *out)
     SPIN_TRY(spin_out_write(out, x->toc, n_toc));
     for (int stream = 0; stream < SPIN_SPZ_STREAMS; stream++)
         SPIN_TRY(write_stream(x, stream, out));
-    /* This call flushes the buffer, as spin_out_write_at() requires. */
+    /* spin_out_write_at() requires a flushed buffer, and spin_out_length() flushes it. */
     SPIN_TRY(spin_out_length(out, &length));
     return spin_out_write_at(out, SPIN_SPZ_HEADER_4, x->toc, n_toc);
 }
@@ -221,8 +220,8 @@ static spin_status spz_write(void *self, const struct spin_frame_info *info, str
     return x->version == 4 ? write_version_4(x, out) : write_version_3(x, out);
 }
 
-/* Returns an upper bound of the file size: incompressible data grows by the overhead of one gzip
- * stream, or of a zstd frame for each stream. */
+/* Returns an upper bound on the file size: incompressible data grow by the overhead of a gzip
+ * stream or, in version 4, of one zstd frame per stream. */
 static uint64_t spz_bytes(const void *self, size_t n)
 {
     const struct export *x = self;

@@ -1,21 +1,22 @@
-/* Writes a USD stage of ParticleField3DGaussianSplat (the schema of OpenUSD 26.03): OUT/clip.usda,
- * which plays one layer per frame by value clips. If the output is OUT.usdc, OUT.usdz or OUT.usda,
- * the clip is written to this one file instead, with time samples (lib/usd_file.c).
+/* Writes a USD stage with a prim of type ParticleField3DGaussianSplat (OpenUSD 26.03): a folder OUT
+ * with one layer per frame, and OUT/clip.usda, which plays these layers by value clips. If the
+ * output is OUT.usdc, OUT.usdz or OUT.usda, the clip is written to this one file instead, with time
+ * samples (lib/usd_file.c).
  *
- * With value clips, a reader opens only the layer of the frame that it shows. A single text file
- * has to be parsed as a whole: gigabytes for a clip of a minute. The prim of a layer has the same
- * path as the prim of the stage, so a layer can also be opened on its own.
+ * With value clips, a reader opens only the layer of the frame that it shows, whereas a single text
+ * file must be parsed as a whole, which is gigabytes for a clip of a minute. Since the prim has the
+ * same path in each layer as in the stage, a layer can also be opened on its own.
  *
  * The layout follows OpenUSD's schema and its guide to value clips: scales are standard deviations,
  * opacities are 0 to 1, orientations are w x y z, and SH is one float3 per coefficient, splat after
  * splat. The axes are x right, y up, z back: those of the training, rotated by 180 degrees about x.
  *
  * Attributes that are the same in all frames are stored once, in still.usda, a sublayer of the
- * stage and of each layer. With --half, numbers are half floats, printed with the fewest digits
- * that read back as the same half; positions have enough digits to resolve a millionth of the
- * diagonal of the first frame's bounding box. The cameras of the data set and the camera of --path
- * are UsdGeomCamera prims. Only the ratio of a camera's focal length to its aperture matters, so
- * all apertures have the same width. */
+ * stage and of each layer. With --half, all numbers except positions are half floats, printed with
+ * the fewest digits that are parsed to the same half; positions have enough digits to resolve a
+ * millionth of the diagonal of the first frame's bounding box. The cameras of the data set and the
+ * camera of --path are UsdGeomCamera prims. Only the ratio of a camera's focal length to its
+ * aperture matters, so all apertures have the same width. */
 #include "base/base.h"
 #include "exporters/lib/usd_export.h"
 #include "math/sh.h"
@@ -54,7 +55,7 @@ static int print_value(const struct spin_usd_export *x, float v, char *to)
 }
 
 /* Prints the values of the current attribute of row i as comma-separated tuples such as "(1,2,3)",
- * and returns the end of the text. If this is not the first row of the file, the text begins with a
+ * and returns the end of the text. Unless the row is the first of the array, the text begins with a
  * comma. */
 static char *print_row(const struct spin_usd_export *x, size_t i, bool first, char *to,
                        struct spin_quant_error *quant)
@@ -127,7 +128,7 @@ static spin_status write_attribute(struct spin_usd_export *x, enum spin_usd_colu
     return write_text(out, still ? "]\n" : "],\n    }\n");
 }
 
-/* Prints the layer of a frame with n splats, from its beginning to its first attribute. The caller
+/* Prints the beginning of the layer of a frame with n splats, up to the first array. The caller
  * frees *text. */
 static spin_status layer_head(const struct spin_usd_export *x, int number, size_t n, char **text,
                               size_t *n_text)
@@ -165,8 +166,8 @@ static spin_status write_still(struct spin_usd_export *x)
     return spin_out_commit(&out);
 }
 
-/* Returns the number of decimal places that resolve a millionth of the diagonal of the bounding box
- * e: its minimum, then its maximum. */
+/* Returns the number of decimal places that resolve a millionth of the diagonal of a bounding box.
+ * e: minimum x y z, maximum x y z. */
 static int decimals_of(const float e[6])
 {
     double square = 0, step;
@@ -177,8 +178,8 @@ static int decimals_of(const float e[6])
     return (int)fmin(fmax(ceil(-log10(step)), 0), 20);
 }
 
-/* Prepares the export when the first frame is known: allocates the text buffer, writes still.usda,
- * and computes the cameras of --path. */
+/* Completes the preparation when the first frame has arrived: allocates the text buffer, writes
+ * still.usda, and computes the poses of --path. e: bounding box of the frame. */
 static spin_status begin_frames(struct spin_usd_export *x, const float e[6])
 {
     size_t n_sh = 3 * (size_t)spin_sh_count(x->frames.rows.sh_degree);
@@ -387,11 +388,12 @@ static const struct spin_frames_format format = {
         .begin = parse_options, .open = spin_usd_file_open, .add = spin_usd_file_add,              \
         .close = spin_usd_file_close, .bytes = usd_bytes, .write = usd_write, .end = free_export,  \
     }
-/* The formats of a clip in one file, which the extension of the output selects. */
+/* The formats for a clip in one file. The extension of the output selects one of them. */
 static const struct spin_frames_format singles[] = {SINGLE(".usdc"), SINGLE(".usdz"),
                                                     SINGLE(".usda")};
 
-/* Returns the format of an output with this name. Frames that are named by a pattern are text. */
+/* Sets *chosen to the format for an output of this name. If the name is a pattern for one file per
+ * frame, these files are text. */
 static spin_status choose_format(const char *output, const struct spin_frames_format **chosen)
 {
     SPIN_FREED char *folder = NULL;

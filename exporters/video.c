@@ -1,6 +1,6 @@
 /* Renders the clip to a video: MP4 or WebM, depending on the extension of the output. The camera is
- * one of the data set's or moves while the clip plays. An image may consist of several panels side
- * by side. */
+ * one of the data set's, or moves along a path while the clip plays. An image may consist of
+ * several panels side by side. */
 #include "base/base.h"
 #include "exporters/lib/camera_path.h"
 #include "io/video.h"
@@ -20,8 +20,8 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    /* A view of the data set's camera that renders all frames; NULL: the camera is not one of the
-     * data set's. */
+    /* A view of the camera of the data set from which all frames are rendered; NULL: the camera is
+     * not in the data set. */
     const struct spin_view *first;
     int size[2]; /* width, height of a panel in pixels */
 };
@@ -52,8 +52,8 @@ static spin_status choose_camera(struct export *x)
     return SPIN_OK;
 }
 
-/* Returns the sound of the video. If the video does not play at the speed of the clip, warns and
- * returns NULL. */
+/* Returns the sound of the video. If the video and the clip differ in duration, warns and returns
+ * NULL. */
 static const struct spin_sound *sound_of(const struct spin_camera_path *d)
 {
     const struct spin_export_job *job = d->job;

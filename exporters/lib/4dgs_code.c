@@ -2,8 +2,8 @@
 
 #include "base/base.h"
 
-/* Values that exceed the range of the format by less than this are not counted as clamped, since
- * float rounding may cause it. */
+/* A value that exceeds the range of the format by less than this does not count as clamped, since
+ * float rounding can be the cause. */
 #define NEAR 1e-5
 
 int32_t spin_4dgs_round(double value, double step)

@@ -9,16 +9,15 @@
 struct spin_4dgs_coder {
     const struct spin_4dgs_coding *coding;
     const struct spin_splat_rows *rows;
-    uint64_t n_colours,
-        n_sh; /* numbers of splats with colours, and with SH coefficients, out of range */
-    double lost_colour,
-        lost_sh; /* largest changes of a colour and of an SH coefficient by clamping */
+    /* Numbers of splats of which a colour, or an SH coefficient, was clamped to the range. */
+    uint64_t n_colours, n_sh;
+    double lost_colour, lost_sh; /* largest change by this clamping */
     struct spin_quant_error quant;
 };
 
 int32_t spin_4dgs_round(double value, double step);
-/* Quantises scale, rotation, colour, opacity and SH of the row *is, and sets the same members of
- * *shown to the values that a reader decodes. Adds the errors of SH to those of the coder. */
+/* Quantises scale, rotation, colour, opacity and SH of a row. *is: its values, without SH; *shown:
+ * receives the values that a reader decodes. Adds the errors of SH to c->quant. */
 void spin_4dgs_code_attributes(struct spin_4dgs_coder *c, size_t row,
                                const struct spin_gaussian *is, struct spin_4dgs_splat *to,
                                struct spin_gaussian *shown);

@@ -4,7 +4,8 @@
 #include "exporters/lib/readback.h"
 #include "exporters/lib/static_rows.h"
 
-/* Positions stay within this many steps of the origin, so that differences fit in 32 bits. */
+/* Largest distance of a position from the origin, in quantisation steps. The difference of two
+ * positions then fits into 32 bits. */
 #define MOST_STEPS (1 << 30)
 
 enum { HASHED = SPIN_4DGS_BINS + (SPIN_4DGS_REST + 3) / 4 };
@@ -121,8 +122,8 @@ static bool has_rows(const struct spin_4dgs_frames *x)
     return x->job->identity && !(x->job->report && x->job->report->rows_differ);
 }
 
-/* Matches splats of equal rows. For a delta, their SH must be equal, too, since only a keyframe can
- * change SH. */
+/* Matches splats with the same row number. For a delta, their SH must be equal too, since only a
+ * keyframe can change SH. */
 static void match_rows(struct spin_4dgs_frames *x, bool key)
 {
     for (size_t j = 0; j < x->shown.n; j++) {
@@ -135,7 +136,7 @@ static void match_rows(struct spin_4dgs_frames *x, bool key)
     }
 }
 
-/* Hashes all values except the centre in time, which changes with each keyframe. */
+/* Hashes all values of a splat except the centre in time, which each keyframe sets anew. */
 static struct spin_static_row hash_row(const struct spin_4dgs_splat *splat, uint32_t row)
 {
     struct spin_static_row out = {{0, 0}, row};
@@ -158,7 +159,7 @@ static int by_hash(const void *a, const void *b)
     return first ? first : second ? second : (x->row > y->row) - (x->row < y->row);
 }
 
-/* Compares two entries by their hashes, ignoring their rows. */
+/* Compares two entries by their hashes, but not by their rows. */
 static int compare_hashes(const struct spin_static_row *a, const struct spin_static_row *b)
 {
     struct spin_static_row same = *a;
@@ -224,8 +225,8 @@ static void append(struct spin_4dgs_frames *x, size_t row, uint32_t id, int32_t 
     x->next.row[x->next.n++] = (uint32_t)row;
 }
 
-/* Builds the next state, which is sorted by id because new splats get higher ids. Unless it is a
- * keyframe, also sets `changes` to the differences from the previous state. */
+/* Builds the next state. It is sorted by id, because new splats get the highest ids. Sets *changes
+ * to the differences from the previous state, which are used if the state is not a keyframe. */
 static void make_state(struct spin_4dgs_frames *x, bool key, struct spin_4dgs_changes *changes)
 {
     double step = x->coding->step[SPIN_4DGS_STEP_TIME];
@@ -267,8 +268,8 @@ static spin_status reserve_state(struct spin_4dgs_frames *x)
     return spin_grow(n, sizeof *x->death, (void **)&x->death);
 }
 
-/* Writes the next state: as a keyframe at regular intervals or if most splats are new, otherwise as
- * a delta. */
+/* Writes the next state: as a keyframe if the last one is key_every states ago or most splats are
+ * new, otherwise as a delta. */
 static spin_status write_state(struct spin_4dgs_frames *x)
 {
     const double interval[2] = {time_of(x, x->n_frames), time_of(x, x->n_frames + 1)};
@@ -362,7 +363,7 @@ static spin_status check_frame(struct spin_4dgs_frames *x, struct spin_readback 
                                const struct spin_splats *back)
 {
     const struct spin_splat_rows plain = {
-        .splats = back}; /* without a rotation, since `back` has the axes of the source */
+        .splats = back}; /* no rotation: `back` has the axes of the source */
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree);
     const struct spin_splats *splats;
     struct spin_gaussian there;

@@ -8,8 +8,8 @@ struct visitor {
     void *context;
 };
 
-/* Sets out to the camera-to-world matrix of a camera with x right, y up, z back, in the axes of the
- * file. The rows of the matrix are the three axes and the position of the camera. */
+/* Sets `out` to the matrix from a camera with x right, y up, z back to the world, in the axes of
+ * the file. Its rows are the three axes and the position of the camera. */
 static void make_matrix(const struct spin_usd_export *x, const struct spin_camera *camera,
                         double out[4][4])
 {
@@ -42,8 +42,8 @@ static double focal_of(const struct spin_camera *camera)
     return camera->fx * SPIN_USD_APERTURE / camera->width;
 }
 
-/* Passes a camera with the pose and the focal length of camera[k] at time[k] to visit(). All other
- * intrinsics are those of camera[0]. */
+/* Calls visit() for a camera that has the pose and the focal length of camera[k] at time[k]. All
+ * other intrinsics are those of camera[0]. */
 static spin_status visit_camera(const struct spin_usd_export *x, const char *name,
                                 const struct spin_camera *camera, const double *time, size_t n,
                                 const struct visitor *visitor)
@@ -127,7 +127,7 @@ static spin_status visit_rig(const struct spin_usd_export *x, const struct visit
     return SPIN_OK;
 }
 
-/* Visits the camera of --path. Its poses are evenly spaced in time, from the first frame to the end
+/* Visits the camera of --path. The poses are evenly spaced in time, from the first frame to the end
  * of the last frame. */
 static spin_status visit_path(const struct spin_usd_export *x, const struct visitor *visitor)
 {

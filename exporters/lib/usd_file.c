@@ -1,14 +1,14 @@
-/* Writes a clip as one crate, or as a package that contains it; usd_text_file.c converts the crate
- * to text. Attributes have one time sample per frame; programs read a sample only when they show
- * its frame. An array that equals that of the previous frame is stored once; an attribute that
- * never changes has a plain value, without samples. */
+/* Writes a clip as one crate, or as a package that contains the crate; usd_text_file.c converts the
+ * crate to text. Attributes have one time sample per frame, which programs read only when they show
+ * the frame. An array that is the same as in the previous frame is not stored again. An attribute
+ * that never changes has a single value instead of samples. */
 #include <stdlib.h>
 
 #include "base/base.h"
 #include "exporters/lib/usd_export.h"
 #include "math/approx.h"
 
-/* USD does not read packages in zip64 format. */
+/* Largest size of a package: USD does not support packages in zip64 format. */
 #define MOST_PACKED 0xf0000000u
 
 enum { EXTENT = SPIN_USD_COLUMNS };
@@ -24,7 +24,7 @@ static const struct {
 
 /* ---- Arrays ---------------------------------------------------------------------------------- */
 
-/* Encodes the current attribute of a row. Quaternions are stored x y z w. */
+/* Encodes the current attribute of a row. Quaternions are stored in the order x y z w. */
 static void code_row(void *self, size_t row, unsigned char *out, struct spin_quant_error *quant)
 {
     const struct spin_usd_export *x = self;
@@ -50,8 +50,8 @@ static size_t row_items(const struct spin_usd_export *x, enum spin_usd_column a)
     return a == SPIN_USD_SH ? (size_t)spin_sh_count(x->frames.rows.sh_degree) : 1;
 }
 
-/* Writes an attribute of the current frame, and sets *out to the value with which fields of the
- * crate refer to its array. */
+/* Writes an attribute of the current frame, and sets *out to the word by which the crate refers to
+ * the array. */
 static spin_status write_array(struct spin_usd_export *x, enum spin_usd_column a, uint64_t *out)
 {
     size_t n = x->frames.rows.n_kept, items = row_items(x, a), bytes;
@@ -65,7 +65,7 @@ static spin_status write_array(struct spin_usd_export *x, enum spin_usd_column a
     return spin_frames_write_rows(x, &x->file.out, offset, items * bytes, code_row);
 }
 
-/* Writes those attributes of the current frame that differ from the previous frame. */
+/* Writes the attributes of the current frame that differ from the previous frame. */
 static spin_status write_arrays(struct spin_usd_export *x)
 {
     struct spin_usd_file *f = &x->file;
@@ -154,7 +154,7 @@ static void add_samples(struct spin_usd_export *x, const char *type, const char 
         spin_usdc_field(w, "timeSamples", spin_usdc_samples(w, time, value, n));
 }
 
-/* Adds a camera; a spin_usd_camera_fn. */
+/* Adds a camera; called through spin_usd_each_camera(). */
 static void add_camera(void *context, const struct spin_usd_camera *c)
 {
     struct spin_usd_export *x = context;

@@ -1,4 +1,5 @@
-/* Text of USD that a layer of one frame and a file with a whole clip have in common. */
+/* Prints the parts of USD text that a layer of one frame and a file with a whole clip have in
+ * common. */
 #include "base/base.h"
 #include "exporters/lib/usd_export.h"
 #include "math/ntc.h"

@@ -1,5 +1,6 @@
-/* Writes a clip as one text file (.usda), from the crate of usd_file.c: text has the samples of one
- * attribute after another, while the frames arrive with all attributes of one time. */
+/* Writes a clip as one text file (.usda). The text contains all samples of one attribute, then
+ * those of the next, whereas frames arrive with all attributes of one time. The clip is therefore
+ * first written as a crate (usd_file.c), from which this file makes the text. */
 #include <stdlib.h>
 
 #include "base/base.h"
@@ -10,14 +11,14 @@
 #define TUPLES 4096            /* number of tuples that a task prints */
 #define TASKS 8
 
-/* Text of the arrays of a crate. */
+/* Prints the arrays of a crate as text. */
 struct printer {
     struct spin_usd_export *x;
     const unsigned char *crate;
     struct spin_out out;
     /* The array that is being written. */
     const unsigned char *data;
-    size_t n, first; /* number of tuples, and the first one of the current tasks */
+    size_t n, first; /* number of tuples, and index of the first of the current tasks */
     size_t width;    /* number of values of a tuple */
     char *text;      /* [TASKS] text of each task, `stride` bytes */
     size_t n_text[TASKS], stride;
@@ -42,8 +43,8 @@ static char *print_value(const struct printer *p, size_t k, char *to)
     return to + sprintf(to, "%.9g", (double)v);
 }
 
-/* Prints the tuples of a task, with a comma before each but the first of the array. Quaternions are
- * x y z w in a crate, and w x y z in text. */
+/* Prints the tuples of a task, separated by commas. Quaternions are x y z w in a crate, and w x y z
+ * in text. */
 static void print_tuples(void *context, int task)
 {
     struct printer *p = context;
@@ -87,7 +88,8 @@ static spin_status write_array(struct printer *p, uint64_t word)
     return write_text(p, "]");
 }
 
-/* Writes an attribute with the samples value[n], or with the first one if it does not change. */
+/* Writes an attribute with the samples value[n] or, if `changes` is false, with the first of them
+ * as its only value. */
 static spin_status write_attribute(struct printer *p, const char *type, const char *name,
                                    const uint64_t *value, bool changes)
 {
@@ -124,7 +126,8 @@ static spin_status write_attributes(struct printer *p)
     return SPIN_OK;
 }
 
-/* Prints what precedes the arrays, or the cameras that follow them, and writes it. */
+/* Writes the text before the arrays or, if `cameras` is true, the text after them, which contains
+ * the cameras. */
 static spin_status write_part(struct printer *p, bool cameras)
 {
     const struct spin_usd_export *x = p->x;

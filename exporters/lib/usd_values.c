@@ -50,7 +50,7 @@ uint32_t spin_usd_half_bits(float h)
     return sign | (((bits >> 13) - (112u << 10)) & 0x7fffu);
 }
 
-/* Returns the value that a reader gets from the text of coordinate v. */
+/* Returns the value of coordinate v after rounding to the decimal places of the output. */
 static float rounded_place(const struct spin_usd_export *x, float v)
 {
     char text[64];
