@@ -1,4 +1,4 @@
-/* The parts of the page, made into C strings by the Makefile from the files beside this one. */
+/* The parts of the page as C strings, which the Makefile generates from the files beside it. */
 #pragma once
 
 extern const char spin_html_head[], spin_html_css[], spin_html_body[], spin_html_project[],

@@ -15,8 +15,8 @@ if (!gl) return say('This page needs WebGL 2, which this browser does not suppor
 if (clip.data && location.href.startsWith('file:')) return say(`This page loads ${clip.data} from its own folder, which browsers do not allow for local files. Put both files on a web server, such as "python3 -m http.server" in their folder, or export the clip without --split.`);
 if (typeof DecompressionStream === 'undefined') return say('This browser is too old: it has no DecompressionStream.');
 
-// Returns the address if it is relative or of http, https, blob or file; null for other schemes,
-// such as javascript: and data:.
+// Returns the address if it is relative or has the scheme http, https, blob or file; null for other
+// schemes, such as javascript: and data:.
 function safeAddress(address) {
     try { return /^(https?|blob|file):$/.test(new URL(address, location.href).protocol) ? address : null; } catch { return null; }
 }
@@ -29,8 +29,8 @@ function readParameters(given) {
     return { frame: number('frame', 1, clip.numbers.length), autoplay: given.has('autoplay') ? has('autoplay') : undefined, noui: has('noui'), poster: given.has('poster') ? safeAddress(given.get('poster')) : null, version: given.get('version'), fps: number('fps', 0.001, 1000), background: hex, view: viewOf(given.get('view')?.split(',')) };
 }
 
-// Converts six numbers, the camera's position and its target in world units, to a view. Returns
-// undefined unless all are finite and the points differ.
+// Converts six numbers, the position of the camera and its target in world units, to a view.
+// Returns undefined unless all numbers are finite and the two points differ.
 function viewOf(list) {
     const v = Array.from(list ?? [], (each) => (String(each).trim() === '' ? NaN : Number(each)));
     const view = { eye: v.slice(0, 3), target: v.slice(3) };
@@ -138,9 +138,9 @@ function storage(unit, format, rows) {
     return made;
 }
 
-// Returns a function that uploads words into a texture 2048 texels wide. The texture is reallocated
-// when it has to grow, and its last row is padded. Called without words, the function only binds
-// the texture.
+// Returns a function that uploads 32-bit words to a texture of 2048 texels width. The texture is
+// reallocated if it is too small, and its last row is padded. Without words, the function only
+// binds the texture.
 function texture(slot, format, layout, perTexel) {
     let made = null, rows = 0;
     return (words) => {
@@ -162,7 +162,7 @@ function texture(slot, format, layout, perTexel) {
         }
     };
 }
-// For each version of the clip: the frame that is on the GPU.
+// For each version of the clip: the frame that is on the GPU, and its textures.
 const shown = clip.versions.map((v) => ({ v, frame: -1, draft: false, count: 0, words: 0, splats: texture(SPLATS, gl.RGBA32UI, gl.RGBA_INTEGER, 4), harmonics: texture(HARMONICS, gl.R32UI, gl.RED_INTEGER, 1), order: texture(ORDER, gl.R32UI, gl.RED_INTEGER, 1) }));
 
 // The render targets of project.frag: one row for every 2048 splats.
@@ -230,10 +230,9 @@ function draw() {
 const AFTER = 0, BEFORE = 1; // indices of clip.versions, if there are two
 const between = clip.versions.every((v) => v.rows || v.moves); // splats exist at any time, not only at frames
 // Some members of `state`. moves: the camera has moved since the last draw. Draws are then faster
-// but coarser, since splats are cut off where they are still faintly visible, and a full draw
-// follows when the camera stops. drawn: indices of the versions that are drawn; null before the
-// first frame. wipe: both versions are requested, with a line between them at the share `cut` of
-// the width.
+// but coarser: splats are cut off where they are still faintly visible. A full draw follows when
+// the camera stops. drawn: indices of the versions that are drawn; null before the first frame.
+// wipe: both versions are requested, with a line between them at the share `cut` of the width.
 const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, touched: 0, asked: '', waiting: false, dirty: true, drawn: null, view: '', moves: false };
 const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;
@@ -268,7 +267,7 @@ worker.onmessage = ({ data }) => {
     say('');
 };
 
-// Shows the loaded share of the first image's bytes, 0 to 1.
+// Shows the progress of loading the first image. share: 0 to 1.
 function loading(share) {
     if (state.drawn) return;
     $('message').textContent = `Loading the clip: ${Math.floor(100 * share)} %`;
@@ -416,7 +415,7 @@ function reset() {
     state.dirty = true;
 }
 
-// Rotates the camera about the target or, after flying, about the camera's own position.
+// Rotates the camera about the target or, after flying, about the position of the camera.
 function turnBy(dx, dy) {
     const { eye } = camera();
     orbit.angle -= dx * 0.006;
@@ -447,9 +446,9 @@ function fly(seconds) {
     if (held.size) aim([...held].reduce((p, key) => add(p, c[FLY[key][0]], step * FLY[key][1]), orbit.target));
 }
 
-// Multiplies the distance from the target by `factor`. The distance is at least clip.reach[0], to
-// avoid walls, and at most one that shows the whole scene. The distance of the first view is always
-// allowed.
+// Multiplies the distance from the target by `factor`. The distance is at least clip.reach[0], so
+// that the camera does not pass through walls, and at most one at which the whole scene is visible.
+// The distance of the first view is always allowed.
 function zoomBy(factor) {
     const [least, most] = clip.reach.map((d) => d / clip.size), whole = 1.5 / Math.tan(clip.fovy * Math.PI / 360);
     orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, whole, orbit.first), orbit.distance * factor));
@@ -478,7 +477,7 @@ async function copyLink() {
     }
 }
 
-// Shows a text for five seconds, unless another one replaces it.
+// Shows a text for five seconds, unless another text replaces it earlier.
 function note(text) {
     say(text);
     setTimeout(() => { if ($('message').textContent === text) say(''); }, 5000);
@@ -611,8 +610,8 @@ requestAnimationFrame(tick);
 
 // ---- Interface for scripts and embedding pages --------------------------------------------------
 
-// Requests are { play, frame, speed, version, view }, each optional; frames count from 1, as in the
-// bar. view: { eye, target } or a list of six numbers, in world units.
+// Requests are objects { play, frame, speed, version, view } with optional members. Frames count
+// from 1, as in the control bar. view: { eye, target } or a list of six numbers, in world units.
 const viewIn = (v) => viewOf(Array.isArray(v) ? v : [...(v?.eye ?? []), ...(v?.target ?? [])]);
 const is = { play: (v) => typeof v === 'boolean', frame: (v) => v >= 1 && v <= clip.numbers.length, speed: (v) => v > 0 && v <= 100, version: (v) => clip.versions.some((each) => each.name === v) || (v === 'wipe' && clip.versions.length === 2), view: viewIn };
 function set(wishes) {

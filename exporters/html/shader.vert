@@ -1,6 +1,5 @@
 #version 300 es
-// Computes one corner of the quad that bounds a splat's ellipse. project.frag has computed the
-// ellipse.
+// Computes one corner of the quad around the ellipse of a splat, which project.frag has computed.
 precision highp float;
 precision highp int;
 precision highp usampler2D;

@@ -36,8 +36,8 @@ async function bodyOf(answer, size) {
     return new Uint8Array(await new Blob(parts).arrayBuffer());
 }
 
-// Fetches a range of bytes from the file of --split. A server may ignore the range and send the
-// whole file.
+// Fetches a range of bytes from the file of --split. If the server ignores the range and sends the
+// whole file, `whole` is true.
 async function rangeOf(from, to) {
     const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
     if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
@@ -133,7 +133,7 @@ function half(x) {
 }
 
 
-// Converts the rotations of keys to unit quaternions, four numbers per row.
+// Converts the rotation vectors of rows to unit quaternions, four numbers per row.
 function turnsOf(keys, n) {
     const q = new Float64Array(4 * n), half = 0.5 * clip.steps.rotation, [kx, ky, kz] = keys.slice(ROTATION);
     for (let i = 0; i < n; i++) {
@@ -158,8 +158,8 @@ function scaleOf(halves) {
 
 const cut = (x) => (x <= 0 ? 0 : x >= 65535 ? 65535 : x + 0.5 | 0);
 
-// Writes the covariance of a splat with these standard deviations and rotation into its second
-// texel.
+// Writes the covariance of a splat to its second texel. e, f, g: standard deviations; w, x, y, z:
+// rotation.
 function shape(texels, o, w, x, y, z, e, f, g) {
     const m = 1024;
     const r0 = (1 - 2 * (y * y + z * z)) * e, r1 = 2 * (x * y - w * z) * f, r2 = 2 * (x * z + w * y) * g;
@@ -226,9 +226,9 @@ function keysFrom(read, keys, n) {
 }
 
 // Decodes a frame of a version. The frames of its group are decoded in order, beginning after the
-// one that was decoded last, or at the key frame. The result contains the values of the key frame,
-// the differences of the dynamic splats between `frame` and the key frame, and the texels of the
-// static splats.
+// frame that was decoded last, or at the key frame. The result contains the values of the key
+// frame, the differences of the dynamic splats between `frame` and the key frame, and the texels of
+// the static splats.
 async function advance(version, frame) {
     const v = clip.versions[version], columns = SH + v.sh, first = v.first[frame], n = v.shared[frame], still = v.still[frame];
     let g = groups[version];
@@ -270,8 +270,8 @@ async function decoded(version, frame) {
 
 const powerOf = (number) => (number > 0 ? number - 1 : number);
 
-// Returns one side of each row's window: the time in frames at which it begins to fade, and 1 /
-// sigma, which is 0 if the window does not fade.
+// Returns one side of the Gaussian window of each row. at: the time, in frames, at which the window
+// begins to fade. by: 1 / sigma, or 0 if the window does not fade.
 function sideOf(r, from, length, sigma, middle) {
     const n = from.length, at = new Float64Array(n), by = new Float64Array(n);
     for (let i = 0; i < n; i++) {
@@ -362,8 +362,8 @@ function cutRows(out, o, b, v, frame) {
     return o;
 }
 
-// Returns the splats that are visible at a time, which is in frames and may be fractional. Times
-// after the last frame show the last frame.
+// Returns the splats that are visible at a time, which is in frames and may be fractional. For
+// times after the last frame, returns those of the last frame.
 async function sliced(version, wanted) {
     const v = clip.versions[version], frame = Math.min(wanted, clip.numbers.length - 1), tick = frame * v.rows.ticks, blocks = await blocksAt(version, tick);
     let n = 0, o = 0;
@@ -436,7 +436,7 @@ async function keep(name, make) {
     return made;
 }
 
-// Returns a decoded frame. Of 4D splats, only the most recent slice is cached.
+// Returns a decoded frame. Decoded frames are cached; of 4D splats, only the most recent slice.
 async function frameOf(version, frame) {
     if (!clip.versions[version].rows && !clip.versions[version].moves) return keep(`${version} ${frame}`, () => decoded(version, frame));
     if (slices[version]?.frame !== frame) slices[version] = { frame, made: await decoded(version, frame) };
@@ -445,9 +445,9 @@ async function frameOf(version, frame) {
 
 const ready = (version, frame) => clip.versions[version].moves || (clip.versions[version].rows ? blocksAt(version, frame * clip.versions[version].rows.ticks) : frameOf(version, frame));
 
-// Returns the rows that may be visible, sorted from far to near by a counting sort with 65536 steps
-// of depth. The frustum is widened by WIDER, since the camera may turn before the next order
-// arrives.
+// Returns the rows of splats that may be visible, sorted from far to near by a counting sort with
+// 65536 steps of depth. The frustum is widened by the factor WIDER, since the camera may turn
+// before the next order arrives.
 const WIDER = 1.3;
 function sorted({ n, place, radius }, { eye, right, down, forward, near, slope }) {
     const depth = new Float32Array(n), seen = new Uint32Array(n), [x, y, z] = forward, [rx, ry, rz] = right, [dx, dy, dz] = down;
