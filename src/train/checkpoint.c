@@ -394,8 +394,8 @@ bool spin_fingerprint_equal(const char *recorded, const char *own)
     return text && strcmp(text, own) == 0;
 }
 
-/* Parses state.json. Fails if the checkpoint was made from another input or with other options. The
- * caller frees *out. */
+/* Parses state.json. SPIN_E_USAGE if the fingerprint is not c->fingerprint, that is, if the input,
+ * the options or the images have changed. The caller frees *out. */
 static spin_status read_header(const struct spin_checkpoint *c, struct spin_npz *npz,
                                spin_json **out)
 {

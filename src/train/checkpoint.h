@@ -49,7 +49,7 @@ struct spin_checkpoint {
     /* Identifies the input and the options (key.h); a resume fails if the checkpoint file has
      * another fingerprint. */
     const char *fingerprint;
-    /* The options that discard the checkpoint, for error messages: spin_options_restart(). */
+    /* Options that discard the checkpoint (spin_options_restart()), for error messages. */
     const char *restart;
     /* Times, by spin_now_s(), of the start of this run and of its last checkpoint. */
     double start_s, saved_s;
@@ -60,7 +60,7 @@ struct spin_checkpoint {
     /* Exponentially smoothed loss; 0 before the first iteration. */
     double loss;
     struct spin_simd_paths *simd_paths;
-    /* True if the state can be saved: no iteration is running, and all values are finite. */
+    /* True if a checkpoint can be saved: no iteration is running, and all values are finite. */
     bool sound;
     /* [frames][splats] row of each splat in the output; saved only in a training with tracks. */
     uint32_t **permutation;

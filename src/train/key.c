@@ -16,7 +16,7 @@ static void add_images(spin_json *j, const struct spin_plan *plan, const struct 
 }
 
 /* Adds a hash of the names, sizes and CRCs of the input's arrays. Since names are included, an
- * input with exchanged or renamed arrays gets another hash. */
+ * input with swapped or renamed arrays has another hash. */
 static void add_members(spin_json *j, const struct spin_zip *zip)
 {
     uint64_t hash = SPIN_HASH_BEGIN;

@@ -5,8 +5,8 @@
 #include "spin_train.h"
 #include "io/json.h"
 
-/* Checks that all options are within their limits. SPIN_E_USAGE if one is not; the error names the
- * first such option. */
+/* Checks that all options are within their limits. SPIN_E_USAGE if an option is outside its limits;
+ * the error names the first such option. */
 spin_status spin_options_check(const struct spin_retrain_options *o);
 
 /* Replaces automatic values by those for a clip of n_frames frames and the number of ranks: batch,

@@ -102,7 +102,7 @@ static void multiply_transposed(const struct fit *f, const double *v, double *ou
     }
 }
 
-/* out [n_unknown] = the matrix of the normal equations times x [n_unknown]. */
+/* out [n_unknown] = A x, with the matrix A of the normal equations and x [n_unknown]. */
 static void multiply_normal(const struct fit *f, double *x, double *out)
 {
     for (size_t i = 0; i < f->n; i++)
