@@ -645,7 +645,8 @@ static const struct spin_plugin_option realtime_options[] = {
      "convention of rotations: today, older (before 2024-09), or auto for the one that makes the "
      "Gaussians smaller",
      "auto"},
-    {"cull", "RULE", "Gaussians that a frame omits: by time (weight below 0.05), or none", "time"},
+    {"cull", "RULE", "which Gaussians a frame omits: time (weight in time below 0.05), or none",
+     "time"},
     {NULL, NULL, NULL, NULL},
 };
 

@@ -266,7 +266,8 @@ static spin_status open_model(void *self, const char *path)
 static const struct spin_plugin_option options[] = {
     {"time-range", "A,B", "first and last time of the clip, as in the data set's file", NULL},
     {"cull", "RULE",
-     "Gaussians that a frame omits: by opacity (below 1/255), by time (weight below 0.05), or none",
+     "which Gaussians a frame omits: opacity (below 1/255), time (weight in time below 0.05), or "
+     "none",
      "opacity"},
     {NULL, NULL, NULL, NULL},
 };

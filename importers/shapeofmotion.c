@@ -128,7 +128,7 @@ static spin_status count_rows(struct model *m, const char *part, size_t *n)
     snprintf(name, sizeof name, "%s.params.means", part);
     SPIN_TRY(bind_tensor(m, name, 2, shape, &t));
     *n = (size_t)t.shape[0];
-    return *n <= INT_MAX ? SPIN_OK : spin_unsupported("'%s' has more than 2^31 rows", name);
+    return *n <= INT_MAX ? SPIN_OK : spin_unsupported("'%s' has 2^31 or more rows", name);
 }
 
 static spin_status load_columns(struct model *m)

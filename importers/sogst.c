@@ -63,8 +63,7 @@ static spin_status open_file(void *self, const char *path)
     return SPIN_OK;
 }
 
-SPIN_MODEL_IMPORTER(
-    sogst, struct spin_model, open_file, spin_model_close,
-    .summary = ".sogst: 4D splats of a clip, or the PLY that is the input of its encoders",
-    .upstream = "solipsist-studios/cumuli 07d2d04 (revision 14)", .probe = probe,
-    .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)
+SPIN_MODEL_IMPORTER(sogst, struct spin_model, open_file, spin_model_close,
+                    .summary = ".sogst: 4D splats of a clip, or the PLY that its encoders read",
+                    .upstream = "solipsist-studios/cumuli 07d2d04 (revision 14)", .probe = probe,
+                    .frame = spin_model_slice, .splats_4d = spin_model_splats_4d)

@@ -240,7 +240,8 @@ static spin_status usd_frame(void *self, int frame, double time, unsigned column
 
 static const struct spin_plugin_option options[] = {
     {"axes", "usd|source",
-     "axes of the file: usd (x right, y up, z back, or as its upAxis says), or source (as trained)",
+     "axes of the file: usd (x right, y up, z back, or as the file's upAxis states), or source (as "
+     "trained)",
      "usd"},
     SPIN_FILE_SEQUENCE_OPTION,
     {0},
