@@ -54,7 +54,7 @@ double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_spl
  * estimated by n samples. */
 double spin_voxels_depth(const struct spin_voxels *v, const float *field, const double from[3],
                          const double along[3], int n);
-/* Returns whether a splat is dynamic: in at least a fifth of the sampled frames, its cell has much
+/* Returns whether a splat is dynamic: in more than a fifth of the sampled frames, its cell has much
  * less mass than on average, or its colour is far from the mean colour of the cell. Always false if
  * only one frame was sampled. */
 bool spin_voxels_moves(const struct spin_voxels *v, const struct spin_voxel_splat *s);

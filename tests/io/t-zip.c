@@ -333,7 +333,8 @@ static void lies(void)
     e = stored();
     e.local_name = "b.npy";
     save_one(e);
-    fails(SPIN_E_MALFORMED, "'a.npy' has another name", 0, "another name in the local header");
+    fails(SPIN_E_MALFORMED, "'a.npy' has a different name in its own header", 0,
+          "another name in the local header");
     e = stored();
     e.name = "a\0.npy";
     e.n_name = 6;
@@ -342,7 +343,8 @@ static void lies(void)
     e = stored();
     e.size--;
     save_one(e);
-    fails(SPIN_E_MALFORMED, "two different sizes", 0, "stored with two sizes");
+    fails(SPIN_E_MALFORMED, "its compressed and uncompressed sizes differ", 0,
+          "stored with two sizes");
 
     memset(&b, 0, sizeof b);
     e = stored();
@@ -432,8 +434,8 @@ static void bombs(void)
     fails(SPIN_E_MALFORMED, "cannot be decompressed", 100, "deflated data yields less than stated");
     e.size = 0xfffffff0;
     save_one(e);
-    fails(SPIN_E_MALFORMED, "of 18 compressed bytes cannot have 4294967280", UINT64_MAX,
-          "a claim that deflate cannot keep is refused before memory is reserved");
+    fails(SPIN_E_MALFORMED, "18 compressed bytes of member 'a.npy' cannot expand to 4294967280",
+          UINT64_MAX, "a claim that deflate cannot keep is refused before memory is reserved");
     e.size = HELLO;
     save_one(e);
     fails(SPIN_E_UNSUPPORTED, "more than the 12 allowed", HELLO - 1, "more than the caller allows");
