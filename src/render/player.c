@@ -152,7 +152,7 @@ static spin_status load_array(struct spin_player *p, const char *name, int n_dim
 
     SPIN_TRY(spin_bundle_values_open(p->bundle, name, -1, 'f', n_dims, any, &v));
     if (v.count != n)
-        return spin_malformed("array '%s' has %llu values, expected %zu", name,
+        return spin_malformed("array '%s' has %llu values, but meta.json requires %zu", name,
                               (unsigned long long)v.count, n);
     SPIN_TRY(p->device->op->reserve(p->device, n * sizeof(float), (void SPIN_DEV **)&to));
     *out = to;

@@ -52,7 +52,7 @@ spin_status spin_frame_key(struct spin_plan *plan, const struct spin_photos *pho
     text = spin_json_text(j, false);
     spin_json_free(j);
     if (!text)
-        return spin_fail(SPIN_E_MEMORY, "out of memory for the key of a frame");
+        return spin_fail(SPIN_E_MEMORY, "out of memory while computing the key of a frame");
     spin_hash(&hash, text, strlen(text));
     snprintf(key, SPIN_FRAME_KEY, "%016" PRIx64, hash);
     return SPIN_OK;
@@ -84,7 +84,8 @@ spin_status spin_fingerprint(const struct spin_plan *plan, const struct spin_ref
     *out = spin_json_text(j, false);
     spin_json_free(j);
     return *out ? SPIN_OK
-                : spin_fail(SPIN_E_MEMORY, "out of memory for the fingerprint of the run");
+                : spin_fail(SPIN_E_MEMORY,
+                            "out of memory while computing the fingerprint of the run");
 }
 
 /* ---- Settings -------------------------------------------------------------------------------- */

@@ -17,13 +17,13 @@ static const size_t program_bytes = 24 << 20;
 static spin_status check_options(const struct spin_retrain_options *o)
 {
     if (!o->input || (!o->output && !o->dry_run))
-        return spin_misuse("the options name no input or no output");
+        return spin_misuse("no input or no output was given");
     SPIN_TRY(spin_options_check(o));
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_misuse(
             "--method frames needs a number of iterations per frame: give it with --refine");
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
-        return spin_misuse("--method tracks needs --tracks auto");
+        return spin_misuse("--method tracks does not support --tracks off: use --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
         return spin_misuse("--method %s does not support --refine, since refined frames have no "
                            "splats in common: omit --refine",
@@ -186,8 +186,8 @@ static spin_status plan_extent(struct spin_plan *plan)
     if (plan->extent <= 1e-6 * one_place || plan->extent == 0) {
         plan->extent = one_place > 0 ? one_place : 1;
         spin_log(0,
-                 "all training cameras are at one position: their extent, %.4g, is derived from "
-                 "the distance to the points",
+                 "all training cameras are at one position: the camera extent, %.4g, is computed "
+                 "from the distance to the points",
                  plan->extent);
     }
     if (!isfinite(plan->extent))

@@ -95,7 +95,7 @@ out_has "^trained .*, 6 iterations on cpu, no network$" "nor here"
 out_has "^size .*source .*values of frames .*tracks [0-9]" "its sizes"
 run "$bin/spin-retrain" -q "$work/moved.spin" -o "$work/tracks.spin" --device cpu --tracks off --force
 fails 2 spin-retrain "--method tracks, and --tracks off"
-err_has "method tracks needs --tracks auto" "is told what it lacks"
+err_has "method tracks does not support --tracks off: use --tracks auto" "is told what it lacks"
 run "$bin/spin-retrain" "$work/moved.spin" --dry-run --json --device cpu
 is "$(member method)" tracks "the method as JSON"
 
