@@ -76,7 +76,7 @@ static spin_status parse_size(struct spin_camera_path *d)
     return SPIN_OK;
 }
 
-/* Parses --path: a word, or the name of a file with a camera for each image. */
+/* Parses --path: one of four words, or the name of a file with a camera for each image. */
 static spin_status parse_path(struct spin_camera_path *d)
 {
     static const char *const words[] = {"camera", "orbit", "spiral", "train"};
@@ -92,7 +92,8 @@ static spin_status parse_path(struct spin_camera_path *d)
     return spin_path_file_open(text, &d->file);
 }
 
-/* Returns an error if an option of the view would have no effect. */
+/* Returns SPIN_E_USAGE if an option of the view would have no effect. placed: the camera is neither
+ * from the data set nor from a file. */
 static spin_status check_view(const struct spin_camera_path *d, bool placed)
 {
     static const char *const words[] = {"up", "rotate"};
@@ -109,8 +110,9 @@ static spin_status check_view(const struct spin_camera_path *d, bool placed)
     return SPIN_OK;
 }
 
-/* Parses --camera: the number of a camera of the data set, or a file of cameras, of which the first
- * renders all images. For an orbit or a spiral, spin_initial_view_chosen() reads the option. */
+/* Parses --camera: the number of a camera of the data set, or a file of cameras, of which only the
+ * first is used, for all images. For an orbit or a spiral, spin_initial_view_chosen() reads the
+ * option instead. */
 static spin_status parse_camera(struct spin_camera_path *d)
 {
     const char *text = spin_plugin_value(d->job->values, "camera", NULL);
@@ -191,8 +193,8 @@ void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camer
     camera->height = d->size[1];
 }
 
-/* Sets the intrinsics of a moving camera: those of a view of the data set or, without a data set,
- * of the web page's view from the front. Then applies --size. */
+/* Sets the intrinsics of a moving camera to those of a view of the data set or, without a data set,
+ * to those of the web page's initial view. Then applies --size. */
 static void set_lens(struct spin_camera_path *d)
 {
     const struct spin_views *views = d->job->views;
@@ -236,9 +238,9 @@ const char *spin_camera_path_name(const struct spin_camera_path *d)
     return d->fixed ? "camera" : name[d->path];
 }
 
-/* Aims the moving camera at the subject, from a position where no wall blocks the view; if there is
- * no such position, the camera is in front of all splats. Used without a data set and without
- * --camera. */
+/* Makes the moving camera face the subject, from a position where no wall blocks the view; if there
+ * is no such position, the camera is in front of all splats. Called if neither a data set nor
+ * --camera is given. */
 static spin_status look_at_subject(struct spin_camera_path *d)
 {
     static const double origin[3] = {0};
@@ -310,7 +312,7 @@ static void swap_stops(struct spin_rig_stop *a, struct spin_rig_stop *b)
     *b = kept;
 }
 
-/* Orders the stops greedily: after each stop comes the nearest of the remaining stops. */
+/* Orders the stops greedily: each stop is followed by the nearest of the remaining stops. */
 static void order_stops(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
@@ -325,7 +327,7 @@ static void order_stops(struct spin_rig_path *path)
 }
 
 /* Reverses sections of the path as long as this makes the path shorter (2-opt). The first stop
- * stays the first. */
+ * keeps its place. */
 static void shorten_path(struct spin_rig_path *path)
 {
     struct spin_rig_stop *s = path->stop;
@@ -349,8 +351,8 @@ static void shorten_path(struct spin_rig_path *path)
     }
 }
 
-/* Sets the path length up to each stop, and negates quaternions where needed so that the
- * quaternions of neighbouring stops are in one hemisphere and can be interpolated. */
+/* Sets the path length up to each stop. Negates quaternions where needed, so that successive
+ * quaternions have a dot product of at least 0 and can be interpolated. */
 static void measure_path(struct spin_rig_path *path)
 {
     for (int i = 1; i < path->n; i++) {
@@ -407,14 +409,14 @@ void spin_rig_path_free(struct spin_rig_path *path)
     *path = (struct spin_rig_path){0};
 }
 
-/* Returns component c of stop i: components 0 to 2 are the position, 3 to 6 the quaternion. */
+/* Returns component c of stop i. Components 0 to 2 are the position, 3 to 6 the quaternion. */
 static double value_of(const struct spin_rig_path *path, int i, int c)
 {
     return c < 3 ? path->stop[i].eye[c] : path->stop[i].turn[c - 3];
 }
 
-/* Returns the derivative of component c with respect to the path length at stop i, which is
- * estimated from the neighbouring stops. */
+/* Returns an estimate, from the neighbouring stops, of the derivative of component c with respect
+ * to the path length at stop i. */
 static double derivative_at(const struct spin_rig_path *path, int i, int c)
 {
     int a = i > 0 ? i - 1 : 0, b = i + 1 < path->n ? i + 1 : i;
@@ -455,10 +457,10 @@ void spin_rig_path_camera(const struct spin_rig_path *path, double share, double
 
 /* ---- A camera that moves --------------------------------------------------------------------- */
 
-/* Sets `eye` to the position of the moving camera at share `turn`, 0 to 1, of its path. The orbit
- * is a circle around the target. The spiral consists of three loops beside the position of the
- * first view, with an amplitude of a tenth of the distance to the target, while the camera moves
- * forward and back once. */
+/* Sets `eye` to the position of the moving camera at the fraction `turn`, 0 to 1, of its path. The
+ * orbit is a circle around the target. On the spiral, the camera makes three loops that pass
+ * through the position of the first view, with an amplitude of a tenth of the distance to the
+ * target, while it moves forward and back once. */
 static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
 {
     const double *from = d->initial.eye, *to = d->initial.target;
@@ -486,9 +488,9 @@ static void eye_of(const struct spin_camera_path *d, double turn, double eye[3])
                                 (1 - cos(3 * angle)) * axis[1][c] * 0.5 + sin(angle) * axis[2][c]);
 }
 
-/* Aims the moving camera at the point nearest to the optical axes of the data set's cameras. If the
- * camera is farther from this point than the median distance of the data set's cameras, moves it to
- * this distance. */
+/* Makes the moving camera face the pivot, the point nearest to the optical axes of the data set's
+ * cameras. If the distance of the camera from the pivot is larger than the median distance of the
+ * data set's cameras, reduces it to the median. */
 static void move_into_rig(struct spin_camera_path *d, int row)
 {
     double pivot[3], median, distance = 0;
@@ -505,7 +507,7 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
-/* Sets the start position and the near plane of a moving camera. */
+/* Sets the view from which a moving camera starts, and its near plane. */
 static spin_status set_first_view(struct spin_camera_path *d, const struct spin_splats *splats)
 {
     const struct spin_views *views = d->job->views;
@@ -590,8 +592,8 @@ static bool is_ink(const char *word, int x, int y)
     return false;
 }
 
-/* Draws `word` into the upper left corner of image [3][height][width], white on black, unless the
- * image is too small. */
+/* Draws `word` into the upper left corner of image [3][height][width], white on black. Does nothing
+ * if the image is too small. */
 static void draw_label(const char *word, int width, int height, float *image)
 {
     int dot = height / 180 > 1 ? height / 180 : 1, n = (int)strlen(word);

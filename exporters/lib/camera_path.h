@@ -1,5 +1,5 @@
-/* Cameras and panels of the exporters that render. The camera is one of the data set's or moves
- * along a path; panels are several versions of an image side by side. */
+/* Cameras and panels for the exporters that render. The camera is one of the data set's, or moves
+ * along a path. Panels are versions of the same image, side by side. */
 #pragma once
 
 #include <string.h>
@@ -46,7 +46,7 @@ enum spin_camera_path_path {
 
 enum spin_camera_path_panel { SPIN_PANEL_TRUTH, SPIN_PANEL_BEFORE, SPIN_PANEL_AFTER };
 
-/* A training camera through which a path leads. */
+/* A stop of a path: a training camera. */
 struct spin_rig_stop {
     double eye[3]; /* position in the world */
     /* The rotation from the world to the camera, as a quaternion w x y z. The sign is chosen such
@@ -61,12 +61,12 @@ struct spin_rig_path {
     int n;
 };
 
-/* Opens a path that visits every training camera of this data-set frame once: it starts at the
- * first camera, always continues at the nearest remaining one, and is then shortened by 2-opt.
- * SPIN_E_NOT_FOUND: the cameras have fewer than two distinct positions. */
+/* Computes a path that visits every training camera of data-set frame `row` once: it starts at the
+ * first camera, continues to the nearest remaining camera each time, and is then shortened by
+ * 2-opt. Fails with SPIN_E_NOT_FOUND if the cameras have fewer than two distinct positions. */
 spin_status spin_rig_path_open(const struct spin_views *views, int row, struct spin_rig_path *path);
-/* Sets w2c to the pose of the moving camera at share 0..1 of the path. The path is smooth, and the
- * speed of the camera is nearly constant. */
+/* Sets w2c to the pose of the moving camera at the fraction `share`, 0..1, of the path. The path is
+ * smooth, and the speed of the camera is nearly constant. */
 void spin_rig_path_camera(const struct spin_rig_path *path, double share, double w2c[12]);
 void spin_rig_path_free(struct spin_rig_path *path);
 
@@ -82,20 +82,20 @@ struct spin_camera_path {
     int row;                    /* data-set frame of the first exported frame */
     struct spin_rig_path rig;   /* for SPIN_PATH_TRAIN */
     struct spin_path_file file; /* for SPIN_PATH_FILE: one camera per image */
-    bool fixed;                 /* the first camera of `file` renders all images */
+    bool fixed;                 /* true: the first camera of `file` is used for all images */
     int camera_id;              /* --camera, for SPIN_PATH_CAMERA; -1: not given */
     struct spin_camera lens;    /* intrinsics and near plane of a moving camera */
     double middle[3], reach;    /* centre and half extent of the scene; reach 0: not yet known */
     bool has_initial;           /* true: `initial` is set */
     struct spin_initial_view initial; /* the view from which a moving camera starts */
-    float *image;                     /* [3][h][w] one panel */
+    float *image;                     /* [3][h][w] the panel that was rendered last */
     float *wide;                      /* [3][h][n_panels w] all panels side by side */
-    int n_drawn, n_blank; /* number of all renders, and of renders that show only the background */
-    struct spin_splats source; /* frame source_frame as imported, for the panel "before" */
+    int n_drawn, n_blank; /* numbers of renders, and of renders that show only the background */
+    struct spin_splats source; /* imported splats of a frame, for the panel "before" */
     int source_frame;          /* index of the frame in `source`; -1: none */
 };
 
-/* Zero *d before the call, and free it even if the call fails. */
+/* Set *d to zero before the call, and free it even if the call fails. */
 spin_status spin_camera_path_begin(struct spin_camera_path *d, const struct spin_export_job *job);
 
 void spin_camera_path_free(struct spin_camera_path *d);
@@ -103,37 +103,37 @@ void spin_camera_path_free(struct spin_camera_path *d);
 /* Warns if some renders showed only the background. */
 void spin_camera_path_warn_blank(const struct spin_camera_path *d);
 
-/* Returns the index of the first image of frame f. The images of frame f end before the first image
- * of frame f + 1. */
+/* Returns the index of the first image that shows frame f. The last one precedes the first image of
+ * frame f + 1; there may be none. */
 int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
 
-/* Resizes a camera to d->size, unless this is 0. The vertical field of view and the aspect ratio of
- * pixels are kept; the image is extended or cropped at its left and right. */
+/* Resizes a camera to d->size, unless d->size is 0. The vertical field of view and the aspect ratio
+ * of pixels stay the same; the image is extended or cropped at the left and the right. */
 void spin_camera_path_resize(const struct spin_camera_path *d, struct spin_camera *camera);
 
-/* Whether the camera moves along a path. */
+/* Returns whether the camera moves along a path. */
 static inline bool spin_camera_path_moves(const struct spin_camera_path *d)
 {
     return d->path != SPIN_PATH_CAMERA && !d->fixed;
 }
-/* Whether images are rendered from a camera that is not one of the data set's. */
+/* Returns whether images are rendered from a camera that is not in the data set. */
 static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 {
     return d->path != SPIN_PATH_CAMERA || !d->job->views || d->job->views->n == 0;
 }
-/* Returns the name that stands for the camera in file names, such as "orbit", if the camera is not
- * one of the data set's. */
+/* Returns the name of the camera in file names, such as "orbit". Only for cameras that are not in
+ * the data set. */
 const char *spin_camera_path_name(const struct spin_camera_path *d);
 
-/* Sets *out to the moving camera of image number `picture`. Orbit and spiral aim at the point
- * nearest to the optical axes of the data set's cameras, from at most the median distance of these
- * cameras; if the axes are parallel, they aim at the target of the first view. Without a data set,
- * the camera starts in front of the scene, as in the web page. */
+/* Sets *out to the moving camera of image `picture`. On an orbit or a spiral, the camera faces the
+ * point nearest to the optical axes of the data set's cameras, from at most their median distance;
+ * if the axes are parallel, it faces the target of the first view. Without a data set, the camera
+ * starts in front of the scene, as in the web page. */
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
 
-/* Renders the panels into d->wide. truth: the path of the data set's image; NULL if no panel shows
- * that image. */
+/* Renders the panels into d->wide. truth: path of the data set's image, for the panel "truth"; or
+ * NULL. */
 spin_status spin_camera_path_draw(struct spin_camera_path *d, int frame,
                                   const struct spin_splats *splats,
                                   const struct spin_camera *camera, const char *truth);

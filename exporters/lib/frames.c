@@ -1,6 +1,6 @@
-/* The common code of exporters that write a folder of frames; see frames.h. The rows of a frame are
- * divided into blocks. The threads encode blocks in parallel and write each block directly to its
- * offset in the file, so that no second copy of the frame is in memory. */
+/* Code that exporters of frames share, see frames.h. The rows of a frame are divided into blocks.
+ * Threads encode blocks in parallel, and write each block directly to its offset in the file, so
+ * that no second copy of the frame is in memory. */
 #include "exporters/lib/frames.h"
 
 #include <stdatomic.h>
@@ -62,8 +62,8 @@ static spin_status split_output(struct spin_frames *x, const struct spin_export_
     return *pattern ? SPIN_OK : spin_strdup(job->output, &x->output);
 }
 
-/* Chooses a single output file if the output has the extension of the format's files ("clip.spz")
- * and is not an existing folder. */
+/* Sets x->file, the path of a single output file, if the output has the extension of the format
+ * ("clip.spz") and is not an existing folder. */
 static spin_status choose_file(struct spin_frames *x, const struct spin_export_job *job)
 {
     const char *ending = strchr(x->format->pattern, '.');
@@ -187,9 +187,9 @@ spin_status spin_frames_write_text(struct spin_frames *x, const char *name, cons
     return spin_out_whole(path, text, strlen(text), x->job->sync);
 }
 
-/* Adds "identity", which is true if row i is the same splat in all frames. Adds "data", the path of
- * the data set, unless the scene was rotated, since the cameras of the data set then no longer
- * match the splats. */
+/* Adds two keys to sequence.json: "identity", which is true if row i is the same splat in all
+ * frames, and "data", the path of the data set. "data" is omitted if the scene was rotated, since
+ * the cameras of the data set then do not match the splats. */
 static spin_status add_belongings(const struct spin_frames *x, spin_json *root)
 {
     bool turned = fabs(x->rows.turn_q[0]) < 1 - 1e-9;
@@ -279,8 +279,8 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     return spin_out_commit(&out);
 }
 
-/* Warns if colours were clamped. Rounding to 8 bits alone causes an RMS error of 0.0011 in .splat
- * and of 0.0021 in SPZ; a larger one means that colours were clamped. */
+/* Warns if colours were clamped, which is recognised by the RMS error: rounding alone causes 0.0011
+ * in .splat and 0.0021 in SPZ, so an error above 0.004 must come from clamping. */
 static void warn_clipped(const struct spin_frames *x)
 {
     double rms = spin_quant_error_rms(&x->quant, SPIN_QUANT_COLOUR);
@@ -320,7 +320,8 @@ out:
     return status;
 }
 
-/* Keeps the finished frames. Removes the folder if it is empty and was created by this export. */
+/* Aborts the export. Frames that are complete are kept. The folder is removed if it is empty and
+ * was created by this export. */
 void spin_frames_abort(void *self)
 {
     struct spin_frames *x = self;
@@ -387,8 +388,8 @@ spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at
 
 /* ---- Comments -------------------------------------------------------------------------------- */
 
-/* Copies the text with '_' in place of control characters: a name that was read from a file must
- * not add lines to the header. */
+/* Copies a text, and replaces control characters by '_', so that a name that was read from a file
+ * cannot add lines to the header. */
 static void copy_printable(const char *text, char *out, size_t n_out)
 {
     size_t n = 0;

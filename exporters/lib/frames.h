@@ -1,10 +1,10 @@
-/* Common code of exporters that write one file per frame into a folder, or a single file if the
- * output's name has the format's extension. A format only encodes a frame; the functions frame, end
- * and abort of the plug-in are those below.
+/* Code that exporters share which write one file per frame into a folder, or a single file if the
+ * name of the output has the extension of the format. The code of a format encodes the frames; the
+ * functions frame(), end() and abort() of the plug-in are implemented here.
  *
- * The folder also contains sequence.json for players: name, number, time and splat count of each
- * frame. If an export replaces a previous one, all frame files of the previous one are overwritten
- * or removed, so that players do not mix frames of both exports. */
+ * The folder also contains sequence.json, which lists file, number, time and number of splats of
+ * each frame for players. If an export replaces a previous one, all frame files of the previous
+ * export are overwritten or removed, so that players do not mix frames of both exports. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -32,35 +32,35 @@
 
 struct spin_frames_format {
     const char *name;     /* the plug-in's name */
-    const char *importer; /* the importer that reads the files; NULL: it has the same name */
+    const char *importer; /* importer that reads the files; NULL: that of the same name */
     const char *pattern;  /* default file name pattern */
     size_t self_bytes; /* size of the format's struct, whose first member is a struct spin_frames */
     bool lossy;  /* true: values are rounded; errors are logged at the end, unless frames->exact */
     bool packed; /* true: files are compressed, and bytes() returns an upper bound */
     bool clips_colours; /* true: the format clamps colours to a range */
 
-    /* Reads the format's own options, before the common ones; may set frames->axes. NULL: there are
-     * none. */
+    /* Reads the options of the format, before the common options are read; may set frames->axes.
+     * NULL: the format has no options. */
     spin_status (*begin)(void *self, const struct spin_export_job *job);
-    /* Called after the common options are read. NULL: nothing to do. */
+    /* Called after the common options have been read. NULL: nothing to do. */
     spin_status (*ready)(void *self, const struct spin_export_job *job);
-    /* For a format that can store all frames in a single file: open() and close() begin and end
-     * that file, and add() appends each frame; write() is not called. NULL: the format stores one
-     * frame per file. */
+    /* Functions for formats that can store all frames in a single file: open() and close() begin
+     * and end this file, and add() appends a frame; write() is not called. NULL: the format stores
+     * one frame per file. */
     spin_status (*open)(void *self, const struct spin_export_job *job);
     spin_status (*add)(void *self, const struct spin_frame_info *info,
                        const struct spin_splats *splats);
     spin_status (*close)(void *self);
-    /* Returns the size in bytes of a file of n splats, or an upper bound if `packed` is true. */
+    /* Returns the size in bytes of a file with n splats, or an upper bound if `packed` is true. */
     uint64_t (*bytes)(const void *self, size_t n);
     /* Writes the file of a frame, which contains the kept rows of frames->rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
-    /* Sets *row to the kept rows in the order of the file. If this function is NULL, the order is
-     * that of frames->sort. */
+    /* Sets *row to the kept rows in the order of the file. NULL: the order is that of frames->sort.
+     */
     spin_status (*order)(void *self, const struct spin_keyed **row);
     /* Writes further files after the last frame. NULL: nothing to do. */
     spin_status (*finish)(void *self);
-    /* Frees the format's own memory. NULL: there is none. */
+    /* Frees the memory of the format, except its struct. NULL: nothing to free. */
     void (*end)(void *self);
 };
 
@@ -73,23 +73,23 @@ struct spin_frames_entry {
 
 struct spin_frames {
     const struct spin_frames_format *format;
-    /* The rotation from the source's axes to the format's, w x y z; see spin_splat_rows_begin().
-     * NULL: the axes are the same. */
+    /* Rotation w x y z from the axes of the source to those of the format, see
+     * spin_splat_rows_begin(). NULL: the axes are the same. */
     const double *axes;
     const char *file; /* path of the single output file; NULL: the output is a folder */
-    char *output;     /* job->output, or the folder of the pattern that job->output is */
+    char *output;     /* job->output or, if job->output is a pattern, its folder */
     int start;        /* number of the first frame; -1: frames keep their numbers */
-    bool exact;       /* true: this export does not round values, although the format is lossy */
+    bool exact;       /* true: this export does not round values, even if the format is lossy */
     struct spin_output_folder folder;
     struct spin_pattern pattern;
     struct spin_splat_rows rows;
     struct spin_sort_rows order; /* see spin_frames_order() */
-    /* Sorts `order`. NULL: rows keep the source's order. */
+    /* Sorts `order`. NULL: rows keep the order of the source. */
     void (*sort)(struct spin_sort_rows *, const struct spin_splats *);
     struct spin_quant_error quant; /* rounding errors of all frames */
     const struct spin_export_job *job;
     double fps;
-    /* [n_entries] the frames written so far; `room` is the capacity. */
+    /* [n_entries] the frames that have been written; `room` is the capacity. */
     struct spin_frames_entry *entry;
     size_t n_entries, room;
     uint64_t n_splats; /* number of splats, summed over all entries */
@@ -99,8 +99,8 @@ struct spin_frames {
     struct spin_quant_error *block_quant;
 };
 
-/* Allocates *self with format->self_bytes zero bytes, reads the options, and calls the format's
- * begin() and ready(). */
+/* Allocates *self with format->self_bytes bytes, which are zero, reads the options, and calls
+ * begin() and ready() of the format. */
 spin_status spin_frames_begin(const struct spin_frames_format *format,
                               const struct spin_export_job *job, void **self);
 spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_info *info,
@@ -124,7 +124,7 @@ spin_status spin_frames_add(struct spin_frames *frames, const struct spin_frame_
 /* Implements --check: reads all frames back and compares them with the bundle. */
 spin_status spin_frames_check(struct spin_frames *frames);
 
-/* For finish(): writes a text file of this name into the folder. */
+/* Writes a text file into the folder; for finish(). */
 spin_status spin_frames_write_text(struct spin_frames *frames, const char *name, const char *text);
 
 /* ---- For write() ----------------------------------------------------------------------------- */
@@ -142,19 +142,19 @@ static inline spin_status spin_frames_order(struct spin_frames *frames)
  * frames->scratch_bytes. The contents are lost with the next call. */
 spin_status spin_frames_scratch(struct spin_frames *frames, size_t bytes, unsigned char **out);
 
-/* Writes the kept rows in the source's order, `width` bytes each, beginning at byte `at` of the
- * file. code() encodes one row and is called on all threads. */
+/* Writes the kept rows in the order of the source, `width` bytes each, from byte `at` of the file
+ * on. code() encodes one row, and is called by several threads at the same time. */
 typedef void (*spin_frames_code)(void *self, size_t row, unsigned char *out,
                                  struct spin_quant_error *quant);
 spin_status spin_frames_write_rows(void *self, struct spin_out *out, uint64_t at, size_t width,
                                    spin_frames_code code);
 
-/* Prints the comment lines of a PLY header, which state the source, the frame number and the
+/* Prints the comment lines of a PLY header, which contain the source, the frame number and the
  * rotation of the axes. */
 #define SPIN_FRAMES_MAX_COMMENTS 512
 void spin_frames_comments(const struct spin_frames *frames, const struct spin_frame_info *info,
                           char text[SPIN_FRAMES_MAX_COMMENTS]);
 
-/* Logs the size of the output before it is written. Warns if the disk has less free space, except
- * if the size is only an upper bound (at_most). */
+/* Logs the size of the output before it is written. Warns if the disk has less free space, unless
+ * `at_most` is true, which means that the size is only an upper bound. */
 void spin_frames_log_size(const char *output, int n_frames, uint64_t bytes, bool at_most);

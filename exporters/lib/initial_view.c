@@ -74,8 +74,8 @@ const struct spin_view *spin_initial_view_view(const struct spin_views *views, i
     return best;
 }
 
-/* Sets `up` to the normalised mean of the cameras' up vectors. Returns false if these vectors
- * cancel out. */
+/* Sets `up` to the normalised mean of the up vectors of the cameras in data-set frame `row` (-1:
+ * all frames). Returns false if these vectors cancel out. */
 static bool mean_up(const struct spin_views *views, int row, double up[3])
 {
     double length = 0;
@@ -93,8 +93,8 @@ static bool mean_up(const struct spin_views *views, int row, double up[3])
     return length > 1e-6;
 }
 
-/* Sets the smallest zoom distance to a third of the distance from the target to the nearest camera
- * of the data set, and the largest to slightly more than the distance to the farthest camera. */
+/* Sets out->reach: the smallest distance from the target to a third of that of the nearest camera
+ * of the data set, and the largest to 1.2 times that of the farthest camera. */
 static void set_reach(const struct spin_views *views, int row, struct spin_initial_view *out)
 {
     double least = INFINITY, most = 0;
@@ -146,7 +146,7 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         out->eye[2] -= away;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
-        /* The near plane must be closer than reach[0], the smallest distance from the target. */
+        /* The near plane must be at less than reach[0], the smallest distance from the target. */
         out->z_near = SPIN_NEAR * fmin(size, 1);
         return;
     }
@@ -160,7 +160,7 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
 
 /* ---- Options of the user --------------------------------------------------------------------- */
 
-/* Finds the camera with this number of the data set, in data-set frame `row` (-1: in any). */
+/* Finds the camera with this number in data-set frame `row` (-1: in any frame). */
 static spin_status find_camera(const struct spin_views *views, int row, int number,
                                const struct spin_camera **out)
 {
@@ -189,7 +189,8 @@ static spin_status read_camera(const char *path, struct spin_camera *out)
     return SPIN_OK;
 }
 
-/* Sets *out to the camera that --camera names: a number of the data set, or a file. */
+/* Sets *out to the camera that `text`, the value of --camera, specifies: the number of a camera of
+ * the data set, or a file. */
 static spin_status parse_camera(const char *text, const struct spin_views *views, int row,
                                 struct spin_camera *own, const struct spin_camera **out)
 {
@@ -267,8 +268,8 @@ void spin_initial_view_turn(const double v[3], const double axis[3], double angl
     memcpy(out, turned, sizeof turned);
 }
 
-/* Sets q to the inverse of the rotation of --rotate, a unit quaternion w x y z; the identity
- * without --rotate. */
+/* Sets q to the inverse of the rotation of --rotate, as a unit quaternion w x y z, or to the
+ * identity if --rotate is not given. */
 static spin_status parse_inverse(const struct spin_plugin_values *values, double q[4])
 {
     const char *text = spin_plugin_value(values, "rotate", NULL);
@@ -330,8 +331,8 @@ spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
     return SPIN_OK;
 }
 
-/* Rotates the position of the view about `up`, by the component of the rotation q that is about
- * `up`. */
+/* Rotates the position of the view about the target by that part of the rotation q which is about
+ * the axis `up` (swing-twist decomposition). */
 static void turn_sideways(const double q[4], struct spin_initial_view *out)
 {
     double away[3], along = q[1] * out->up[0] + q[2] * out->up[1] + q[3] * out->up[2];
@@ -343,8 +344,8 @@ static void turn_sideways(const double q[4], struct spin_initial_view *out)
         out->eye[c] = out->target[c] + away[c];
 }
 
-/* A camera that is nearer to the subject than this, in radii of the subject, shows only a part of
- * the subject. */
+/* If a camera is nearer to the subject than this multiple of its radius, the image shows only a
+ * part of the subject. */
 #define LEAST_RADII 1.6
 
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,

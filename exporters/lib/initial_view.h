@@ -1,5 +1,5 @@
 /* The view that a viewer shows first. It is derived from the centre and the extent of the splats
- * and, if there is a data set, from the first view of the data set. */
+ * and, if there is a data set, from its first view. */
 #pragma once
 
 #include <math.h>
@@ -8,64 +8,64 @@
 #include "base/mem.h"
 
 struct spin_initial_view {
-    double eye[3], target[3], up[3]; /* world */
+    double eye[3], target[3], up[3]; /* camera, point it faces, up vector; world */
     double fovy_deg, aspect;
-    /* The smallest and the largest distance from the target at which the camera does not enter
-     * walls. */
+    /* Range of distances from the target that a viewer should allow, so that the camera does not
+     * enter the subject or walls. */
     double reach[2];
     double z_near; /* near plane, as in struct spin_camera, but never 0 */
-    /* Tangent of the angle between the optical axis and the edge of the subject, which narrow
-     * windows must not cut off; 0: the subject is not known. */
+    /* Tangent of the angle between the optical axis and the edge of the subject. Narrow windows
+     * must show at least this angle. 0: the subject is not known. */
     double keep;
 };
 
-/* Sets `middle` to the median of each coordinate of the splats' centres, and *size to half the
- * largest side of the box that extends from the 5th to the 95th percentile of each coordinate. */
+/* Sets `middle` to the median of each coordinate of the splats' means, and *size to half the
+ * largest range from the 5th to the 95th percentile of a coordinate. */
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size);
 
 /* If the clip begins with empty frames, calls spin_initial_view_middle() for the first frame that
- * has splats. Sets *size to 0 if the first frame of the clip has splats, or if no frame has any.
- * Must be called before the first frame is exported. */
+ * has splats. In all other clips, sets *size to 0. Must be called before the first frame is
+ * exported. */
 spin_status spin_initial_view_middle_after_empty(const struct spin_export_job *job,
                                                  double middle[3], double *size);
 
-/* Returns the first held-out view (if `test`) or the first training view (otherwise) of data-set
- * frame `row` (-1: of all frames). If the frame has only views of the other kind, returns the first
- * of these. NULL: the frame has no views. */
+/* Returns the first test view or, if `test` is false, the first training view of data-set frame
+ * `row` (-1: of all frames). If there is none, returns the first view of the frame. NULL: the frame
+ * has no views. */
 const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test);
 
 /* Returns the focal length in pixels of an image of this height. */
 double spin_initial_view_focal(const struct spin_initial_view *view, int height);
 
-/* Whether an image [3][n] shows nothing but the background (NULL: black). */
+/* Returns whether an image [3][n] shows only the background (NULL: black). */
 bool spin_initial_view_is_blank(const float *image, size_t n, const float background[3]);
 
-/* Sets the view to that of a camera of the data set; its target is the point on the optical axis
- * that is nearest to the centre of the scene. Without views, the camera is in front of the scene,
- * and y points down. */
+/* Sets the view to that of the camera of spin_initial_view_view(). The target is the point on the
+ * optical axis that is nearest to `middle`. Without a data set, the camera is in front of the
+ * scene, and y points down. middle, size: from spin_initial_view_middle(). */
 void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
 
-/* For clips without a data set: aims the view at the subject (geometry/subject.h), from a position
- * where no wall blocks the view. Uses the view's field of view, and its `up` as changed by --up and
- * --rotate. width, height: size of the image in pixels. If there is no such position, sets *found
- * to false and leaves the view unchanged. Must be called before the first frame is exported. */
+/* For clips without a data set: makes the view face the subject (geometry/subject.h), from a
+ * position where no wall blocks the view. Uses the field of view of *out, and its `up`, to which
+ * --up and --rotate are applied. width, height: size of the image in pixels. If there is no such
+ * position, sets *found to false. Must be called before the first frame is exported. */
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found);
 
-/* Sets axis[0..2] to the axes (right, down, forward) of a camera at `eye` that looks at `target`;
- * spin_initial_view_pose() sets w2c to its pose, as in struct spin_camera. */
+/* These functions set axis[0..2] to the axes right, down, forward of a camera at `eye` that faces
+ * `target`, and w2c to the pose of this camera, as in struct spin_camera. */
 void spin_initial_view_axes(const double eye[3], const double target[3], const double up[3],
                             double axis[3][3]);
 void spin_initial_view_pose(const double eye[3], const double target[3], const double up[3],
                             double w2c[12]);
 
-/* Sets out to v, rotated about a unit axis by an angle in radians. */
+/* Sets `out` to v, rotated about a unit axis by an angle in radians. */
 void spin_initial_view_turn(const double v[3], const double axis[3], double angle, double out[3]);
 
-/* Applies the options of the view: --camera, the number of a camera of the data set or a file with
- * a camera path; --up, the axis of the world that points up; --rotate, a rotation of the scene
- * about the view's target, for which the view is rotated the other way. */
+/* Applies the options of the view to *out: --camera, the number of a camera of the data set or a
+ * file with a camera path; --up, the axis of the world that points up; --rotate, a rotation of the
+ * scene about the target, for which the view is rotated by the inverse. */
 spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
                                      const double middle[3], double size,
                                      struct spin_initial_view *out);

@@ -32,7 +32,7 @@ static inline int32_t unfolded(uint32_t u)
     return u & 1 ? (int32_t)(-(int64_t)(u >> 1) - 1) : (int32_t)(u >> 1);
 }
 
-/* Returns the approximate number of bits that coded number u takes after compression: its bit
+/* Returns an estimate of the number of bits that the zigzag code u needs after compression: its bit
  * length plus 2, or 0 if u is zero. */
 static inline unsigned cost_of(uint32_t u) { return u ? 34 - (unsigned)__builtin_clz(u) : 0; }
 
@@ -73,8 +73,8 @@ spin_status spin_page_encode_whole(struct spin_page_bytes *b, const int32_t *x, 
 
 static spin_status too_short(void) { return spin_malformed("a block of the page ends early"); }
 
-/* Reads the first byte of a column: sets *planes to the number of byte planes and *from to the
- * flags of the predictors. allowed: the flags that this kind of column may have. */
+/* Reads the first byte of a column: sets *planes to the number of byte planes, and *from to the
+ * flags of the predictor. allowed: the flags that this kind of column may have. */
 static spin_status get_head(const uint8_t *data, size_t size, size_t *at, int allowed, int *planes,
                             int *from)
 {
@@ -127,9 +127,9 @@ spin_status spin_page_decode_column(const uint8_t *data, size_t size, size_t *at
 
 /* ---- Columns of rows ------------------------------------------------------------------------- */
 
-/* Returns the zigzag code of number i minus its prediction. If `from` contains FROM_COLUMN,
- * other[i] is subtracted from x[i]. If `from` contains FROM_OTHER, the result of the previous row
- * is then subtracted. */
+/* Returns the zigzag code of x[i] minus its prediction. With FROM_COLUMN, x is replaced by the
+ * difference x - other. With FROM_OTHER, the prediction is the previous number of x or of this
+ * difference. */
 static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
 {
     uint32_t now = (uint32_t)x[i] - (from & FROM_COLUMN ? (uint32_t)other[i] : 0), last = 0;
@@ -139,8 +139,8 @@ static inline uint32_t column_number(const int32_t *x, const int32_t *other, int
     return folded((int32_t)(now - last));
 }
 
-/* Returns the size in bits of the byte planes after an ideal entropy coder. Sets *all to the OR of
- * all coded numbers. */
+/* Returns the size in bits that an ideal entropy coder would give the byte planes. Sets *all to the
+ * bitwise OR of all zigzag codes. */
 static double entropy_of(const int32_t *x, const int32_t *other, int from, size_t n, uint32_t *all)
 {
     size_t count[4][256] = {{0}};
@@ -193,8 +193,8 @@ spin_status spin_page_encode_column(struct spin_page_bytes *b, const int32_t *x,
 
 /* ---- Differences ----------------------------------------------------------------------------- */
 
-/* Returns the prediction of number i: its moving average if by_mean, else its value in the previous
- * frame. mean[] contains 16 times the averages. */
+/* Returns the prediction of number i: its value in the previous frame or, if by_mean is true, its
+ * moving average, of which s->mean contains 16 times the value. */
 static inline int32_t predicted(const struct spin_page_state *s, size_t i, bool by_mean)
 {
     return by_mean ? (s->mean[i] + 8) >> 4 : s->last[i];

@@ -3,12 +3,12 @@
 #include "base/base.h"
 
 #define FEWEST 32     /* a draft with fewer splats would not show a recognisable scene */
-#define TRIES 8       /* number of attempts to find the number of splats that fit */
+#define TRIES 8       /* at most this number of attempts to find how many splats fit */
 #define BYTES_EACH 14 /* approximate size in bytes of a splat in a key frame */
 #define MOST_GROWTH 8 /* largest factor by which a splat is enlarged */
 
-/* Returns the area that a splat covers in the view, weighted by the splat's opacity. The area of
- * splats behind the camera is nearly 0. */
+/* Returns a measure of the area that a splat covers in the view, multiplied by its opacity. The
+ * result is nearly 0 for splats behind the camera. */
 static float area_of(const float *value, const struct spin_initial_view *view)
 {
     const float *scale = value + SPIN_PAGE_SCALE;
@@ -51,8 +51,8 @@ spin_status spin_page_draft_add_rows(struct spin_page_draft *d, const struct spi
     return SPIN_OK;
 }
 
-/* Returns the probability of choosing a row: 1 if the row's area is `sure` or larger, else
- * proportional to the area. */
+/* Returns the probability with which a row is chosen: 1 if its area is `sure` or larger, otherwise
+ * area / sure. */
 static double choice_probability(const struct spin_page_draft_row *r, double sure)
 {
     return (double)r->area < sure ? (double)r->area / sure : 1;
@@ -67,7 +67,7 @@ static double expected_count(const struct spin_page_draft *d, double sure)
     return n;
 }
 
-/* Finds, by bisection, the value of `sure` with which about n rows are expected to be chosen. */
+/* Finds, by bisection, the value of `sure` for which the expected number of chosen rows is n. */
 static double sure_area(const struct spin_page_draft *d, size_t n)
 {
     double low = -80, high = 80; /* logarithms */
@@ -83,9 +83,9 @@ static double sure_area(const struct spin_page_draft *d, size_t n)
     return exp(high);
 }
 
-/* Chooses about n rows by systematic sampling along the Morton curve. Each chosen splat is
- * enlarged, by at most a factor of MOST_GROWTH, to also cover the area of the skipped splats that
- * it represents. */
+/* Chooses about n rows by systematic sampling along the Morton curve. Each chosen splat also
+ * represents skipped splats, so it is enlarged, by at most a factor of MOST_GROWTH, to cover their
+ * area. */
 static void choose_rows(struct spin_page_draft *d, size_t n)
 {
     struct spin_page_frame *frame = &d->group.frame[0];
@@ -105,7 +105,7 @@ static void choose_rows(struct spin_page_draft *d, size_t n)
     }
 }
 
-/* A copy of a block. The block is passed to the sink only if it is small enough. */
+/* A copy of a block, which is passed to the sink only if it is small enough. */
 struct kept {
     struct spin_page_block block;
     uint8_t *data;
