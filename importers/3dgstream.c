@@ -319,7 +319,7 @@ static spin_status choose_way(struct clip *clip)
 
     SPIN_TRY(spin_option_word(clip->base.values, "way", "auto|clouds|networks", &way));
     if (clip->step[0].number == 0 && !clip->step[0].cloud)
-        return spin_not_found("'%s': frame 0 has no cloud", clip->base.path);
+        return spin_not_found("'%s': frame 0 has no cloud: give it with --init", clip->base.path);
     clip->evaluate = way == NETWORKS || (way == AUTO && no_cloud >= 0 && no_network < 0);
     if (!clip->evaluate && no_cloud >= 0)
         return spin_not_found("'%s': frame %d has no moved cloud%s", clip->base.path, no_cloud,

@@ -418,7 +418,7 @@ static spin_status frame(void *self, int index, double time, unsigned columns,
     size_t n = 0;
 
     if (!isfinite(time))
-        return spin_misuse("'%s' has no time %g", m->base.path, time);
+        return spin_misuse("'%s': time %g is not finite", m->base.path, time);
     SPIN_TRY(spin_model_slice(self, index, time, columns, out));
     if (!m->has_network || !(columns & SPIN_COL_MEANS))
         return SPIN_OK;

@@ -590,7 +590,7 @@ static spin_status modecgs_frame(void *self, int frame, double time, unsigned co
 
     (void)frame;
     if (!isfinite(time))
-        return spin_misuse("'%s' has no time %g", model->base.path, time);
+        return spin_misuse("'%s': time %g is not finite", model->base.path, time);
     spin_mlp_team_run(&model->base.team, model->n, evaluate, &job);
     for (size_t i = 0; i < model->most; i++)
         n += model->kept[i];

@@ -203,8 +203,9 @@ static spin_status load_array(struct model *m, const char *key, size_t width, fl
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
 
     if (!t || t->n_dims != 2 || t->shape[1] != width || (m->n && t->shape[0] != m->n))
-        return spin_malformed("'%s' is missing or not an array [%s, %zu] of floating-point numbers",
-                              key, m->n ? "Gaussians" : "G", width);
+        return spin_malformed(
+            "'%s' is missing or is not an array [%s, %zu] of floating-point numbers", key,
+            m->n ? "Gaussians" : "G", width);
     if (t->shape[0] == 0)
         return spin_malformed("the file contains 0 Gaussians");
     m->n = (size_t)t->shape[0];
@@ -299,7 +300,8 @@ static spin_status load_net(struct model *m, int net)
     float *weight;
 
     if (!t || t->n_dims != 1 || t->count != count)
-        return spin_malformed("'%s' is missing or not an array [%zu]", nets[net].key, count);
+        return spin_malformed("'%s' is missing or is not an array of %zu values", nets[net].key,
+                              count);
     SPIN_TRY(spin_model_alloc(&m->base, count, sizeof *weight, (void **)&weight));
     spin_array_to_f32(t, 0, count, weight);
     if (spin_finite_missing(weight, count) > 0)

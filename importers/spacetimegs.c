@@ -610,7 +610,7 @@ static spin_status spacetimegs_frame(void *self, int frame, double time, unsigne
     struct job job = {m, out, time};
 
     if (!isfinite(time))
-        return spin_misuse("'%s' has no time %g", m->base.path, time);
+        return spin_misuse("'%s': time %g is not finite", m->base.path, time);
     SPIN_TRY(spin_fail_reading(spin_model_slice(m, frame, time, columns, out), m->base.path));
     if (!(columns & SPIN_COL_SH) || m->colour.n == 0)
         return SPIN_OK;

@@ -86,13 +86,13 @@ static void add_notes(const struct spin_usd_stage *s, struct spin_sequence_info 
         spin_note(sequence,
                   "trained with an antialiasing rasteriser: the splats are drawn antialiased");
     if (s->linear)
-        spin_note(sequence, "colours are stored in linear light and not converted");
+        spin_note(sequence, "colours are stored in linear light and are not converted to sRGB");
     if (s->meters > 0 && s->meters != 1)
         spin_note(sequence, "a unit is %g m: positions are not converted to metres", s->meters);
     if (s->cut)
         spin_note(sequence, "SH of degree 4 and more are cut to degree 3");
     if (s->no_orientations)
-        spin_note(sequence, "splats without orientations are not rotated");
+        spin_note(sequence, "splats without orientations are imported without a rotation");
     if (s->no_opacities)
         spin_note(sequence, "splats without opacities are opaque");
     if (s->no_sh)

@@ -56,8 +56,10 @@ static spin_status set_value(spin_json *object, const char *key, spin_json *valu
         spin_json_free(value);
         return spin_malformed("key '%.40s' occurs twice", key);
     }
-    return spin_json_set(object, key, value) == 0 ? SPIN_OK
-                                                  : spin_malformed("'%.40s' cannot be stored", key);
+    return spin_json_set(object, key, value) == 0
+               ? SPIN_OK
+               : spin_malformed("entry '%.40s' is not valid UTF-8, or there is not enough memory",
+                                key);
 }
 
 /* Returns the text without its quotes, or "" if the quotes do not match. */
@@ -136,7 +138,7 @@ static spin_status take_key(struct reader *r, char *line)
         return set_value(r->top, line, spin_json_text_value(plain_text(value)));
     if (*value && strcmp(value, "!!opencv-matrix") != 0)
         return spin_unsupported(
-            "'%.40s' is '%.40s', expected a number, a list of texts or !!opencv-matrix", line,
+            "'%.40s' is '%.40s', expected a number, a list of strings or !!opencv-matrix", line,
             value);
     SPIN_TRY(set_value(r->top, line, *value ? spin_json_object() : spin_json_array()));
     r->value = spin_json_get(r->top, line);
@@ -376,7 +378,7 @@ static spin_status read_entries(struct set *set, const spin_json *names, size_t 
     for (size_t i = 0; i < n; i++) {
         name[i] = spin_json_string(spin_json_at(names, i));
         if (!name[i])
-            return spin_malformed("list 'names' has an entry that is not a text");
+            return spin_malformed("list 'names' has an entry that is not a string");
     }
     SPIN_TRY(spin_numbered_read(&(struct spin_numbering){.name = name, .n = n, .folders = true},
                                 &numbers));

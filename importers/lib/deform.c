@@ -11,7 +11,7 @@ spin_status spin_deform_frame(struct spin_model *m, double time, unsigned column
     struct deform_job job = {m, from, out, columns, (float)time};
 
     if (!isfinite(time))
-        return spin_misuse("'%s' has no time %g", m->path, time);
+        return spin_misuse("'%s': time %g is not finite", m->path, time);
     columns &= SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     SPIN_TRY(spin_splats_reserve(out, from->n, columns, from->sh_degree));
     for (int c = 0; c < SPIN_MODEL_COLUMNS; c++) {
