@@ -36,8 +36,8 @@ static const float *row_value(const struct spin_page_group *g, int frame, size_t
     return f->value + (f->row ? f->row[i] : i) * spin_page_width(g);
 }
 
-/* Lists the shared rows, which are those rows of the first frame that exist in all frames, and the
- * own rows of each frame, sorted by position. */
+/* Lists the shared rows (rows of the first frame that are present in all frames of the group) and,
+ * sorted by position, the own rows of each frame. */
 static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *order)
 {
     const struct spin_page_frame *first = &g->frame[0];
@@ -137,8 +137,8 @@ static void number_task(void *context, size_t from, size_t to)
                 g->number[(c * n + f) * g->n_shared + k] = x;
                 activity += f ? bits_of(x - number[c * n + f - 1]) : 0;
             }
-        /* The level is 0 for static rows. Otherwise it is 1 plus the mean bit length of the changes
-         * of numbers from frame to frame, in units of half a bit. */
+        /* level: 0 for static rows; for others 1 plus twice the mean bit length of the changes from
+         * frame to frame. */
         if (activity)
             level = 1 + 2 * activity / (columns * (n - 1));
         t->order[k] = (struct spin_keyed){.key = (level > 15 ? 15 : level) << 60 |
@@ -271,8 +271,8 @@ struct errors {
     size_t first_task[SPIN_PAGE_MOST_FRAMES + 1];
 };
 
-/* Decodes the values of those rows of a frame that belong to a task, and adds the differences
- * between these values and the source's to the errors of the task. */
+/* Decodes the rows of a task, and adds their differences from the values of the source to the
+ * errors of the task. */
 static void error_task(void *context, int task)
 {
     struct errors *e = context;

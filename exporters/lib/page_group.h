@@ -17,8 +17,8 @@ struct spin_page_frame {
     size_t n;         /* number of source rows */
     float *value;     /* [n][width] */
     uint8_t *present; /* [n] 1: the row was kept, 0: it is absent */
-    /* [rows of the group's first frame] the index of the same splat in this frame; UINT32_MAX: this
-     * frame does not contain the splat. NULL: all splats have the same indices in both frames. */
+    /* [rows of the group's first frame] index of the same splat in this frame; UINT32_MAX: the
+     * splat is not in this frame. NULL: row i is the same splat in both frames. */
     uint32_t *row;
     uint32_t *own; /* [n_own] rows that are not shared, sorted by position */
     size_t n_own;
@@ -52,14 +52,14 @@ static inline size_t spin_page_width(const struct spin_page_group *g)
 struct spin_page_block {
     int frame; /* index in the group; 0: the key frame */
     size_t n_shared, n_still, n_own;
-    const uint8_t *data; /* gzip */
+    const uint8_t *data; /* compressed with gzip */
     size_t n_bytes;
 };
 typedef spin_status (*spin_page_sink)(void *context, const struct spin_page_block *block);
 
-/* Adds a frame: the kept rows of the splats, in the filter's axes. Sets *full and adds nothing if
- * the group has too many frames, would need too much memory, or shares too few rows with the frame;
- * the caller then writes the group and adds the frame to the next group. */
+/* Adds a frame: the kept rows of `splats`, in the axes of the file. Sets *full to true and adds
+ * nothing if the group has too many frames, would need too much memory, or shares too few rows with
+ * the frame. The caller then writes the group and adds the frame to the next group. */
 spin_status spin_page_group_add(struct spin_page_group *g, const struct spin_splat_rows *rows,
                                 const struct spin_splats *splats, bool *full);
 /* Encodes all frames, decodes them again, compares the errors with the bounds, passes the blocks to

@@ -6,7 +6,7 @@
 #define NONE UINT32_MAX
 #define TAKEN (UINT32_MAX - 1)
 #define MOST_BYTES ((size_t)512 << 20) /* largest size of a group's values */
-/* A frame joins a group if at least this share of its rows is matched. */
+/* A frame joins a group if at least this fraction of its rows is matched. */
 #define LEAST_SHARED 0.25
 
 /* ---- A frame --------------------------------------------------------------------------------- */

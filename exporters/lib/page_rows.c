@@ -35,7 +35,7 @@ enum { CHECKED = 33 }; /* number of evenly spaced ticks at which a row is checke
 
 enum { FROM, LENGTH, SIGMA, MIDDLE, N_ALWAYS };
 
-/* A part of a row: its ticks from `from` to `end` - 1. */
+/* A piece of a row: its ticks from `from` to `end` - 1. Most rows have a single piece. */
 struct piece {
     uint32_t row;
     int32_t from, end;
@@ -299,9 +299,9 @@ static bool quantise_side(const struct spin_page_rows *r, const int32_t *extra, 
     return quantise(at, (middle - centre_of(extra)) / (r->middle * octave_of(r, extra, *number)));
 }
 
-/* Codes the window of a piece and sets *opacity to the opacity by which the window is multiplied.
- * If the product of both hardly varies within the piece, sets *opacity to the middle of its range
- * and codes no window. */
+/* Quantises the window of a piece, and sets *opacity to the opacity that the window multiplies. If
+ * the product of opacity and window hardly varies within the piece, sets *opacity to the middle of
+ * its range and stores no window. */
 static bool number_window(const struct spin_page_rows *r, const struct piece *p, int32_t *key,
                           double *opacity)
 {
@@ -401,7 +401,7 @@ static bool number_cosines(const struct spin_page_rows *r, size_t i, int32_t *ke
     return true;
 }
 
-/* Codes all columns of a piece. Returns false if a number is too large. */
+/* Quantises all columns of a piece. Returns false if a number is too large. */
 static bool number_piece(const struct spin_page_rows *r, const struct spin_splat_rows *rows,
                          const struct piece *p, int32_t *key)
 {
@@ -419,7 +419,8 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
     unit_of(a, q);
     spin_splat_rows_get(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
-        /* Positions are coded by number_path() instead; the centre is coded as 0. */
+        /* number_path() quantises the position. The centre of the scene is used here, since its
+         * number is 0. */
         value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];
         value[SPIN_PAGE_COLOUR + c] = is.colour[c];
         value[SPIN_PAGE_SCALE + c] = is.log_scale[c];
@@ -498,7 +499,7 @@ static void read_piece(const struct spin_page_rows *r, const int32_t *key, int t
     }
 }
 
-/* Sets `value` to the source's values of row i at time t. */
+/* Sets `value` to the exact values of row i of the source at time t. */
 static void true_piece(const struct spin_page_rows *r, const struct spin_splat_rows *rows, size_t i,
                        double t, double *value)
 {
@@ -541,7 +542,8 @@ struct block {
 };
 
 /* Adds the errors of a piece at CHECKED evenly spaced ticks, or at all of its ticks if it has
- * fewer, and at the four ticks nearest to the times at which its window bends. */
+ * fewer, and at the four ticks nearest to the ends of its plateau and to one sigma beyond these
+ * ends. */
 static void check_piece(const struct block *b, const struct piece *p, const int32_t *key, int task)
 {
     const struct spin_page_rows *r = b->r;

@@ -1,6 +1,6 @@
-/* 4D splats as blocks of a page, for clips with evenly spaced frames: each splat is stored once,
- * with its path, its window and the time in which it is visible. exporters/html/format.md describes
- * the columns.
+/* Encodes 4D splats as blocks of a web page, for clips with evenly spaced frames: each splat is
+ * stored once, with its path, its window and the time in which it is visible.
+ * exporters/html/format.md describes the columns.
  *
  * The page counts time in ticks from the first frame. All values of a row are within their bounds
  * at every tick in which the row is visible. Paths are stored as positions at evenly spaced times;
@@ -54,10 +54,10 @@ typedef spin_status (*spin_page_rows_sink)(void *context, const struct spin_page
 bool spin_page_rows_can(const double *times, int n_frames, double *step);
 /* Chooses the quantisation steps and the columns. */
 void spin_page_rows_begin(struct spin_page_rows *r);
-/* Writes the rows that the filter keeps. The filter's frame must be that of spin_splats_of_4d().
- * The first block contains the rows that are visible for more than two key intervals; the other
- * blocks are in order of time. Each block is decoded and compared with the bounds before it is
- * passed to the sink. */
+/* Writes the kept rows. The current frame of `rows` must be the result of spin_splats_of_4d(). The
+ * first block contains the rows that are visible for more than two key intervals; the other blocks
+ * are in order of time. Each block is decoded and compared with the bounds before it is passed to
+ * the sink. */
 spin_status spin_page_rows_write(struct spin_page_rows *r, const struct spin_splat_rows *rows,
                                  spin_page_rows_sink sink, void *context);
 /* Returns the parameters that the page needs to decode the rows. */

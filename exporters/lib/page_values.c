@@ -169,8 +169,9 @@ static inline unsigned cost_of(int32_t d)
     return u ? 35 - (unsigned)__builtin_clz(u) : 0;
 }
 
-/* Chooses the key, in half steps and at most half a step from x[0], that minimises the coded size
- * of the later frames' numbers. Returns false if a value is out of range. */
+/* Chooses the key that minimises the encoded size of the numbers of later frames. The key is in
+ * units of half a step, and differs from x[0] by at most half a step. Returns false if a value is
+ * out of range. */
 static bool choose_key(const double *x, int n, double step, int32_t *key)
 {
     double half = step / 2, least = (double)UINT32_MAX;

@@ -22,5 +22,5 @@ spin_status spin_picture_blank(struct spin_picture *p, int width, int height);
  * errors. */
 void spin_pictures_pack(struct spin_picture *p, int n, int level, struct spin_pool *pool);
 spin_status spin_pictures_write(const struct spin_picture *p, int n, struct spin_zip_writer *zip);
-/* Frees the encoded files, and with `all` the pixels too. */
+/* Frees the encoded files and, if `all` is true, the pixels. */
 void spin_pictures_free(struct spin_picture *p, int n, bool all);

@@ -33,7 +33,7 @@ static inline void spin_quant_error_add(struct spin_quant_error *q, enum spin_qu
         q->part[part].largest = error;
 }
 
-/* Adds n errors of SH coefficients, faster than one by one. */
+/* Adds n errors of SH coefficients, faster than n calls of spin_quant_error_add(). */
 void spin_quant_error_add_sh(struct spin_quant_error *q, const float *error, size_t n);
 
 double spin_quant_error_distance(const float is[3], const float shown[3]);

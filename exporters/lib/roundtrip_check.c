@@ -31,9 +31,9 @@ static bool is_finite(const struct spin_splats *s, size_t j)
     return sum + s->logit_opacities[j] * 0 == 0;
 }
 
-/* Compares a frame as read from its file, in the file's axes and order, with the kept rows of the
- * bundle. row[j].row is the source row of the file's row j; with row NULL, the file contains the
- * kept rows in the source's order. */
+/* Compares a frame that was read from its file with the kept rows of the bundle. row: row[j].row is
+ * the row of the source that is row j of the file; NULL: the file contains the kept rows in the
+ * order of the source. */
 static spin_status compare_frame(struct check *check, const char *path,
                                  const struct spin_keyed *row)
 {
@@ -65,8 +65,8 @@ static spin_status compare_frame(struct check *check, const char *path,
 
 /* ---- A render -------------------------------------------------------------------------------- */
 
-/* Chooses a camera of the data set for this frame, preferably a held-out one. Without a data set,
- * the camera is in front of the scene, as in the web page. */
+/* Chooses a camera of the data set for this frame, if possible that of a test view. Without a data
+ * set, the camera is in front of the scene, as in the web page. */
 static spin_status choose_camera(const struct spin_export_job *job, int frame,
                                  const struct spin_splats *s, struct spin_camera *out)
 {

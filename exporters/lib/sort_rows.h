@@ -13,14 +13,14 @@ struct spin_sort_rows {
     size_t n;
 };
 
-/* Lists the kept rows in the source's order with zero keys. Zero *order before; free it with
- * spin_sort_rows_free(). */
+/* Lists the kept rows in the order of the source, with keys of 0. Set *order to zero before the
+ * first call, and free it with spin_sort_rows_free(). */
 spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_rows *rows);
 
 /* Sorts by ascending key; rows with equal keys keep their order. */
 void spin_sort_rows_sort(struct spin_sort_rows *order);
-/* Sets the keys and sorts by volume times opacity: the largest and most opaque splats come
- * first. */
+/* Sets the keys and sorts by volume times opacity, in descending order, so that the largest and
+ * most opaque splats come first. */
 void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_splats *s);
 
 /* Sets the keys and sorts in Morton order: neighbours in space are mostly neighbours in the list.

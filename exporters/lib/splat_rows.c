@@ -1,4 +1,5 @@
-/* An infinite logit means an opacity of exactly 0 or 1; it is written as a large finite logit. */
+/* The rows of a frame, see splat_rows.h. Infinite logits, of opacities of exactly 0 or 1, are
+ * written as large finite logits. */
 #include "exporters/lib/splat_rows.h"
 
 #include "base/base.h"
@@ -6,7 +7,7 @@
 #include "math/approx.h"
 #include "math/drawable.h"
 
-/* The mapped memory of frames with fewer bytes is not released early. */
+/* The mapped memory of a frame with fewer bytes than this is not released early. */
 #define SMALL ((size_t)64 << 20)
 
 struct spin_splat_rows_block {

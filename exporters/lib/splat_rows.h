@@ -103,7 +103,7 @@ spin_status spin_splat_rows_report_4d(const struct spin_splat_rows *rows,
 void spin_splat_rows_warn_empty(size_t n_empty, size_t n_frames);
 void spin_splat_rows_end(struct spin_splat_rows *rows);
 
-/* Makes s the current frame and keeps all of its rows. s must stay valid while it is the current
+/* Makes *s the current frame and keeps all of its rows. *s must stay valid while it is the current
  * frame. */
 spin_status spin_splat_rows_choose(struct spin_splat_rows *rows, const struct spin_splats *s);
 /* Keeps a part of the current frame: keep[i] is 1 or 0 for each of its rows. */
@@ -126,14 +126,15 @@ static inline int spin_splat_rows_workers(const struct spin_splat_rows *rows)
 
 /* The functions return values in the axes of the file; quaternions have unit length and w >= 0. */
 void spin_splat_rows_place(const struct spin_splat_rows *rows, size_t i, float out[3]);
-/* Sets out to v, a difference of two positions, in the axes of the file. */
+/* Sets `out` to v, a difference of two positions, rotated to the axes of the file. */
 void spin_splat_rows_direction(const struct spin_splat_rows *rows, const float v[3], float out[3]);
 void spin_splat_rows_turned(const struct spin_splat_rows *rows, size_t i, float out[4]);
 float spin_splat_rows_opacity(const struct spin_splat_rows *rows, size_t i); /* 0..1 */
 void spin_splat_rows_colour(const struct spin_splat_rows *rows, size_t i, float out[3]);
 /* Sets all members of *out: position, scale, rotation, opacity and colour. */
 void spin_splat_rows_get(const struct spin_splat_rows *rows, size_t i, struct spin_gaussian *out);
-/* Returns the number of SH coefficients that the source has and that are to be written. */
+/* Returns the number of SH coefficients per row that the source contains and that are to be
+ * written. */
 static inline int spin_splat_rows_n_sh(const struct spin_splat_rows *rows)
 {
     int from = rows->splats->sh_degree, to = rows->sh_degree;

@@ -38,15 +38,15 @@ static inline void spin_static_hash(uint64_t hash[2], const void *words, size_t 
 }
 
 /* Reads the frames with job->again() and finds the static rows. Stops reading when no static row is
- * left. Zero *still before the call, and free it even if the call fails. */
+ * left. Set *still to zero before the call, and free it even if the call fails. */
 spin_status spin_static_rows_find(struct spin_static_rows *still, struct spin_splat_rows *rows,
                                   const struct spin_export_job *job);
-/* Removes the static rows from the frame's kept rows. SPIN_E_IO: a static row is missing, because
- * the frame has changed since it was first read. */
+/* Removes the static rows from the kept rows of the frame. Fails with SPIN_E_IO if a static row is
+ * missing, because the frame has changed since it was first read. */
 spin_status spin_static_rows_leave_out(struct spin_static_rows *still, struct spin_splat_rows *rows,
                                        int number);
-/* Keeps only the static rows. To be called in the first frame, after spin_static_rows_leave_out().
- */
+/* Keeps only the static rows. May only be called for the first frame, after
+ * spin_static_rows_leave_out(). */
 void spin_static_rows_only(const struct spin_static_rows *still, struct spin_splat_rows *rows);
 /* Sets *order to a list of all kept rows of a frame: first the dynamic rows, then the static rows
  * in the order of the first frame. */

@@ -16,7 +16,7 @@ struct spin_time_windows {
 
     /* The splats that are visible at some time of the clip; `spans` is not set. */
     struct spin_splats_4d clip;
-    size_t *from;            /* [clip.n] the row of the source that each row was converted from */
+    size_t *from;            /* [clip.n] row of the source from which each row was converted */
     struct spin_splats view; /* the arrays of `clip` in the form of a frame */
     /* Largest errors. lost_place: of a position in world units, at times when the window is at
      * least 1/2; lost_turn: of a rotation in degrees; lost_colour: of a colour channel, whose range
@@ -24,8 +24,8 @@ struct spin_time_windows {
     double lost_place, lost_turn, lost_colour;
 };
 
-/* Returns an error if a window is not Gaussian within the clip, or if the clip has only one
- * frame. */
+/* Returns SPIN_E_UNSUPPORTED if a window is not Gaussian within the clip, or if the clip has only
+ * one frame. */
 spin_status spin_time_windows_can(const struct spin_time_windows *b);
 /* Sets *out to the frames per second: the value of --fps, else that of the bundle, else 30 with a
  * warning. */

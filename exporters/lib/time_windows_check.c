@@ -11,8 +11,8 @@ struct check {
     void *self;
     const struct spin_splats_4d *back;
     struct spin_splats frame;
-    uint32_t *row_of; /* [source rows] row of the file for each source row; UINT32_MAX: the file
-                         does not contain the source row */
+    /* [rows of the source] row of the file; UINT32_MAX: the row is not in the file. */
+    uint32_t *row_of;
     struct spin_readback values;
 };
 

@@ -6,15 +6,15 @@
 #include "exporters/lib/sort_rows.h"
 
 struct spin_time_windows_check {
-    const struct spin_time_windows
-        *windows; /* the clip, with times and sigmas rounded as in the file */
+    /* The clip, with times and sigmas rounded as in the file. */
+    const struct spin_time_windows *windows;
     /* The filter that chose the rows of windows->view to be written. */
     const struct spin_splat_rows *rows;
     const struct spin_keyed *order; /* [n] row j of the file is row order[j].row of windows->clip */
     size_t n;
     const char *importer;
-    double half[3]; /* tolerance of log(1 + |x|) of each coordinate x: half a quantisation step; 0:
-                       not quantised */
+    /* Tolerance of log(1 + |x|) of coordinates x: half a quantisation step; 0: not quantised. */
+    double half[3];
 };
 
 /* Fills job->report->check with the largest errors over all frames of the job. Returns SPIN_E_IO if
