@@ -8,12 +8,11 @@
 #include "math/quat.h"
 #include "run/training.h"
 
-enum { MOST_IMAGES = 8 };
+enum { MOST_IMAGES = 8, COST_IMAGES = 3 };
 
-spin_status spin_antialias_bake_open(struct spin_antialias_bake *b,
-                                     const struct spin_export_options *o,
-                                     const struct spin_clip *clip, enum spin_splat_source from,
-                                     bool antialias, struct spin_device *device)
+/* Prepares the calculation for splats of the clip, without starting it. */
+static void begin(struct spin_antialias_bake *b, const struct spin_export_options *o,
+                  const struct spin_clip *clip, enum spin_splat_source from)
 {
     *b = (struct spin_antialias_bake){.bakes = o->bake_antialias,
                                       .width = o->bake_size[0],
@@ -21,14 +20,22 @@ spin_status spin_antialias_bake_open(struct spin_antialias_bake *b,
                                       .scale = 1,
                                       .clip = clip,
                                       .background = o->background};
+    spin_json_number(spin_json_get(spin_json_get(spin_training_of(&clip->bundle, from), "options"),
+                                   "image_scale"),
+                     &b->scale);
+}
+
+spin_status spin_antialias_bake_open(struct spin_antialias_bake *b,
+                                     const struct spin_export_options *o,
+                                     const struct spin_clip *clip, enum spin_splat_source from,
+                                     bool antialias, struct spin_device *device)
+{
+    begin(b, o, clip, from);
     if (!b->bakes)
         return SPIN_OK;
     if (!antialias)
         return spin_unsupported("--bake-antialias: these splats were not trained with "
                                 "antialiasing, so there is nothing to bake: omit the option");
-    spin_json_number(spin_json_get(spin_json_get(spin_training_of(&clip->bundle, from), "options"),
-                                   "image_scale"),
-                     &b->scale);
     if (!clip->has_views)
         return spin_misuse("--bake-antialias needs the cameras of the data set: give --data DIR");
     return spin_player_open(&b->drawing, device, NULL, SPIN_FROM_SOURCE);
@@ -164,8 +171,10 @@ static spin_status measure(struct spin_antialias_bake *b, const struct spin_spla
     SPIN_TRY(spin_alloc(2 * n, sizeof *image, (void **)&image));
     plain.antialias = true;
     SPIN_TRY(draw(b, &plain, &camera, image));
-    SPIN_TRY(draw(b, &b->splats, &camera, image + n));
-    b->after += squared_distance(image, image + n, n);
+    if (b->bakes) {
+        SPIN_TRY(draw(b, &b->splats, &camera, image + n));
+        b->after += squared_distance(image, image + n, n);
+    }
     plain.antialias = false;
     SPIN_TRY(draw(b, &plain, &camera, image + n));
     b->before += squared_distance(image, image + n, n);
@@ -222,4 +231,21 @@ void spin_antialias_bake_log(const struct spin_antialias_bake *b)
         "antialiased images, the PSNR of %s is %.2f dB, or %.2f dB without baking",
         size, b->sum_factors / b->n_splats, spin_text_count(b->n_images, "image", count),
         decibels(b->after, b->n_values), decibels(b->before, b->n_values));
+}
+
+spin_status spin_antialias_cost(const struct spin_export_options *o, const struct spin_clip *clip,
+                                enum spin_splat_source from, struct spin_device *device, int f,
+                                const struct spin_splats *splats, double *psnr)
+{
+    SPIN_LEAVES(spin_antialias_bake_close) struct spin_antialias_bake b;
+    const struct spin_view *view;
+    size_t n_views;
+
+    begin(&b, o, clip, from);
+    SPIN_TRY(spin_player_open(&b.drawing, device, NULL, SPIN_FROM_SOURCE));
+    n_views = views_of(&b, f, &view);
+    for (size_t v = 0; v < n_views; v += (n_views + COST_IMAGES - 1) / COST_IMAGES)
+        SPIN_TRY(measure(&b, splats, &view[v]));
+    *psnr = b.n_images > 0 ? decibels(b.before, b.n_values) : 0;
+    return SPIN_OK;
 }

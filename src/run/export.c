@@ -26,6 +26,7 @@ struct export
     const struct spin_export_options *o;
     struct spin_export_report *report;
     const struct spin_exporter *exporter;
+    struct spin_clip_options opened; /* the options that `clip` was opened with */
     struct spin_clip clip;
     struct spin_device device;
     struct spin_player player;
@@ -249,6 +250,46 @@ static spin_status make_final_4d(struct export *x)
     return spin_splats_4d_counts(x->final_4d, x->times, (size_t)x->clip.n_frames, x->counts);
 }
 
+/* Sets *psnr to what the middle frame loses in programs that draw it without antialiasing, see
+ * spin_antialias_cost(), or to 0 if the cameras of the data set are not known. */
+static spin_status find_antialias_cost(struct export *x, double *psnr)
+{
+    SPIN_LEAVES(spin_clip_close) struct spin_clip clip = {0};
+    struct spin_clip_options options = x->opened;
+    const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
+    int f = x->clip.n_frames / 2;
+
+    *psnr = 0;
+    options.wants_views = options.quiet = true;
+    SPIN_TRY(spin_clip_open(&options, &clip));
+    if (!clip.has_views && !clip.has_kept)
+        return SPIN_OK;
+    if (x->splats_4d)
+        SPIN_TRY(spin_splats_4d_slice(x->splats_4d, x->times[f], columns, &x->splats));
+    else
+        SPIN_TRY(spin_player_splats(&x->player, x->clip.frame[f], columns, &x->splats));
+    return spin_antialias_cost(x->o, &clip, x->from, &x->device, f, &x->splats, psnr);
+}
+
+/* Warns that viewers will draw splats without antialiasing, and how much that changes the image. */
+static spin_status warn_of_antialias(struct export *x)
+{
+    char cost[120] = "";
+    double psnr;
+
+    SPIN_TRY(find_antialias_cost(x, &psnr));
+    if (psnr > 0 && isfinite(psnr))
+        snprintf(cost, sizeof cost,
+                 "; drawn without it, images of the training's size have %.2f dB against "
+                 "antialiased ones",
+                 psnr);
+    spin_warn("these splats were trained with antialiasing, which '%s' files do not tell "
+              "viewers%s: enable it in the viewer, or %s --bake-antialias",
+              x->o->to, cost,
+              x->splats_4d ? "write frames (--to ply, for example) with" : "bake it with");
+    return SPIN_OK;
+}
+
 static spin_status begin_export(struct export *x)
 {
     static const float black[3] = {0};
@@ -319,10 +360,8 @@ static spin_status begin_export(struct export *x)
     SPIN_TRY(spin_scene_move_views(&x->move, &x->clip, &job.views));
     job.counts = x->counts;
     job.counts_are_bounds = x->filter.varies && !x->splats_4d;
-    if (job.antialias && !x->exporter->antialias)
-        spin_warn("these splats were trained with antialiasing, which '%s' files do not record: "
-                  "enable it in the viewer, or bake it with --bake-antialias",
-                  o->to);
+    if (job.antialias && !x->exporter->antialias && spin_rank() == 0 && x->output == o->output)
+        SPIN_TRY(warn_of_antialias(x));
     if (spin_rank() > 0)
         return x->splats_4d ? SPIN_OK : write_frames(x);
     spin_out_sweep(x->output);
@@ -506,6 +545,7 @@ static spin_status run_export(struct export *x)
             "--background none: the output of '%s' has no alpha channel; use --to images", o->to);
     c.wants_views = x->exporter->looks_at_views || o->check || o->decimate || o->min_views > 0 ||
                     o->bake_antialias;
+    x->opened = c;
     SPIN_TRY(spin_clip_open(&c, &x->clip));
     shift_crop(x);
     SPIN_TRY(spin_row_filter_open(&x->filter, x->o, &x->clip, x->exporter->needs_renderer));

@@ -278,7 +278,8 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
         status = open_kept(clip);
     if (status == SPIN_OK || status == SPIN_E_MEMORY || named || o->needs_views)
         return status;
-    log_kept(o, clip);
+    if (!o->quiet)
+        log_kept(o, clip);
     spin_views_free(&clip->views);
     clip->has_views = false;
     free(clip->dataset_frame);
