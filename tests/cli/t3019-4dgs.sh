@@ -122,6 +122,14 @@ for source in "ex4dgs/small/model plateaus some.time" "freetimegspp/gated_sh3 ga
 done
 
 if [ -d "$fixtures/4dgs/conformance" ]; then
+    mkdir "$work/corpus"
+    for file in $(grep -l '"gaussian-birth"' "$fixtures"/4dgs/conformance/*.json); do
+        name=$(basename "$file" .json)
+        case $name in NoData* | *Objects*) continue ;; esac
+        "$bin/spin-import" "${file%.json}.4dgs" -o "$work/corpus/$name.spin" -q 2>/dev/null
+    done
+    is "$(python3 tests/tools/corpus_4dgs.py "$fixtures/4dgs/conformance" "$work"/corpus/*.spin 2>&1 | tail -1)" 44 \
+        "44 files of the format's own corpus are read to its values"
     bad=
     for file in "$fixtures"/4dgs/conformance/*-Quantized-*.4dgs; do
         run "$bin/spin-import" "$file" -o "$work/corpus.spin" --force

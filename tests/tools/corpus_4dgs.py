@@ -1,0 +1,43 @@
+#!/usr/bin/env python3
+"""Compares splats of .4dgs files that spin-import read with the values that the corpus of the
+format lists for 16 splats of each file, and prints the number of files.
+
+corpus_4dgs.py FOLDER_OF_VALUES BUNDLE..., where the values of NAME.spin are in NAME.json"""
+import json
+import os
+import sys
+
+import numpy as np
+
+sys.dont_write_bytecode = True
+sys.path.insert(0, "exporters/python")
+import spin4d  # noqa: E402
+
+C0 = 0.28209479177387814
+
+
+def compare(path, clip):
+    sample = {k: np.array(v, dtype=float) for k, v in json.load(open(path))["sample"].items()}
+    least = max(clip.splats_4d["least_weight"], clip.splats_4d["least_opacity"])
+    for i, centre in enumerate(sample["muT"]):
+        # The time in its window at which the splat is most opaque.
+        time = min(max(centre, sample["winLo"][i]), sample["winHi"][i] - 1e-4)
+        sigma, d = sample["sigmaT"][i], time - centre
+        opacity = sample["colors"][i, 3] * (np.exp(-0.5 * (d / sigma) ** 2) if 0 < sigma < 1e3 else 1)
+        if opacity < least + 1e-3:
+            continue
+        frame = clip.slice(time, relative=True)
+        want = np.concatenate([sample["positions"][i] + d * sample["motions"][i], sample["scales"][i],
+                               sample["colors"][i, :3], [opacity]])
+        have = np.concatenate([frame.means, frame.scales, 0.5 + C0 * frame.sh[:, 0], frame.opacities[:, None]], axis=1)
+        quat = np.roll(sample["rotations"][i], 1)  # listed as x y z w
+        turns = np.minimum(*(np.abs(frame.quats - sign * quat).max(1) for sign in (1, -1)))
+        errors = np.maximum(np.abs(have - want).max(1), turns)
+        if errors.min() > 2e-5:
+            k = errors.argmin()
+            sys.exit(f"{path}: splat {i}: {want} {quat}, read {have[k]} {frame.quats[k]}")
+
+
+for bundle in sys.argv[2:]:
+    compare(os.path.join(sys.argv[1], os.path.basename(bundle)[:-5] + ".json"), spin4d.load(bundle))
+print(len(sys.argv) - 2)
