@@ -15,12 +15,16 @@ try() {
     [ -s "$work/$file" ]
     ok $? "$program: $file"
     err_has "^for $program ($(tried "$program")): '.*'$said\$" "$program: prints what it set"
+    missing=
+    for pair in $(printf '%s' "$said" | sed 's/ --to [a-z-]*//; s/, .*//; s/ \(--[a-z-]*\) \([^ ]*\)/ \1=\2/g'); do
+        row "$program" | grep -qe "$(printf '%s' "$pair" | tr = ' ')" || missing="$missing $pair"
+    done
+    is "$missing" "" "$program: docs/viewers.md has its options"
 }
 
-# The word of the table of docs/viewers.md for a program.
-tried() {
-    sed -n "s/^| [^|]* | \`$1\` | .* | \([a-z ]*\) |\$/\1/p" docs/viewers.md
-}
+# The row of a program in the table of docs/viewers.md, and its last word.
+row() { grep "^| [^|]* | \`$1\` | " docs/viewers.md; }
+tried() { row "$1" | sed 's/.* | \([a-z ]*\) |$/\1/'; }
 
 header() { LC_ALL=C sed '/^end_header/q' "$1"; }
 
@@ -66,6 +70,8 @@ err_has "row i is not the same splat in all frames" "warns that rows differ"
 run "$bin/spin-export" "$work/in.spin" --for maya -o "$work/no"
 fails 2 spin-export "an unknown program"
 err_has "unknown program 'maya'; known: unreal, unity, " "names the known ones"
+is "$(sed -n "s/.*; known: //p" "$work/err" | tr -d ' ' | tr , '\n')" \
+    "$(sed -n '/^| program | `--for`/,/^$/s/^| [^|]* | `\([a-z]*\)` | .*/\1/p' docs/viewers.md)" "docs/viewers.md lists the same"
 nothing_at "$work/no" "nothing was written"
 run "$bin/spin4d" "$work/in.spin" --for maya -o "$work/no"
 fails 2 spin4d "an unknown program for spin4d"

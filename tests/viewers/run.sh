@@ -43,7 +43,7 @@ CHROMIUM=${CHROMIUM:-$(command -v chromium || command -v chromium-browser)}
 [ -x "$CHROMIUM" ] || skip "no Chromium (Debian: chromium)"
 export CHROMIUM
 
-if [ ! -d "$here/node_modules/playwright-core" ] || [ ! -d "$here/node_modules/@playcanvas/supersplat-viewer" ]; then
+if [ ! -d "$here/node_modules/tinyusdz" ] || [ ! -d "$here/node_modules/@playcanvas/supersplat-viewer" ]; then
     command -v npm >/dev/null 2>&1 || skip "no npm (Debian: npm)"
     echo "viewers: fetching the viewers' packages (400 MB, once)"
     (cd "$here" && timeout 120 npm ci --ignore-scripts --no-audit --no-fund \
@@ -204,6 +204,8 @@ import mini-source --from d3dgs "$clip" --data "$clip" &&
         --hash-log2 15 --finest-resolution 128,128,128,8 --sh-degree 1 \
         --head-lr-factor 4 --residual points &&
     show mini --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41 &&
+    echo "USD and GLB in three.js and TinyUSDZ" &&
+    { node "$here/readers.mjs" "$bin" mini.spin mini-readers || fail "mini: a reader gets other values"; } &&
     echo "a page of another site" &&
     { node "$here/embed.mjs" "$bin/../player" mini/page.html mini-shots || fail "mini: a page of another site does not hold the clip"; } &&
     echo "the pages beside docs/how-to/viewers.md" &&
