@@ -63,9 +63,9 @@ misuse "more than --batch" spin-retrain a -o b --batch 2 --views-per-frame 3
 
 misuse "IN.spin is missing" spin-eval
 misuse "not 'half'" spin-eval a --split half
-misuse "images and --log exclude" spin-eval a --table md --images b
-misuse "images and --log exclude" spin-eval a --figures b --log c
-misuse "images and --log exclude" spin-eval a b --log c
+misuse "images and --log cannot be combined with" spin-eval a --table md --images b
+misuse "images and --log cannot be combined with" spin-eval a --figures b --log c
+misuse "images and --log cannot be combined with" spin-eval a b --log c
 misuse "table and --json exclude each other" spin-eval a b --table csv --json
 misuse "list takes no IN.spin" spin-export --list a
 misuse "RUN is missing" spin4d --force

@@ -122,7 +122,7 @@ fails 1 spin-retrain "what is no image"
 cp "$(find "$work/pictures" -name '*.png' | head -n 1)" "$image"
 retrain
 fails 1 spin-retrain "an image of another shape"
-err_has "another shape" "and says so"
+err_has "differ in aspect ratio" "and says so"
 cp "$work/image.jpg" "$image"
 nothing_at "$out" "nothing is written"
 

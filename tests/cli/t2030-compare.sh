@@ -259,6 +259,6 @@ else
 fi
 run "$bin/spin-eval" "$work/a_b.spin" --mask
 fails 1 spin-eval "--mask without masks and alpha"
-err_has "not all their images have alpha" "says what is missing"
+err_has "not all images have alpha" "says what is missing"
 
 done_testing

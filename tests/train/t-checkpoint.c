@@ -313,7 +313,7 @@ static void check_refused(struct spin_device *d)
            strstr(spin_last_error(), "row 1 is not an iteration from 0 to"),
        "not one that took a step more: %s", spin_last_error());
     ok(spin_checkpoint_sizes(&c, frame, &size) == SPIN_E_USAGE &&
-           strstr(spin_last_error(), "another input") &&
+           strstr(spin_last_error(), "the input, the options or the images differ") &&
            strstr(spin_last_error(), "ones, or --force to start anew"),
        "of another input: %s", spin_last_error());
     open_run(&r, d, tracked_size, TRACKED, 2, 3);

@@ -236,7 +236,7 @@ static void test_limits(void)
     o.method = SPIN_METHOD_TRACKS;
     o.tracks = true;
     o.refine = 1;
-    is_refused(true, "does not work with --refine");
+    is_refused(true, "does not support --refine");
 }
 
 /* ---- Numbers that follow from the clip ---------------------------------------------------------
