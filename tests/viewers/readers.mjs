@@ -25,7 +25,7 @@ function exportTo(output, ...options) {
 }
 const bufferOf = (bytes) => bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length);
 
-// ---- Readers, which return frames of { positions, orientations (w x y z), scales, opacities, SH } -
+// ---- Readers: frames of { positions, orientations (w x y z), scales, opacities, SH } ------------
 
 function framesOf(valueAt, n) {
     return Array.from({ length: n }, (_, f) => Object.fromEntries(Object.keys(WIDTHS).map((name) => [name, valueAt(name, f)])));
@@ -81,7 +81,7 @@ async function openTinyusdz() {
     };
 }
 
-// ---- Comparison ----------------------------------------------------------------------------------
+// ---- Comparison ---------------------------------------------------------------------------------
 
 // Returns the largest difference of an attribute of a frame from the PLY, relative to the largest
 // value. Rotations are compared up to their sign and length.
