@@ -15,7 +15,6 @@
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
-#include "io/sound.h"
 #include "formats/tsog.h"
 #include "io/webp.h"
 #include "math/activate.h"
@@ -542,11 +541,27 @@ static void print_files(FILE *to, const struct export *x, int first, int n)
     fprintf(to, "]}");
 }
 
+/* Prints the sound. TSOG has no keys for the start and the name of a sound, so these are stored
+ * under a key that only spin4d reads. */
+static void print_sound(FILE *to, const struct spin_sound *s)
+{
+    fprintf(to, ",\"audio\":{\"file\":\"sound%s\",\"mimeType\":\"%s\",\"volume\":%.9g,",
+            spin_sound_ending(s), spin_sound_mime(s), fmin(s->gain, 1));
+    fprintf(to, "\"" SPIN_SOG_4D_OWN "\":{\"name\":");
+    spin_text_json(to, s->name);
+    if (s->start != 0)
+        fprintf(to, ",\"start\":%.9g", s->start);
+    fprintf(to, "}}");
+}
+
 static void print_still(FILE *to, const struct export *x)
 {
     const struct spin_sog_4d *c = &x->coding;
 
-    fprintf(to, "\"asset\":{\"generator\":\"spin4d " SPIN_VERSION "\"},%s\"count\":%zu,\"means\":{",
+    fprintf(to, "\"asset\":{\"generator\":\"spin4d " SPIN_VERSION "\"");
+    if (x->sound.data && x->kind->sogst)
+        print_sound(to, &x->sound);
+    fprintf(to, "},%s\"count\":%zu,\"means\":{",
             x->job->antialias ? "\"model\":\"" SPIN_SOG_ANTIALIASED "\"," : "", c->n);
     print_range(to, &c->means, 3, "[", "]");
     print_files(to, x, SPIN_4D_MEANS, 2);
@@ -561,19 +576,6 @@ static void print_still(FILE *to, const struct export *x)
     fprintf(to, ",\"shN\":{\"count\":%zu,\"bands\":%d,", c->n_palette, c->sh_degree);
     print_book(to, &c->sh_n);
     print_files(to, x, SPIN_4D_CENTROIDS, 2);
-}
-
-/* Prints the sound. TSOG has no keys for the start and the name of a sound, so these are stored
- * under a key that only spin4d reads. */
-static void print_sound(FILE *to, const struct spin_sound *s)
-{
-    fprintf(to, ",\"audio\":{\"file\":\"sound%s\",\"mimeType\":\"%s\",\"volume\":%.9g,",
-            spin_sound_ending(s), spin_sound_mime(s), fmin(s->gain, 1));
-    fprintf(to, "\"" SPIN_TSOG_OWN "\":{\"name\":");
-    spin_text_json(to, s->name);
-    if (s->start != 0)
-        fprintf(to, ",\"start\":%.9g", s->start);
-    fprintf(to, "}}");
 }
 
 static void print_tsog(FILE *to, const struct export *x)
@@ -940,32 +942,36 @@ static spin_status write_all(struct export *x)
     return x->job->check ? check_file(x) : SPIN_OK;
 }
 
-/* In TSOG, a sound starts with the clip. A WAV file is therefore padded with silence or cut at its
- * beginning. */
-static spin_status choose_sound(struct export *x, const struct spin_sound *s)
+/* In both formats, a sound starts with the clip. A WAV file is therefore padded with silence or cut
+ * at its beginning. name: that of the format, for messages. */
+static spin_status choose_sound(struct export *x, const struct spin_sound *s, const char *name)
 {
     if (!s)
         return SPIN_OK;
     SPIN_TRY(spin_sound_align(s, &x->sound, &x->samples));
     if (x->sound.start != 0)
-        spin_warn("players other than spin4d start the sound '%s' %.3g s %s, since TSOG cannot "
+        spin_warn("players other than spin4d start the sound '%s' %.3g s %s, since %s cannot "
                   "store its start: use a WAV file, which spin-export shifts",
-                  s->name, fabs(s->start), s->start < 0 ? "late" : "early");
+                  s->name, fabs(s->start), s->start < 0 ? "late" : "early", name);
     if (s->gain > 1)
-        spin_warn("TSOG stores a volume of at most 1: the sound '%s', whose gain is %.3g, is "
+        spin_warn("%s stores a volume of at most 1: the sound '%s', whose gain is %.3g, is "
                   "quieter",
-                  s->name, s->gain);
+                  name, s->name, s->gain);
     return SPIN_OK;
 }
 
 static spin_status prepare_tsog(struct export *x, const struct spin_export_job *job)
 {
-    SPIN_TRY(choose_sound(x, job->sound));
+    SPIN_TRY(choose_sound(x, job->sound, "TSOG"));
     return begin_export(x, job, &tsog);
 }
 
 static spin_status prepare_sogst(struct export *x, const struct spin_export_job *job)
 {
+    SPIN_TRY(choose_sound(x, job->sound, ".sogst"));
+    if (job->sound)
+        spin_warn("players do not play the sound '%s' of a .sogst: it is stored for spin-import",
+                  job->sound->name);
     return begin_export(x, job, &sogst);
 }
 
@@ -997,4 +1003,4 @@ SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, free_export,
 
 SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, free_export,
                   .summary = "4D splats as one .sogst, which players load in segments: small",
-                  .options = sogst_options, .checks = true, .splats_4d = true);
+                  .options = sogst_options, .checks = true, .splats_4d = true, .sound = "all");

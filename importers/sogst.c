@@ -33,6 +33,7 @@ static spin_status read_file(struct spin_model *m, const char *path, struct spin
     *ply = is_ply(map.data, map.size);
     SPIN_TRY(*ply ? spin_sogst_read_ply(path, sogst, &m->splats_4d)
                   : spin_sogst_read(map.data, map.size, sogst, &m->splats_4d));
+    SPIN_TRY(spin_model_sound(m, &sogst->sound.sound));
     m->splats_4d.least_opacity = LEAST_OPACITY;
     return spin_model_finish_4d(m);
 }
@@ -42,12 +43,15 @@ static spin_status open_file(void *self, const char *path)
     struct spin_model *m = self;
     const struct spin_splats_4d *s = &m->splats_4d;
     struct spin_sequence_info *sequence = m->sequence;
-    struct spin_sogst sogst;
+    struct spin_sogst sogst = {0};
+    spin_status status;
     bool ply;
 
     SPIN_TRY(spin_file_sequence_one(m, path, ".sogst", &m->path));
     path = m->path;
-    SPIN_TRY_IN(read_file(m, path, &sogst, &ply), "cannot read '%s'", path);
+    status = read_file(m, path, &sogst, &ply);
+    free(sogst.sound.owned);
+    SPIN_TRY_IN(status, "cannot read '%s'", path);
     sequence->time_first = sogst.first;
     sequence->time_last = sogst.last;
     sequence->fps = sogst.fps;
@@ -55,6 +59,8 @@ static spin_status open_file(void *self, const char *path)
     snprintf(sequence->variant, sizeof sequence->variant,
              "%s, %zu splats on paths of degree %d, %zu segments",
              ply ? "PLY for .sogst" : ".sogst", s->n, s->degree, sogst.n_segments);
+    if (*sogst.sound.note)
+        spin_note(sequence, "%s", sogst.sound.note);
     if (s->cov2d[0] > 0 && (s->cov2d[0] != 1 || s->cov2d[1] != 1))
         spin_note(sequence,
                   "trained with screen covariances scaled by %g and %g (cov2d_scale), which frames "

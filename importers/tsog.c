@@ -62,8 +62,8 @@ static spin_status open_file(void *self, const char *path)
     SPIN_TRY(spin_map_open(path, &map));
     status = spin_tsog_read(map.data, map.size, &m->tsog, &m->base.splats_4d);
     if (status == SPIN_OK)
-        status = spin_model_sound(&m->base, &m->tsog.sound);
-    free(m->tsog.sound_owned);
+        status = spin_model_sound(&m->base, &m->tsog.sound.sound);
+    free(m->tsog.sound.owned);
     spin_map_close(&map);
     if (status == SPIN_OK && m->tsog.time == SPIN_TSOG_CONTINUOUS)
         m->base.splats_4d.least_opacity = LEAST_OPACITY;
@@ -73,8 +73,8 @@ static spin_status open_file(void *self, const char *path)
     snprintf(sequence->variant, sizeof sequence->variant, "TSOG, %s, %zu splats",
              kinds[m->tsog.time], m->base.splats_4d.n);
     sequence->fps = m->tsog.fps;
-    if (*m->tsog.sound_note)
-        spin_note(sequence, "%s", m->tsog.sound_note);
+    if (*m->tsog.sound.note)
+        spin_note(sequence, "%s", m->tsog.sound.note);
     if (m->tsog.time != SPIN_TSOG_CONTINUOUS)
         return describe_frames(m);
     sequence->n_clip_frames = m->tsog.n_frames;

@@ -168,6 +168,8 @@ static spin_status read_segments(struct spin_sog_4d *r, struct spin_sogst *out,
 static spin_status read_all(struct spin_sog_4d *r, struct spin_sogst *out,
                             struct spin_splats_4d *splats)
 {
+    const spin_json *audio = spin_json_get(spin_json_get(r->meta, "asset"), "audio");
+
     SPIN_TRY(check_version(r));
     SPIN_TRY(read_times(r, out));
     SPIN_TRY(spin_sog_4d_still(r, SPIN_CODEBOOK));
@@ -176,6 +178,8 @@ static spin_status read_all(struct spin_sog_4d *r, struct spin_sogst *out,
     SPIN_TRY(read_cov2d(r, splats->cov2d));
     SPIN_TRY(spin_splats_4d_reserve(splats, r->n, r->degree, r->sh_degree, 0));
     splats->antialias = r->antialias;
+    if (spin_json_get(audio, SPIN_SOG_4D_OWN))
+        SPIN_TRY(spin_sog_4d_sound(r, audio, &out->sound));
     return read_segments(r, out, splats);
 }
 
@@ -260,7 +264,7 @@ static spin_status read_scalars(const struct spin_ply *ply, int degree, struct s
         if (!(s.cov2d[k] >= 0 && (s.cov2d[k] > 0) == (s.cov2d[0] > 0) && s.cov2d[k] < 1e6))
             return spin_malformed("sogst.cov2d_scale is not two positive numbers");
     memcpy(cov2d, s.cov2d, sizeof s.cov2d);
-    *out = (struct spin_sogst){s.first, s.last, s.fps, 0};
+    *out = (struct spin_sogst){.first = s.first, .last = s.last, .fps = s.fps};
     return check_times(out);
 }
 

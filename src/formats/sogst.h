@@ -19,11 +19,12 @@
  * solipsist-studios/cumuli (CC-BY-4.0). */
 #pragma once
 
-#include "formats/sog_4d.h"
+#include "formats/sog_4d_sound.h"
 
 struct spin_sogst {
     double first, last, fps; /* start and end of the clip in seconds; frames per second */
     size_t n_segments;
+    struct spin_sog_4d_sound sound; /* only spin4d writes one */
 };
 
 /* Reads a file from memory. Set *splats to zero before the call, and free it even after a failure.

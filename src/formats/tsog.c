@@ -1,9 +1,6 @@
 #include "formats/tsog.h"
 
-#include <strings.h>
-
 #include "base/base.h"
-#include "io/sound.h"
 #include "io/zip_format.h"
 
 enum { VERSION = 4, PROFILE = 1, MOST_MEMBERS = 1024, STEPS = 65536, FRAMES = 300 };
@@ -198,77 +195,13 @@ static spin_status read_playback(const struct spin_sog_4d *r, struct spin_tsog *
     return SPIN_OK;
 }
 
-/* Returns whether the name has the extension of a sound format that browsers can play. */
-static bool is_sound_name(const char *name)
-{
-    static const char *const endings[] = {".mp3",  ".m4a", ".aac",  ".ogg", ".oga",
-                                          ".opus", ".wav", ".flac", ".webm"};
-    const char *dot = strrchr(name, '.');
-
-    for (size_t i = 0; dot && i < sizeof endings / sizeof *endings; i++)
-        if (strcasecmp(dot, endings[i]) == 0)
-            return true;
-    return false;
-}
-
-static bool is_sound_type(const char *type)
-{
-    static const char token[] =
-        "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789.+-_";
-
-    return strncasecmp(type, "audio/", 6) == 0 && type[6] && type[6 + strspn(type + 6, token)] == 0;
-}
-
-/* Reads the name and the start of the sound, which are only in files that spin4d has written. */
-static spin_status read_start(const spin_json *audio, struct spin_tsog *out)
-{
-    const spin_json *own = spin_json_get(audio, SPIN_TSOG_OWN);
-    const spin_json *start = spin_json_get(own, "start");
-    const char *name = spin_json_string(spin_json_get(own, "name"));
-
-    if (start && (!spin_json_number(start, &out->sound.start) || !isfinite(out->sound.start)))
-        return fail_meta("audio." SPIN_TSOG_OWN ".start", "a number");
-    if (name)
-        snprintf(out->sound.name, sizeof out->sound.name, "%s", name);
-    spin_text_tidy(out->sound.name, false);
-    return SPIN_OK;
-}
-
 static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out)
 {
-    const spin_json *sound = spin_json_get(r->meta, "audio"), *volume, *type;
-    const char *file = spin_json_string(spin_json_get(sound, "file"));
-    const struct spin_zip_member *member;
-    double loud = 1;
-    const unsigned char *data;
+    const spin_json *audio = spin_json_get(r->meta, "audio");
 
-    if (!sound)
-        return SPIN_OK;
-    if (!file || !spin_sog_4d_name_is_plain(file) || strcmp(file, "meta.json") == 0)
-        return fail_meta("audio.file", "the name of a member");
-    for (int p = 0; p < SPIN_4D_PICTURES; p++)
-        if (r->name[p] && strcmp(r->name[p], file) == 0)
-            return fail_meta("audio.file", "a name that differs from those of the images");
-    type = spin_json_get(sound, "mimeType");
-    if (type ? !spin_json_string(type) || !is_sound_type(spin_json_string(type))
-             : !is_sound_name(file))
-        return fail_meta("audio", "a known 'mimeType' or file extension");
-    volume = spin_json_get(sound, "volume");
-    if (volume && (!spin_json_number(volume, &loud) || !(loud >= 0 && loud <= 1)))
-        return fail_meta("audio.volume", "a number from 0 to 1");
-    if (out->time == SPIN_TSOG_STATIC && out->duration == 0)
+    if (audio && out->time == SPIN_TSOG_STATIC && out->duration == 0)
         return fail_meta("playback.duration", "a duration, since a static file has sound");
-    member = spin_zip_find(&r->zip, file);
-    if (!member || member->size > SPIN_SOUND_LIMIT)
-        return spin_malformed("TSOG: sound '%.60s' is missing or above 128 MiB", file);
-    SPIN_TRY(spin_zip_read(&r->zip, member, true, SPIN_SOUND_LIMIT, &data, &out->sound_owned));
-    if (spin_sound_set(&out->sound, file, data, (size_t)member->size) != SPIN_OK) {
-        snprintf(out->sound_note, sizeof out->sound_note, "not imported: %s", spin_last_error());
-        out->sound = (struct spin_sound){0};
-        return SPIN_OK;
-    }
-    out->sound.gain = loud;
-    return read_start(sound, out);
+    return spin_sog_4d_sound(r, audio, &out->sound);
 }
 
 /* ---- Splats ---------------------------------------------------------------------------------- */

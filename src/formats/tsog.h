@@ -10,7 +10,7 @@
  * This description follows the specification of the profile. A file does not specify its axes. */
 #pragma once
 
-#include "formats/sog_4d.h"
+#include "formats/sog_4d_sound.h"
 
 enum spin_tsog_time { SPIN_TSOG_STATIC, SPIN_TSOG_DISCRETE, SPIN_TSOG_CONTINUOUS };
 
@@ -20,16 +20,8 @@ struct spin_tsog {
     double fps; /* frames per second; 0 if the file is static */
     /* Length of the clip in seconds; 0: the file is static and contains no duration. */
     double duration;
-    /* The sound. Its data point into the file in memory or, if the zip member was compressed, to
-     * sound_owned, which the caller frees. */
-    struct spin_sound sound;
-    void *sound_owned;
-    char sound_note[160]; /* the reason why the sound was not imported; "" if there is none */
+    struct spin_sog_4d_sound sound;
 };
-
-/* The key of "audio" that spin4d adds: an object with the name of the sound and, unless it is 0,
- * the time in seconds at which the sound starts. */
-#define SPIN_TSOG_OWN "spin4d"
 
 /* Reads a file from memory. Set *splats to zero before the call, and free it even after a failure.
  * The caller must call spin_splats_4d_finish() on the splats. In continuous files, times are 0 to

@@ -4,7 +4,7 @@
 tone FILE SECONDS       a WAV file of 8 kHz whose samples count hundredths of a second
 burst FILE AT          two seconds of silence, except for a tone of half a second from AT on
 opus FILE SECONDS       first and last page of an Ogg Opus file, without packets of sound
-extract FILE OUT        the sound in a .spin, .tsog or .4dgs
+extract FILE OUT        the sound in a .spin, .tsog, .sogst or .4dgs
 heard FILE [START]      length and first hundredth of a second of a WAV file made by tone
 """
 import json
@@ -47,7 +47,8 @@ def extract(path, out):
     if data[:2] == b"PK":
         archive = zipfile.ZipFile(path)
         meta = json.load(archive.open("meta.json"))
-        found = archive.read(meta["audio"]["file"] if "audio" in meta else "sound")
+        audio = meta.get("audio") or meta.get("asset", {}).get("audio")
+        found = archive.read(audio["file"] if audio else "sound")
     else:
         at, found = 8, b""
         while at < len(data) - 8:
