@@ -336,8 +336,11 @@ static spin_status read_single(struct colmap *m, const char *images, struct spin
     m->by_name = rule == 1;
     SPIN_TRY(camera_ids(m, &ids));
     SPIN_TRY(add_views(m, images, ids, -1, -1, out));
-    SPIN_TRY(spin_views_check_images(out, first));
-    return fit_views(m, out, first);
+    SPIN_TRY(spin_views_check_most(out, first));
+    SPIN_TRY(spin_views_drop_missing(out, first));
+    for (size_t i = first; i < out->n; i++)
+        SPIN_TRY(spin_views_fit_image(&out->view[i].camera, out->view[i].path));
+    return SPIN_OK;
 }
 
 static spin_status read_one(struct colmap *m, const char *path, struct spin_views *out)

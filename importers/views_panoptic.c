@@ -182,7 +182,8 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
             "'%s': train_meta.json has %zu frames and test_meta.json %zu, expected the same",
             m->path, train.n_rows, test.n_rows);
     SPIN_TRY(spin_views_set_numbers(out, first));
-    return spin_views_check_images(out, first);
+    SPIN_TRY(spin_views_check_most(out, first));
+    return spin_views_drop_missing(out, first);
 }
 
 SPIN_VIEWS_IMPORTER(

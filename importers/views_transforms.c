@@ -249,7 +249,7 @@ static spin_status fill_view(struct split *s, const spin_json *frame, size_t ind
         view->test = true;
     SPIN_TRY(find_image(s, name, &view->path));
     if (access(view->path, R_OK) != 0)
-        return SPIN_OK; /* read_set() reports the number of missing images */
+        return SPIN_OK; /* read_set() counts the missing images and leaves them out */
     SPIN_TRY(check_lens(s, frame));
     SPIN_TRY(read_size(s, frame, index, view->path, &view->camera));
     SPIN_TRY(read_intrinsics(s, frame, &view->camera));
@@ -468,11 +468,12 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
         if (!found && spin_model_option(m, "test-file"))
             return spin_not_found("there is no file '%s'", o.test_file);
     }
-    SPIN_TRY(spin_views_check_images(out, first));
+    SPIN_TRY(spin_views_check_most(out, first));
     SPIN_TRY(set_rows(m, out, first, o.time));
     if (one)
         SPIN_TRY(finish_all(&train, out, first));
-    return spin_views_set_numbers(out, first);
+    SPIN_TRY(spin_views_set_numbers(out, first));
+    return spin_views_drop_missing(out, first);
 }
 
 static const struct spin_plugin_option options[] = {

@@ -285,6 +285,8 @@ struct spin_views {
     int n_dataset_frames;
     bool numbered;   /* true: all views have a number, the same for all views of a frame */
     char notes[512]; /* for the user: a line per assumption or loss of data; "" if none */
+    /* Frames without images were left out, so that the order of frames does not identify them. */
+    bool lacks_frames;
 };
 
 /* Appends a copy of v, with copies of path and mask. */

@@ -220,38 +220,32 @@ static size_t count_missing(const struct spin_views *views, size_t first, const 
     return n;
 }
 
-static spin_status check_images(const struct spin_views *views, size_t first, size_t most)
+spin_status spin_views_check_most(const struct spin_views *views, size_t first)
 {
     const char *missing = NULL;
     size_t n = count_missing(views, first, &missing);
 
-    if (n > most)
+    if (n > (views->n - first - 1) / 2)
         return spin_not_found(
             "%s missing, the first is '%s'",
             spin_text_share(n, views->n - first, "image", "is", "are", (char[96]){0}), missing);
     return SPIN_OK;
 }
 
-spin_status spin_views_check_images(const struct spin_views *views, size_t first)
+/* Renumbers the rows of the views such that no row lacks views. */
+static spin_status close_rows(struct spin_views *views, size_t first)
 {
-    return check_images(views, first, 0);
-}
+    size_t n = views->n - first;
+    SPIN_FREED int *row = NULL;
 
-spin_status spin_views_check_most(const struct spin_views *views, size_t first)
-{
-    return check_images(views, first, (views->n - first - 1) / 2);
-}
-
-/* Fails if a frame has no views. The views must be sorted by frame. */
-static spin_status check_rows(const struct spin_views *views, size_t first)
-{
-    for (size_t i = first; i < views->n; i++) {
-        int before = i > first ? views->view[i - 1].dataset_frame : -1;
-
-        if (views->view[i].dataset_frame > before + 1)
-            return spin_not_found("there are no images of the frame before frame %d",
-                                  views->view[i].number);
-    }
+    SPIN_TRY(spin_alloc(n, sizeof *row, (void **)&row));
+    for (size_t i = 0; i < n; i++)
+        row[i] = views->view[first + i].dataset_frame;
+    n = spin_views_unique(row, n);
+    views->lacks_frames = n > 0 && (size_t)row[n - 1] >= n;
+    for (size_t i = first; i < views->n; i++)
+        views->view[i].dataset_frame = spin_views_index_of(row, n, views->view[i].dataset_frame);
+    views->n_dataset_frames = (int)n;
     return SPIN_OK;
 }
 
@@ -273,7 +267,7 @@ spin_status spin_views_drop_missing(struct spin_views *views, size_t first)
         free(views->view[i].mask);
     }
     views->n = kept;
-    SPIN_TRY(check_rows(views, first));
+    SPIN_TRY(close_rows(views, first));
     spin_warn("%s missing and left out, the first is '%s'",
               spin_text_share(n, all, "image", "is", "are", (char[96]){0}), name);
     return SPIN_OK;

@@ -50,12 +50,9 @@ spin_status spin_views_fit_image(struct spin_camera *c, const char *path);
  * is relative to. */
 bool spin_views_is_safe_name(const char *name);
 
-/* Checks that the image files of the views from index `first` on exist and may be read. */
-spin_status spin_views_check_images(const struct spin_views *views, size_t first);
-
-/* Like spin_views_check_images(), but accepts that less than half of the images are missing.
- * spin_views_drop_missing() then removes the views without an image, and counts them in a warning.
- */
+/* Checks that less than half of the image files of the views from index `first` on are missing.
+ * spin_views_drop_missing() removes the views without an image and counts them in a warning. Frames
+ * that have no image at all are left out, with views->lacks_frames set. */
 spin_status spin_views_check_most(const struct spin_views *views, size_t first);
 spin_status spin_views_drop_missing(struct spin_views *views, size_t first);
 

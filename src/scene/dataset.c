@@ -289,6 +289,10 @@ static spin_status pair_by_number(const struct spin_views *views,
                            meta->numbered ? "the data set" : "the clip");
     for (int i = 0; i < meta->n_frames; i++) {
         dataset_frame_of[i] = row_of_number(views, meta->frame[i].number);
+        if (dataset_frame_of[i] < 0 && views->lacks_frames)
+            return spin_misuse("cannot pair frames by number: the data set has no images of frame "
+                               "%d; leave the frame out with --range",
+                               meta->frame[i].number);
         if (dataset_frame_of[i] < 0)
             return spin_misuse(
                 "cannot pair frames by number: the clip has frame %d, the data set has frames %d "
@@ -303,6 +307,9 @@ static spin_status pair_by_order(const struct spin_views *views,
 {
     char frames[48];
 
+    if (views->lacks_frames && meta->n_source_frames != views->n_dataset_frames)
+        return spin_misuse("cannot pair frames by order: the data set lacks all images of some "
+                           "frames, and without frame numbers these frames cannot be told apart");
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
             return spin_misuse("cannot pair frames by order: the clip has a frame at position %d, "
@@ -341,7 +348,7 @@ static void make_still(struct spin_views *views)
     }
     qsort(views->view, views->n, sizeof *views->view, by_row_and_camera);
     views->n_dataset_frames = 1;
-    views->numbered = false;
+    views->numbered = views->lacks_frames = false;
 }
 
 spin_status spin_views_warn_single(const struct spin_views *views)
