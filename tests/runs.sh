@@ -24,6 +24,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     modecgs) echo modecgs/default_like/model ;;
     omg4) echo omg4/comp_xz ;;
     ply) echo ply/inria_sh3 ;;
+    points) echo datasets/panoptic_mini/init_pt_cld.npz ;;
     realtime4dgs) echo realtime4dgs/rot4d_noshfs ;;
     freetimegs) echo freetimegs/still_sh0_no_optimizers ;;
     freetimegspp) echo freetimegspp/gated_sh3 ;;

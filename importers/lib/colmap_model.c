@@ -294,11 +294,13 @@ static spin_status read_image(struct spin_colmap *m, struct source *s, int *id)
 
 /* ---- Points ---------------------------------------------------------------------------------- */
 
-/* Reads the id and the position of a point, and in binary files skips the rest of its record. */
-static spin_status take_point(struct source *s, int *id, double xyz[3])
+/* Reads the id and the position of a point and, if rgb is not NULL, its colour; in binary files,
+ * skips the rest of its record. */
+static spin_status take_point(struct source *s, int *id, double xyz[3], unsigned char *rgb)
 {
     uint64_t bits, n_track;
     const char *rest = NULL;
+    int value;
 
     if (s->binary) {
         SPIN_TRY(take_bits(s, 8, &bits));
@@ -308,21 +310,43 @@ static spin_status take_point(struct source *s, int *id, double xyz[3])
     }
     for (int i = 0; i < 3; i++)
         SPIN_TRY(take_real(s, "a coordinate", &xyz[i]));
+    for (int i = 0; i < 3 && rgb && !s->binary; i++) {
+        SPIN_TRY(take_integer(s, "a colour", &value));
+        rgb[i] = (unsigned char)(value < 0 ? 0 : value > 255 ? 255 : value);
+    }
     if (!s->binary)
         return SPIN_OK;
     SPIN_TRY(read_bytes(s, 3 + 8, &rest));
+    if (rgb)
+        memcpy(rgb, rest, 3);
     SPIN_TRY(take_count(s, 8, "observations of the point", &n_track));
     s->at += 8 * n_track;
     return SPIN_OK;
 }
 
-/* Reads a point, and keeps it if it belongs to the sample with which warn_behind() detects wrong
- * poses. */
+static spin_status keep_point(struct source *s, struct spin_colmap_points *p, int *id)
+{
+    double xyz[3];
+    unsigned char rgb[3];
+    size_t capacity = p->capacity;
+
+    SPIN_TRY(take_point(s, id, xyz, rgb));
+    SPIN_TRY(spin_array_grow(p->n, &capacity, sizeof *p->xyz, (void **)&p->xyz));
+    SPIN_TRY(spin_array_grow(p->n, &p->capacity, sizeof *p->rgb, (void **)&p->rgb));
+    memcpy(p->xyz[p->n], xyz, sizeof xyz);
+    memcpy(p->rgb[p->n++], rgb, sizeof rgb);
+    return SPIN_OK;
+}
+
+/* Reads a point. Keeps all points in m->all or, without it, the sample with which warn_behind()
+ * detects wrong poses. */
 static spin_status read_point(struct spin_colmap *m, struct source *s, int *id)
 {
     double xyz[3];
 
-    SPIN_TRY(take_point(s, id, xyz));
+    if (m->all)
+        return keep_point(s, m->all, id);
+    SPIN_TRY(take_point(s, id, xyz, NULL));
     if (m->n_seen++ % m->point_step != 0 || m->n_points == MAX_POINTS)
         return SPIN_OK;
     if (!m->point)
@@ -422,6 +446,13 @@ static spin_status read_path(struct spin_colmap *m, const struct kind *kind, con
     s.at = m->binary ? (char *)map.data : file.text;
     s.end = s.at + (m->binary ? map.size : file.n);
     return spin_fail_context(read_records(m, kind, &s), "cannot read '%s'", path);
+}
+
+spin_status spin_colmap_read_points(const char *path, struct spin_colmap_points *out)
+{
+    struct spin_colmap m = {.binary = spin_text_ends_any_case(path, ".bin"), .all = out};
+
+    return read_path(&m, &point_file, path);
 }
 
 /* Reads <name>.bin or <name>.txt of the model. */

@@ -21,6 +21,15 @@ struct spin_colmap_image {
     struct spin_camera camera;
 };
 
+/* All points of a model, from points3D.bin or points3D.txt. The caller frees both arrays. */
+struct spin_colmap_points {
+    double (*xyz)[3];
+    unsigned char (*rgb)[3];
+    size_t n, capacity;
+};
+/* Reads a file of points; it is binary if its name ends with ".bin". */
+spin_status spin_colmap_read_points(const char *path, struct spin_colmap_points *out);
+
 /* A sparse model: pinhole cameras with their poses. The caller sets `base` and `centre`, zeroes the
  * rest, and frees `lens` and `image`. */
 struct spin_colmap {
@@ -34,7 +43,8 @@ struct spin_colmap {
     size_t n_images, capacity;
     double (*point)[3]; /* [n_points] a sample of the model's points: every point_step-th */
     size_t n_points;
-    uint64_t point_step, n_seen; /* n_seen: number of points read so far */
+    uint64_t point_step, n_seen;    /* n_seen: number of points read so far */
+    struct spin_colmap_points *all; /* private: where all points are stored; NULL: only a sample */
 };
 
 /* Searches a folder for a model: first its subfolders sparse/0, sparse and sparse_, then the folder

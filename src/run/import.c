@@ -10,6 +10,7 @@
 #include "scene/clip.h"
 #include "run/column_stats.h"
 #include "run/data_hint.h"
+#include "run/explain_data.h"
 #include "run/import_frames.h"
 #include "run/nerfstudio_world.h"
 #include "run/share_splats.h"
@@ -292,6 +293,13 @@ static spin_status keep_cameras(struct import *im)
     return spin_kept_cameras_choose(&im->views, im->rows[f], &im->meta.cameras);
 }
 
+/* Whether the run is a static scene that can be sampled at any time, such as the initial points of
+ * a data set. */
+static bool is_static(const struct spin_sequence_info *t)
+{
+    return t->continuous && t->n_clip_frames == 1 && t->static_columns == t->columns;
+}
+
 /* Checks that the data set's frames can be paired with those of the clip, and records its path. */
 static spin_status attach_data(struct import *im)
 {
@@ -302,6 +310,8 @@ static spin_status attach_data(struct import *im)
     if (!im->data)
         return SPIN_OK;
     SPIN_TRY(spin_alloc((size_t)im->meta.n_frames, sizeof(int), (void **)&im->rows));
+    if (!o->pair && is_static(&im->sequence) && im->meta.n_source_frames == 1)
+        strcpy(im->meta.pair, "order"); /* a still: the first frame of the data set */
     if (o->pair)
         snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair);
     status = spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows);
@@ -374,9 +384,10 @@ static spin_status sample_times(struct import *im, struct spin_frame_info **out,
         all[view->dataset_frame].number = im->views.numbered ? view->number : view->dataset_frame;
         all[view->dataset_frame].time = view->time;
     }
-    if (rows)
+    if (rows && (o->frame_times || !is_static(t)))
         spin_frame_times(o->frame_times, im->views.numbered, &im->sequence, all, *n);
-    warn_outside(t, all, *n);
+    if (!is_static(t))
+        warn_outside(t, all, *n);
     im->meta.numbered = rows && im->views.numbered;
     return SPIN_OK;
 }
@@ -1039,65 +1050,6 @@ static spin_status find_pattern_run(struct import *im, const char *pattern)
     return SPIN_OK;
 }
 
-/* Sets *n to the number of cameras of these views. */
-static spin_status count_cameras(const struct spin_views *views, int *n)
-{
-    SPIN_FREED int *camera = NULL;
-
-    SPIN_TRY(spin_alloc(views->n, sizeof *camera, (void **)&camera));
-    for (size_t i = 0; i < views->n; i++)
-        camera[i] = views->view[i].camera_id;
-    qsort(camera, views->n, sizeof *camera, spin_by_int);
-    *n = 0;
-    for (size_t i = 0; i < views->n; i++)
-        *n += i == 0 || camera[i] != camera[i - 1];
-    return SPIN_OK;
-}
-
-/* Describes the views of a data set. If there are as many cameras and frames as images, the data
- * set does not show whether it is a static scene or the video of one moving camera. */
-static spin_status describe_views(const struct spin_views *views, char out[120])
-{
-    char frames[48], cameras[48];
-    int n;
-
-    SPIN_TRY(count_cameras(views, &n));
-    if (n > 1 && (size_t)n == views->n && views->n_dataset_frames == n)
-        snprintf(out, 120, "%d images, a static scene or the video of one camera", n);
-    else
-        snprintf(out, 120, "%s and %s", spin_text_count(n, "camera", cameras),
-                 spin_text_count(views->n_dataset_frames, "frame", frames));
-    return SPIN_OK;
-}
-
-/* Called if no importer of runs recognises the input. If the input is a data set, replaces the
- * error by one that describes its contents and suggests what to do. If the input clearly is a data
- * set but cannot be read, returns the error of reading it. */
-static spin_status explain_data_set(const struct import *im, spin_status status)
-{
-    const char *path = im->o->input;
-    const struct spin_importer *importer;
-    SPIN_LEAVES(spin_views_free) struct spin_views views = {0};
-    SPIN_FREED char *error = NULL;
-    char content[120];
-
-    if (status != SPIN_E_NOT_RECOGNISED || im->o->from || !spin_path_is_folder(path))
-        return status;
-    SPIN_TRY(spin_strdup(spin_last_error(), &error));
-    if (spin_importer_guess(path, true))
-        SPIN_TRY(spin_views_open(path, NULL, &views, NULL, 0));
-    if (spin_importer_find(path, NULL, true, &importer) != SPIN_OK ||
-        (views.n == 0 && spin_views_open(path, NULL, &views, NULL, 0) != SPIN_OK))
-        return spin_fail(status, "%s", error);
-    SPIN_TRY(describe_views(&views, content));
-    return spin_fail(
-        SPIN_E_NOT_RECOGNISED,
-        "'%s' is a data set (%s) of %s, not a run: give the folder that a method "
-        "wrote, or a PLY file of points for each frame, and this folder with --data; see "
-        "docs/how-to/from-videos.md",
-        path, importer->name, content);
-}
-
 /* Returns whether o->input is an archive that may contain a run, and not a file of a format that is
  * itself zip or gzip: no importer recognises the file or, if the user named an importer, that
  * importer does not. */
@@ -1123,6 +1075,15 @@ static spin_status find_packed_run(struct import *im)
     return SPIN_OK;
 }
 
+/* Whether the run that was found consists of the initial points of a data set. */
+static bool is_points(const struct import *im)
+{
+    const char *input = im->o->input;
+
+    return !im->o->from && !im->unpacked.folder && strcmp(im->importer->name, "ply") == 0 &&
+           spin_path_is_folder(input) && spin_run_is_points(input, im->below ? im->below : input);
+}
+
 static spin_status find_run(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -1136,8 +1097,11 @@ static spin_status find_run(struct import *im)
 
         if (is_packed(im, status))
             status = find_packed_run(im);
-        if (status != SPIN_OK)
-            return explain_data_set(im, status);
+        if (status == SPIN_OK && is_points(im))
+            status = spin_fail(SPIN_E_NOT_RECOGNISED, "'%s' is a data set", o->input);
+        if (status == SPIN_E_NOT_RECOGNISED && !o->from && spin_path_is_folder(o->input))
+            return spin_explain_data_set(o->input, status);
+        SPIN_TRY(status);
     }
     im->input = im->below ? im->below : o->input;
     im->values.pairs = im->pairs ? im->pairs : o->plugin_pairs;

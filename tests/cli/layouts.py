@@ -113,7 +113,8 @@ def make(root):
     # 4DGaussians' MultipleView: frames count from 1, and so do the cameras.
     make_rig(root, 'multipleview', '/sparse_', ['image%d.jpg' % (c + 1) for c in range(CAMERAS)],
              lambda f, c: 'cam%02d/frame_%05d.png' % (c + 1, f + 1), first=1)
-    text(root + '/multipleview/points3D_multipleview.ply', 'ply\n')
+    text(root + '/multipleview/points3D_multipleview.ply', 'ply\nformat ascii 1.0\nelement vertex 2\n'
+         + ''.join('property float %s\n' % c for c in 'xyz') + 'end_header\n0 0 3\n1 0 3\n')
     # SpacetimeGaussians: the COLMAP model of the first folder is used.
     images(root + '/colmap_t', lambda f, c: 'colmap_%d/images/%s.png' % (f, cam[c]))
     model_binary(root + '/colmap_t/colmap_0/sparse/0', rig, [n + '.png' for n in cam])

@@ -1,0 +1,12 @@
+/* The points that a data set contains, with which trainings on it start. */
+#pragma once
+
+#include "spin.h"
+
+/* Sets *path to the file of points in the data set `folder`, which the caller frees, or to NULL if
+ * there is none. If several frames of the data set have points, *path is a pattern with "%d" for
+ * the number of the frame, and *per_frame is true. */
+spin_status spin_data_points(const char *folder, char **path, bool *per_frame);
+
+/* Whether the folder contains PLY files, all of which have names that data sets use for points. */
+bool spin_holds_only_points(const char *folder);

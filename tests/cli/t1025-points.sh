@@ -1,0 +1,68 @@
+#!/bin/sh
+# K: points datasets colmap panoptic one command
+# A data set that is given as the run: spin4d describes it, and prints a command that starts from
+# the points found in it. The commands are run as they are printed.
+. tests/cli/lib.sh
+python3 tests/cli/layouts.py make "$work/sets"
+ok $? "the data sets are written"
+PATH=$(cd "$bin" && pwd):$PATH
+
+# spin4d describes the data set; its command is run with few iterations.
+offered() { # FOLDER CONTENT OFFER FRAMES SPLATS
+    run "$bin/spin4d" "$1" -o "$work/none.html"
+    is "$code" 1 "$1: is no run"
+    err_has "is a data set ($2, not a run: give the folder" "it is described"
+    err_has "; or start from $3: spin4d " "and its points are offered"
+    command=$(sed -n 's/.*; or start from .*: \(spin4d .*\)$/\1/p' "$work/err")
+    (cd "$work" && eval "$command --iterations 20 --preset quick") >"$work/out" 2>"$work/err"
+    ok $? "the command works"
+    run spin-import --info "$work/$(basename "$1").spin" --json
+    is "$(member frames)" "$4" "its clip has $4 frames"
+    out_has "\"mean\": $5\b" "of $5 points"
+}
+
+cp -r fixtures/datasets/panoptic_mini "$work/pan optic"
+cp -r fixtures/datasets/blender_mini "$work/blender"
+printf 'ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n%s' \
+    'property uchar red
+property uchar green
+property uchar blue
+end_header
+0 0 0 255 0 0
+0.5 0 0 0 255 0
+0 0.5 0 0 0 255
+0 0 0.5 9 9 9
+' >"$work/blender/fused.ply"
+offered "$work/pan optic" "panoptic) of 11 cameras and 6 frames" "its points, for a still of its first frame" 1 290
+offered "$work/blender" "transforms) of 2 cameras and 7 frames" "its points" 7 4
+offered "$work/sets/multipleview" "colmap) of 3 cameras and 3 frames" "its points, for a still of its first frame" 1 2
+offered "$work/sets/colmap_t" "colmap) of 3 cameras and 3 frames" "the points of its frames" 3 2
+
+# Without points nothing is offered.
+rm "$work/pan optic/init_pt_cld.npz"
+run "$bin/spin4d" "$work/pan optic" -o "$work/none.html"
+is "$(grep -c 'not a run: give the folder' "$work/err") $(grep -c 'or start from' "$work/err")" "1 0" "a data set without points"
+
+# Each kind of file.
+points=$work/sets/colmap_t/colmap_0/sparse/0/points3D.bin
+run "$bin/spin-import" "$points" --json -o "$work/binary.spin"
+is "$code $(member from) $(member frames)" "0 points 1" "points3D.bin"
+is "$(tr -d ' \n' <"$work/out" | grep -o '"max":\[[^]]*\]')" '"max":[1,1,2]' "its positions"
+mkdir "$work/text"
+printf '# points\n7 -1 1 2.5 255 0 51 0.1\n9 1 2 3 0 255 0 0.1 1 1\n' >"$work/text/points3D.txt"
+run "$bin/spin-import" "$work/text/points3D.txt" -o "$work/text.spin"
+is "$code" 0 "points3D.txt"
+run "$bin/spin-export" "$work/text.spin" --to numpy -o "$work/arrays"
+run "$bin/spin-import" --info "$work/text.spin" --full
+out_has "rgb" "its colours"
+printf '# points\n7 -1 1 2.5 red 0 51 0.1\n' >"$work/text/points3D.txt"
+run "$bin/spin-import" "$work/text/points3D.txt" -o "$work/none.spin"
+fails 1 spin-import "a colour that is no number"
+err_has "point 7: a colour is 'red', expected a number" "is named"
+printf '# points\n' >"$work/text/points3D.txt"
+run "$bin/spin-import" "$work/text/points3D.txt" -o "$work/none.spin"
+fails 1 spin-import "a model without points"
+run "$bin/spin-import" --from points "$(find fixtures/ply/inria_sh3 -name '*.ply' | head -n 1)" -o "$work/none.spin"
+is "$code" 1 "Gaussians are no points"
+err_has "contains Gaussians, not points: use --from ply" "says what to do"
+done_testing
