@@ -92,7 +92,7 @@ static spin_status read_windows(struct reader *r, struct spin_4dgs_cursor *c)
     uint64_t n = spin_4dgs_number(c, 4);
 
     if (c->cut || n > c->left / 16)
-        return spin_malformed("window table: too short: %llu windows in %zu bytes",
+        return spin_malformed("window table: %llu windows do not fit into %zu bytes",
                               (unsigned long long)n, c->left);
     if (n == 0)
         return spin_malformed("the window table is empty, so no splat is visible");
@@ -518,7 +518,7 @@ static spin_status read_all(struct reader *r)
     if (r->n == 0)
         return spin_malformed("the file contains no splats");
     if (r->n * ROW_BYTES > SPIN_4DGS_SLACK + (uint64_t)SPIN_4DGS_RATIO * r->size)
-        return spin_malformed("%zu bytes cannot contain %llu splats", r->size,
+        return spin_malformed("a file of %zu bytes cannot contain %llu splats", r->size,
                               (unsigned long long)r->n);
     SPIN_TRY(
         spin_splats_4d_reserve(r->splats, (size_t)r->n, 1, r->splats->sh_degree, SPIN_4D_CUTS));

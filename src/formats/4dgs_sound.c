@@ -66,8 +66,9 @@ static spin_status check_keyframes(struct spin_4dgs_cursor *c, uint32_t id, doub
 static spin_status check_source(const struct spin_4dgs_source *s, double duration, bool has_pose)
 {
     if (!(duration > 0) || !isfinite(duration) || !isfinite(s->start))
-        return spin_malformed("sound %u: it begins at %g and lasts %g seconds", s->id, s->start,
-                              duration);
+        return spin_malformed("sound %u: start at %g s and duration of %g s, expected finite "
+                              "values and a duration above 0",
+                              s->id, s->start, duration);
     if (!(s->gain >= 0) || !isfinite(s->gain))
         return spin_malformed("sound %u: its gain is %g, expected 0 or more", s->id, s->gain);
     return has_pose ? SPIN_OK : spin_malformed("sound %u has an invalid place or rotation", s->id);
@@ -143,14 +144,18 @@ static void note_losses(const struct spin_4dgs_sounds *sounds, const struct spin
         spin_text_note(to->notes, to->n, "the file has %zu sounds, of which only '%s' is imported",
                        sounds->n, name);
     if (s->has_place)
-        spin_text_note(to->notes, to->n, "the sound '%s' loses its place in the scene", name);
+        spin_text_note(to->notes, to->n,
+                       "the sound '%s' is imported without its position in the scene", name);
     if (s->loops)
         spin_text_note(to->notes, to->n,
-                       "the sound '%s' is not repeated as in the file: it is played once", name);
+                       "the sound '%s' repeats in the file, but is imported to play only once",
+                       name);
     if (!sounds->declared)
         spin_text_note(to->notes, to->n, "the header declares no sound, but the file has some");
     if (sounds->late)
-        spin_text_note(to->notes, to->n, "sound follows splats, which the format does not allow");
+        spin_text_note(
+            to->notes, to->n,
+            "a record of sound follows the first chunk, which the format does not allow");
 }
 
 /* Sets *to->sound to the source *s, or to no sound if the format of its file is unknown. */
@@ -162,7 +167,7 @@ static void choose_sound(const struct spin_4dgs_sounds *sounds, const struct spi
     snprintf(name, sizeof name, "%.*s", (int)(s->name.left < 60 ? s->name.left : 60),
              (const char *)s->name.at);
     if (spin_sound_set(to->sound, name, s->data, (size_t)s->size) != SPIN_OK) {
-        spin_text_note(to->notes, to->n, "not imported: %s", spin_last_error());
+        spin_text_note(to->notes, to->n, "the sound is not imported: %s", spin_last_error());
         *to->sound = (struct spin_sound){0};
         return;
     }
@@ -178,7 +183,8 @@ spin_status spin_4dgs_sounds_end(const struct spin_4dgs_sounds *sounds, struct s
     const struct spin_4dgs_source *chosen = NULL;
 
     if (sounds->old && sounds->n > 0)
-        return spin_malformed("the file has sound in record 09 and in record 11, expected one");
+        return spin_malformed("the file contains sound in record 09 and in record 11, expected "
+                              "only one of these records");
     for (size_t i = 0; i < sounds->n; i++) {
         const struct spin_4dgs_source *s = &sounds->source[i];
 
@@ -190,7 +196,9 @@ spin_status spin_4dgs_sounds_end(const struct spin_4dgs_sounds *sounds, struct s
     if (chosen)
         choose_sound(sounds, chosen, &to);
     else if (sounds->old)
-        spin_text_note(notes, n_notes, "not imported: sound of the older form, record 09");
+        spin_text_note(
+            notes, n_notes,
+            "the sound is not imported: its form (record 09) is outdated and not supported");
     else if (sounds->declared)
         spin_text_note(notes, n_notes, "the header declares sound, but the file has none");
     return SPIN_OK;

@@ -145,7 +145,7 @@ static spin_status begin_chunk(struct spin_4dgs_states *s, const double interval
 {
     SPIN_TRY(show_next(s));
     if (!(interval[1] > interval[0]) || interval[0] != (s->n_chunks ? s->end : 0))
-        return spin_malformed("chunk %zu lasts from %.17g to %.17g, but the one before ends at "
+        return spin_malformed("chunk %zu lasts from %.17g to %.17g, but the previous chunk ends at "
                               "%.17g",
                               s->n_chunks, interval[0], interval[1], s->n_chunks ? s->end : 0.0);
     s->n_read += n;
@@ -190,10 +190,12 @@ static spin_status check_group(const struct group *g, enum kind kind)
         if (kind == WHOLE && !g->bins[a])
             return spin_malformed("stream '%s' is missing", spin_4dgs_attributes[a].name);
         if (g->bins[a] && (kind == DEATHS || (kind == CHANGES && fixed)))
-            return spin_malformed("stream '%s' cannot change", spin_4dgs_attributes[a].name);
+            return spin_malformed("stream '%s' is not allowed in %s", spin_4dgs_attributes[a].name,
+                                  kind == DEATHS ? "deaths" : "updates");
     }
     if (!g->bins[SPIN_4DGS_LARGEST] != !g->bins[SPIN_4DGS_ROTATION])
-        return spin_malformed("only one of the streams 'rotation_index' and 'rotation' changes");
+        return spin_malformed(
+            "one of the streams 'rotation_index' and 'rotation' is missing, expected both or none");
     return SPIN_OK;
 }
 
@@ -267,7 +269,8 @@ static spin_status change_splats(struct spin_4dgs_states *s, const struct group 
         struct spin_4dgs_splat *splat = find_splat(&s->next, (uint32_t)g->id[k]);
 
         if (!splat)
-            return spin_malformed("gaussian_id %u is changed, but not alive", (uint32_t)g->id[k]);
+            return spin_malformed("gaussian_id %u is updated, but no splat has this id",
+                                  (uint32_t)g->id[k]);
         SPIN_TRY(apply_row(g, k, true, splat));
     }
     return SPIN_OK;
@@ -295,7 +298,9 @@ static spin_status remove_splats(struct spin_4dgs_states *s, const struct group 
             s->next.splat[kept++] = s->next.splat[i];
     }
     s->next.n = kept;
-    return k == n ? SPIN_OK : spin_malformed("gaussian_id %u dies twice, or is not alive", ids[k]);
+    return k == n
+               ? SPIN_OK
+               : spin_malformed("gaussian_id %u is removed twice, or no splat has this id", ids[k]);
 }
 
 /* ---- Records --------------------------------------------------------------------------------- */
@@ -376,13 +381,13 @@ static spin_status check_reference(const struct spin_4dgs_states *s,
         reference != (chunk->mode == CHAINED ? last->offset : key->offset))
         return spin_malformed("the delta at byte %llu refers to byte %llu, expected %s",
                               (unsigned long long)chunk->offset, (unsigned long long)reference,
-                              chunk->mode == CHAINED ? "the chunk before it" : "its keyframe");
+                              chunk->mode == CHAINED ? "the previous chunk" : "the last keyframe");
     if (chunk->depth != (chunk->mode == CHAINED ? last->depth + 1 : 1))
         return spin_malformed("the delta at byte %llu has depth %u, expected %u",
                               (unsigned long long)chunk->offset, chunk->depth,
                               chunk->mode == CHAINED ? last->depth + 1 : 1);
     if (chunk->level != key->level)
-        return spin_malformed("the delta at byte %llu has level %u, but its keyframe has %u",
+        return spin_malformed("the delta at byte %llu has level %u, but the last keyframe has %u",
                               (unsigned long long)chunk->offset, chunk->level, key->level);
     return SPIN_OK;
 }
@@ -476,12 +481,12 @@ spin_status spin_4dgs_states_index(struct spin_4dgs_states *s, struct spin_4dgs_
     chunk = &s->chunk[s->n_indexed++];
     if (offset != chunk->offset || depth != chunk->depth || (kind != 0) != (depth > 0) ||
         (kind && mode != chunk->mode))
-        return spin_malformed("entry %zu of the index has offset %llu and depth %u, but the chunk "
-                              "has %llu and %u",
+        return spin_malformed("entry %zu of the index has offset %llu and depth %u, but its chunk "
+                              "has offset %llu and depth %u",
                               s->n_indexed - 1, (unsigned long long)offset, depth,
                               (unsigned long long)chunk->offset, chunk->depth);
     if (n_live != chunk->n_live)
-        spin_warn("entry %zu of the index states %llu splats, but the state has %zu",
+        spin_warn("entry %zu of the index declares %llu splats, but its chunk results in %zu",
                   s->n_indexed - 1, (unsigned long long)n_live, chunk->n_live);
     return SPIN_OK;
 }

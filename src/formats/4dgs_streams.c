@@ -73,7 +73,7 @@ static spin_status decompress(unsigned codec, const struct spin_4dgs_cursor *pac
         return spin_zstd_read(packed->at, packed->left, *out, (size_t)n_out);
     SPIN_TRY(spin_zlib_read(packed->at, packed->left, *out, (size_t)n_out + 1, &n));
     return n == n_out ? SPIN_OK
-                      : spin_malformed("the zlib data do not decompress to the stated %llu bytes",
+                      : spin_malformed("the zlib data do not decompress to the declared %llu bytes",
                                        (unsigned long long)n_out);
 }
 
@@ -119,8 +119,8 @@ spin_status spin_4dgs_stream_read(const struct spin_4dgs_stream *s, size_t n, in
         return spin_unsupported("codec %u is not supported, expected 0 (deflate) or 1 (zstd)",
                                 s->codec);
     if (s->n != n || s->channels != (unsigned)channels)
-        return spin_malformed("%llu x %u values, expected %zu x %d", (unsigned long long)s->n,
-                              s->channels, n, channels);
+        return spin_malformed("%llu splats with %u values each, expected %zu with %d each",
+                              (unsigned long long)s->n, s->channels, n, channels);
     if (s->mode >= N_MODES || (s->symbol != 1 && s->symbol != 2 && s->symbol != 4))
         return spin_malformed("symbols of %u bytes and mode %u, expected 1, 2 or 4 "
                               "bytes and mode 0, 1 or 2",
@@ -136,7 +136,7 @@ spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dg
     if (codec->left == 0 && bytes == block->left)
         return SPIN_OK;
     if (codec->left == 0 || bytes > SPIN_4DGS_SLACK + (uint64_t)SPIN_4DGS_RATIO * block->left)
-        return spin_malformed("%zu bytes cannot unpack to %llu bytes", block->left,
+        return spin_malformed("%zu compressed bytes cannot unpack to %llu bytes", block->left,
                               (unsigned long long)bytes);
     if (!spin_4dgs_is(codec, "deflate") && !spin_4dgs_is(codec, "zstd"))
         return spin_unsupported("codec '%.*s' is not supported, expected 'deflate' or 'zstd'",

@@ -245,7 +245,7 @@ spin_status spin_gs_glb_find(const struct spin_glb_file *glb, const spin_json *p
     if (out->packed)
         return SPIN_OK;
     if (out->n > glb->n_bytes / 3) /* a POSITION has at least 3 bytes */
-        return spin_malformed("%llu bytes cannot contain %zu splats",
+        return spin_malformed("a file of %llu bytes cannot contain %zu splats",
                               (unsigned long long)glb->n_bytes, out->n);
     for (; out->sh_degree < 3; out->sh_degree++) {
         spin_glb_attribute_name(SPIN_GLB_SH + spin_sh_count(out->sh_degree), name);

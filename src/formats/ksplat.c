@@ -55,7 +55,7 @@ static spin_status read_header(const unsigned char *file, size_t size, struct fi
         return spin_unsupported(".ksplat: compression level %d, expected 0 to %d", out->level,
                                 MAX_LEVEL);
     if (out->n_sections > (size - SPIN_KSPLAT_HEADER) / SPIN_KSPLAT_SECTION)
-        return spin_malformed(".ksplat: %zu bytes cannot contain %u sections", size,
+        return spin_malformed(".ksplat: a file of %zu bytes cannot contain %u sections", size,
                               out->n_sections);
     out->sh_least = out->sh_least != 0 ? out->sh_least : -SH_RANGE;
     out->sh_largest = out->sh_largest != 0 ? out->sh_largest : SH_RANGE;

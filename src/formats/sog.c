@@ -420,8 +420,9 @@ static spin_status open_picture(struct reading *r, enum spin_sog_picture p)
     pixels = (int64_t)width * height;
     if (pixels < least || pixels > 2 * least + SLACK ||
         (p == SPIN_SOG_CENTROIDS && width != least_width))
-        return spin_malformed("SOG: image '%s' has %dx%d pixels, which do not fit its contents",
-                              pictures[p].name, width, height);
+        return spin_malformed(
+            "SOG: image '%s' has %dx%d pixels, too few or too many for its contents",
+            pictures[p].name, width, height);
     r->file[p].width = width;
     r->file[p].height = height;
     return SPIN_OK;
@@ -437,7 +438,7 @@ static spin_status open_reading(const void *file, size_t size, struct reading *r
         n_bytes += r->file[p].size;
     }
     if (r->sog.n > n_bytes + MOST_SPLATS)
-        return spin_malformed("SOG: %llu bytes cannot contain %zu splats",
+        return spin_malformed("SOG: a file of %llu bytes cannot contain %zu splats",
                               (unsigned long long)n_bytes, r->sog.n);
     return SPIN_OK;
 }

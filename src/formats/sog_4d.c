@@ -117,8 +117,8 @@ spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least)
 
     SPIN_TRY(spin_sog_4d_integer(r, spin_json_get(r->meta, "count"), "count", 1, MAX_COUNT, &n));
     if ((uint64_t)n > r->zip.map.size + MOST_SPLATS)
-        return spin_malformed("%s: %zu bytes cannot contain %lld splats", r->what, r->zip.map.size,
-                              (long long)n);
+        return spin_malformed("%s: a file of %zu bytes cannot contain %lld splats", r->what,
+                              r->zip.map.size, (long long)n);
     r->n = (size_t)n;
     r->antialias = model && strcmp(model, SPIN_SOG_ANTIALIASED) == 0;
     SPIN_TRY(spin_sog_4d_range(r, spin_json_get(means, "mins"), spin_json_get(means, "maxs"),
@@ -191,7 +191,8 @@ static spin_status decode_image(const struct spin_sog_4d *r, const void *data, s
     pixels = (size_t)width * (size_t)height;
     if (pixels < n || pixels > 2 * n + SLACK || (!set && (size_t)width != n_vec) ||
         (set && set->width > 0 && (set->width != width || set->height != height)))
-        return spin_malformed("size of %dx%d pixels, which does not fit the splats", width, height);
+        return spin_malformed("size of %dx%d pixels, too few or too many for the splats", width,
+                              height);
     if (set) {
         set->width = width;
         set->height = height;

@@ -83,7 +83,7 @@ spin_status spin_sog_4d_sound(const struct spin_sog_4d *r, const spin_json *audi
         return spin_malformed("%s: sound '%.60s' is missing or above 128 MiB", r->what, file);
     SPIN_TRY(spin_zip_read(&r->zip, member, true, SPIN_SOUND_LIMIT, &data, &out->owned));
     if (spin_sound_set(&out->sound, file, data, (size_t)member->size) != SPIN_OK) {
-        snprintf(out->note, sizeof out->note, "not imported: %s", spin_last_error());
+        snprintf(out->note, sizeof out->note, "the sound is not imported: %s", spin_last_error());
         out->sound = (struct spin_sound){0};
         return SPIN_OK;
     }

@@ -119,8 +119,9 @@ static spin_status read_groups(const spin_json *json, struct spin_splat4d *out)
         group->last = (int)last;
     }
     if (next != out->n_frames)
-        return spin_malformed("header: the groups in 'gops' have %lld frames, but 't' gives %d",
-                              (long long)next, out->n_frames);
+        return spin_malformed(
+            "header: the groups in 'gops' contain %lld frames, but 't' declares %d",
+            (long long)next, out->n_frames);
     return SPIN_OK;
 }
 
@@ -179,8 +180,8 @@ static spin_status decompress_stream(const struct stream *s, const unsigned char
         return spin_malformed("stream '%s' has symbols of %d bytes, expected 1, 2 or 4", name,
                               s->symbol);
     if (bytes > SLACK + (uint64_t)RATIO * s->bytes)
-        return spin_malformed("stream '%s': %zu bytes cannot unpack to %llu bytes", name, s->bytes,
-                              (unsigned long long)bytes);
+        return spin_malformed("stream '%s': %zu compressed bytes cannot unpack to %llu bytes", name,
+                              s->bytes, (unsigned long long)bytes);
     SPIN_TRY(spin_alloc((size_t)bytes + 1, 1, (void **)out));
     return spin_fail_context(spin_zstd_read(packed, s->bytes, *out, (size_t)bytes), "stream '%s'",
                              name);

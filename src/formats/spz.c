@@ -203,7 +203,7 @@ static spin_status parse_header(const unsigned char *bytes, struct spin_spz_head
 static spin_status check_count(const struct spin_spz_header *h, size_t size)
 {
     if (all_bytes(h) > RATIO_SLACK + (uint64_t)RATIO * size)
-        return spin_malformed("SPZ: %zu bytes cannot contain %zu splats", size, h->n);
+        return spin_malformed("SPZ: a file of %zu bytes cannot contain %zu splats", size, h->n);
     return SPIN_OK;
 }
 

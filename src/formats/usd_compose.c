@@ -303,7 +303,8 @@ static spin_status add_template(struct spin_usd_stage *s, const char *template, 
                      after);
 
     if (digits == 0 || digits > 32 || strchr(after, '#') || n < 0 || (size_t)n >= sizeof name)
-        return spin_unsupported("clips named like '%.80s' are not supported", template);
+        return spin_unsupported(
+            "the clip template '%.80s' is not supported: expected one run of '#'", template);
     SPIN_TRY(resolve_path(s, out->folder_of, name, &path));
     if (!file_exists(s, path))
         return SPIN_OK;
@@ -335,7 +336,8 @@ static spin_status read_template(struct spin_usd_stage *s, const struct spin_usd
     SPIN_TRY(spin_arena_take(&s->arena, (size_t)n, 2 * sizeof *out->active, (void **)&out->active));
     for (size_t i = 0; i < (size_t)n; i++)
         SPIN_TRY(add_template(s, template, first + (double)i * stride, out));
-    return out->n_active > 0 ? SPIN_OK : spin_not_found("no clips named like '%s' exist", template);
+    return out->n_active > 0 ? SPIN_OK
+                             : spin_not_found("no file matches the clip template '%s'", template);
 }
 
 /* Reads the file names and the times of the clips. */
@@ -370,8 +372,9 @@ static spin_status read_clips(struct spin_usd_stage *s, const struct spin_usd_va
     SPIN_TRY(copy_text(s, path, &node->clip_path));
     for (size_t i = 0; i < out->n_active; i++)
         if (!(out->active[2 * i + 1] >= 0 && out->active[2 * i + 1] < (double)out->n_assets))
-            return spin_malformed("the clips of '%s' name file %g of %zu", node->path,
-                                  out->active[2 * i + 1], out->n_assets);
+            return spin_malformed(
+                "the clips of '%s' refer to file %g, but there are only %zu files", node->path,
+                out->active[2 * i + 1], out->n_assets);
     node->clips = out->n_active > 0 ? out : NULL;
     return SPIN_OK;
 }

@@ -190,7 +190,7 @@ static spin_status find_section(const struct spin_usd_crate *c, const char *name
         start = u64_at(row + 16);
         size = u64_at(row + 24);
         if (start > c->size || size > c->size - start)
-            return spin_malformed("section %s does not lie within the file", name);
+            return spin_malformed("section %s extends beyond the file", name);
         *out = (struct part){c->data + start, c->data + start + size};
         return SPIN_OK;
     }
@@ -211,12 +211,12 @@ static spin_status read_tokens(struct spin_usd_layer *layer)
     SPIN_TRY(read_u64(&p, &size));
     SPIN_TRY(skip_bytes(&p, size, &block));
     if (bytes / 256 > size || n > bytes)
-        return spin_malformed("%llu tokens in %llu bytes", (unsigned long long)n,
+        return spin_malformed("%llu tokens do not fit into %llu bytes", (unsigned long long)n,
                               (unsigned long long)size);
     SPIN_TRY(spin_arena_take(&layer->arena, (size_t)bytes + 1, 1, (void **)&text));
     SPIN_TRY(spin_arena_take(&layer->arena, (size_t)n + 1, sizeof *c->token, (void **)&c->token));
     if (spin_usd_unpack(block, (size_t)size, (unsigned char *)text, (size_t)bytes) != bytes)
-        return spin_malformed("the tokens are damaged");
+        return spin_malformed("the table of tokens is malformed");
     for (uint64_t at = 0; c->n_tokens < n; at += strlen(text + at) + 1) {
         if (at >= bytes)
             return spin_malformed("there are %zu tokens, expected %llu", c->n_tokens,
@@ -252,13 +252,13 @@ static spin_status read_fields(struct spin_usd_layer *layer)
     SPIN_TRY(read_u64(&p, &size));
     SPIN_TRY(skip_bytes(&p, size, &block));
     if (n / 32 > size)
-        return spin_malformed("%llu fields in %llu bytes", (unsigned long long)n,
+        return spin_malformed("%llu fields do not fit into %llu bytes", (unsigned long long)n,
                               (unsigned long long)size);
     SPIN_TRY(spin_arena_take(&layer->arena, (size_t)n + 1, sizeof *c->field_value,
                              (void **)&c->field_value));
     if (spin_usd_unpack(block, (size_t)size, (unsigned char *)c->field_value, 8 * (size_t)n) !=
         8 * n)
-        return spin_malformed("the fields are damaged");
+        return spin_malformed("the table of fields is malformed");
     for (size_t i = 0; i < n; i++)
         c->field_value[i] = u64_at((const unsigned char *)&c->field_value[i]);
     c->n_fields = (size_t)n;
@@ -290,7 +290,7 @@ static spin_status make_path(struct spin_usd_layer *layer, const struct tree *t,
     size_t token = (size_t)(t->token[i] < 0 ? -(int64_t)t->token[i] : t->token[i]);
 
     if (token >= c->n_tokens || made->tail || made->name)
-        return spin_malformed("the paths are damaged");
+        return spin_malformed("the table of paths is malformed");
     made->parent = parent;
     made->name = t->token[i] < 0 || !above->tail ? c->token[token] : NULL;
     made->prim = above->tail ? above->prim : NULL;
@@ -336,7 +336,7 @@ static spin_status walk_paths(struct spin_usd_layer *layer, const struct tree *t
             return SPIN_OK;
         }
         if (i >= t->n)
-            return spin_malformed("the paths are damaged");
+            return spin_malformed("the table of paths is malformed");
     }
 }
 
@@ -346,7 +346,7 @@ static spin_status walk_tree(struct spin_usd_layer *layer, const struct tree *t)
 
     for (size_t i = 0; i < t->n; i++)
         if (t->path[i] < 0 || (size_t)t->path[i] >= layer->crate->n_paths || t->jump[i] < -2)
-            return spin_malformed("the paths are damaged");
+            return spin_malformed("the table of paths is malformed");
     if (t->n == 0)
         return spin_malformed("there are no paths");
     SPIN_TRY(spin_alloc(2 * t->n + 2, sizeof *stack, (void **)&stack));
@@ -365,7 +365,7 @@ static spin_status read_paths(struct spin_usd_layer *layer)
     SPIN_TRY(read_u64(&p, &n));
     /* A few paths, such as the empty path, are in the table but not in the tree. */
     if (n_paths > MAX_PATHS || n > n_paths || n_paths > 2 * n + 64)
-        return spin_malformed("%llu paths, of which %llu are in the tree",
+        return spin_malformed("%llu paths are declared, but the tree of paths contains %llu",
                               (unsigned long long)n_paths, (unsigned long long)n);
     SPIN_TRY(read_ints(&p, n, &path));
     SPIN_TRY(read_ints(&p, n, &token));
@@ -414,7 +414,7 @@ static spin_status read_samples(struct spin_usd_layer *layer, uint64_t word,
     SPIN_TRY(follow(c, &p));
     SPIN_TRY(read_count(&p, 8, &n));
     if (n != n_times || type_of(times_word) != DOUBLES)
-        return spin_malformed("%zu time samples at %zu times", n, n_times);
+        return spin_malformed("%zu time samples, but %zu times", n, n_times);
     SPIN_TRY(count_fields(c, n));
     SPIN_TRY(spin_arena_take(&layer->arena, n, sizeof *out->sample, (void **)&out->sample));
     for (size_t i = 0; i < n; i++) {
@@ -486,12 +486,12 @@ static spin_status read_spec(struct spin_usd_layer *layer, int32_t path, int32_t
     struct path *p = c->path + path;
 
     if (path < 0 || (size_t)path >= c->n_paths || set < 0)
-        return spin_malformed("the specs are damaged");
+        return spin_malformed("the table of specs is malformed");
     for (size_t i = (size_t)set; i < c->n_set && c->set[i] >= 0; i++) {
         size_t f = (size_t)c->set[i];
 
         if (f >= c->n_fields || c->field_name[f] < 0 || (size_t)c->field_name[f] >= c->n_tokens)
-            return spin_malformed("the fields are damaged");
+            return spin_malformed("the table of fields is malformed");
         if (kind == SPEC_ATTRIBUTE && p->name && p->prim)
             SPIN_TRY(add_attribute(layer, p, c->token[c->field_name[f]], c->field_value[f]));
         else if ((kind == SPEC_PRIM || kind == SPEC_ROOT) && p->tail)
@@ -717,7 +717,8 @@ static spin_status read_packed(struct numbers *of, float *floats, double *double
     SPIN_TRY(read_ints(&of->p, of->n, &ints));
     for (size_t i = 0; i < of->n; i++) {
         if (table && (uint32_t)ints[i] >= n_table)
-            return spin_malformed("index %u in a table of %u values", (uint32_t)ints[i], n_table);
+            return spin_malformed("index %u is out of range: the table has only %u values",
+                                  (uint32_t)ints[i], n_table);
         store_number(i,
                      table ? number_at(of->component, table + (size_t)ints[i] * size)
                      : of->component == UINT ? (double)(uint32_t)ints[i]

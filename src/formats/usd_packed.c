@@ -109,11 +109,12 @@ spin_status spin_usd_unpack_ints(const unsigned char *in, size_t n_in, uint64_t 
 
     *out = NULL;
     if (n / 4 > (uint64_t)n_in * MOST_YIELD)
-        return spin_malformed("%llu integers in %zu bytes", (unsigned long long)n, n_in);
+        return spin_malformed("%llu integers do not fit into %zu bytes", (unsigned long long)n,
+                              n_in);
     SPIN_TRY(spin_alloc(4 + (size_t)(n + 3) / 4 + 4 * (size_t)n, 1, (void **)&block));
     SPIN_TRY(spin_alloc((size_t)n + 1, sizeof **out, (void **)out));
     got = spin_usd_unpack(in, n_in, block, 4 + (size_t)(n + 3) / 4 + 4 * (size_t)n);
     if (got == SIZE_MAX || !decode_ints(block, got, (size_t)n, *out))
-        return spin_malformed("compressed integers are damaged");
+        return spin_malformed("compressed integers are malformed");
     return SPIN_OK;
 }

@@ -475,13 +475,15 @@ static void test_lies(void)
         {5, 45, 3, 1, "'window_index': symbols of 3 bytes", "symbols of 3 bytes"},
         {5, 46, 3, 1, "'window_index': symbols of 1 bytes and mode 3", "another mode"},
         {5, 47, 2, 1, "'window_index': codec 2 is not supported", "another codec, by name"},
-        {5, 48, 2, 1, "'window_index': 14 x 2 values, expected 14 x 1", "other channels"},
+        {5, 48, 2, 1, "'window_index': 14 splats with 2 values each, expected 14 with 1 each",
+         "other channels"},
         {5, 49, 13, 4, "'window_index': 13 x 1 values", "another number of elements"},
         {5, 53, 0xffffff, 4, "chunk 0: a stream extends beyond the chunk",
          "a stream that ends behind it"},
         {5, 61, 0xff, 1, "'window_index': the zlib", "a damaged stream"},
         {7, 0, 3, 1, "SH band 3", "another band"},
-        {7, 0, 1, 1, "SH band 1: 14 x 15 values, expected 14 x 9", "a band as another"},
+        {7, 0, 1, 1, "SH band 1: 14 splats with 15 values each, expected 14 with 9 each",
+         "a band as another"},
         {2, 16, 1, 4, "the checksum of the index", "a wrong checksum"},
         {2, 0, 0xffffff, 4, "the checksum of the index", "an index behind the file"},
     };
@@ -591,21 +593,22 @@ static void test_sounds(void)
     sounds.gain = 0.25;
     info = read_sounds();
     ok(is_sound(&info, "one", "fLaC1", 0.5) && info.sound.gain == 0.25 &&
-           strstr(info.sound_notes, "the sound 'one' loses its place in the scene") ==
+           strstr(info.sound_notes, "the sound 'one' is imported without its position") ==
                info.sound_notes &&
-           !strstr(info.sound_notes, "repeated"),
+           !strstr(info.sound_notes, "repeats"),
        "a sound in a place");
     sounds.n = 2;
     sounds.metadata = "-1.5";
     info = read_sounds();
     ok(is_sound(&info, "two", "fLaC2", -1.5) && strstr(info.sound_notes, "has 2 sounds") &&
-           strstr(info.sound_notes, "not repeated") && !strstr(info.sound_notes, "place"),
+           strstr(info.sound_notes, "only once") && !strstr(info.sound_notes, "position"),
        "of two, the one without a place, which begins before the clip: %s", info.sound_notes);
     sounds.late = true;
     sounds.declared = false;
     sounds.metadata = "1.5";
     info = read_sounds();
-    ok(is_sound(&info, "two", "fLaC2", 0.5) && strstr(info.sound_notes, "follows splats") &&
+    ok(is_sound(&info, "two", "fLaC2", 0.5) &&
+           strstr(info.sound_notes, "follows the first chunk") &&
            strstr(info.sound_notes, "declares no sound"),
        "sound that the header denies, after the splats");
     no_sounds();

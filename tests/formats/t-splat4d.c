@@ -269,7 +269,7 @@ static void test_header(void)
         {"\"n\": 37", "\"n\": 3000000", "cannot contain 3000000 splats"},
         {"\"n\": 37", "\"n\": 30", "has 5 values, expected 4"},
         {"\"n\": 37", "\"n\": 40", "has 111 values, expected 120"},
-        {"\"t\": 7", "\"t\": 8", "'gops' have 7 frames, but 't' gives 8"},
+        {"\"t\": 7", "\"t\": 8", "'gops' contain 7 frames, but 't' declares 8"},
         {"\"t\": 7", "\"t\": 6", "'f1'"},
         {"\"t\": 7", "\"t\": 2000000", "'t'"},
         {"\"fps\": 12.5", "\"fps\": 0", "'fps'"},
@@ -282,7 +282,7 @@ static void test_header(void)
         {"\"offset\": 1412", "\"offset\": 1413", "the static section"},
         {"\"offset\": 1412", "\"offset\": 99999999", "'offset'"},
         {"\"offset\": 1412", "\"offset\": -4", "'offset'"},
-        {"\"gops\"", "\"gaps\"", "'gops' have 0 frames, but 't' gives 7"},
+        {"\"gops\"", "\"gaps\"", "'gops' contain 0 frames, but 't' declares 7"},
         {"{\"n\"", "[\"n\"", "'header'"},
     };
 

@@ -257,7 +257,7 @@ static void test_templates(void)
     } lies[] = {
         {"c.###", "c.##.##", "not supported"},
         {"c.###", "c", "not supported"},
-        {"c.###", "d.###", "no clips named like"},
+        {"c.###", "d.###", "no file matches the clip template"},
         {"templateStride = 2", "templateStride = 0.5", "whole time codes"},
         {"templateStride = 2", "templateStride = 0", "whole time codes"},
         {"templateStride", "templateStep", "no 'templateStride'"},
