@@ -146,9 +146,9 @@ static spin_status choose_fraction(struct export *x, int number)
     }
     x->fraction = spin_spz_fraction(largest, before);
     if (x->fraction < 0)
-        return spin_unsupported(
-            "frame %d: a coordinate of a splat is %g, but spz cannot store more than 8388606",
-            number, (double)largest);
+        return spin_unsupported("frame %d: a coordinate of a splat is %g, but spz cannot store "
+                                "more than 8388606: drop the splat with --crop",
+                                number, (double)largest);
     if (x->fraction < before)
         spin_warn(
             "frame %d: a coordinate of a splat is %g: positions of this and all later frames are "

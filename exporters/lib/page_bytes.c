@@ -71,7 +71,7 @@ spin_status spin_page_encode_whole(struct spin_page_bytes *b, const int32_t *x, 
     return SPIN_OK;
 }
 
-static spin_status too_short(void) { return spin_malformed("a block of the page ends early"); }
+static spin_status too_short(void) { return spin_malformed("a block of the page is truncated"); }
 
 /* Reads the first byte of a column: sets *planes to the number of byte planes, and *from to the
  * flags of the predictor. allowed: the flags that this kind of column may have. */

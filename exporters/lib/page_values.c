@@ -136,7 +136,7 @@ spin_status spin_page_errors_check(const struct spin_quant_error *q,
 
     for (int p = 0; p < SPIN_QUANT_PARTS; p++)
         if (!(q->part[p].largest <= bound[p]) || !isfinite(q->part[p].squares))
-            return spin_malformed("%s is off by %g, more than its bound of %g: a bug in spin4d",
+            return spin_malformed("%s has an error of %g, above its bound of %g: a bug in spin4d",
                                   name[p], q->part[p].largest, bound[p]);
     return SPIN_OK;
 }

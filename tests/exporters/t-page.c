@@ -287,7 +287,7 @@ static void test_check(void)
     ok(spin_page_errors_check(&quant, &bounds) == SPIN_OK, "at its bound");
     spin_quant_error_add(&quant, SPIN_QUANT_PLACE, 0.0011);
     ok(spin_page_errors_check(&quant, &bounds) == SPIN_E_MALFORMED &&
-           strstr(spin_last_error(), "position is off by 0.0011"),
+           strstr(spin_last_error(), "position has an error of 0.0011"),
        "beyond it: %s", spin_last_error());
     quant = (struct spin_quant_error){0};
     spin_quant_error_add(&quant, SPIN_QUANT_SH, (double)NAN);
