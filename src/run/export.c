@@ -50,6 +50,7 @@ struct export
     const struct spin_splats_4d *splats_4d; /* 4D splats to write instead of frames, or NULL */
     /* those of splats_4d that remain after the row filter, scaled and translated */
     const struct spin_splats_4d *final_4d;
+    bool identity;    /* row i is the same splat in all frames, unless the row filter drops rows */
     double n_written; /* splats written so far, in all frames */
     void *self;
 };
@@ -103,6 +104,25 @@ static bool is_antialiased(const struct export *x)
     return x->from == SPIN_FROM_TRAINED   ? x->player.field.antialias
            : x->from == SPIN_FROM_REFINED ? x->clip.bundle.refined.antialias
                                           : x->clip.bundle.meta.antialias;
+}
+
+/* Finds out whether row i is the same splat in all frames. In retrained frames, it is if each row
+ * has the same track in all frames. */
+static spin_status find_identity(struct export *x)
+{
+    struct spin_bundle_tracks *tracks = &x->player.tracks;
+    SPIN_FREED uint32_t *track = NULL;
+    size_t n = spin_bundle_count(&x->clip.bundle, x->clip.frame[0], x->from), i = 0;
+
+    x->identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity;
+    if (x->from != SPIN_FROM_TRAINED || !tracks->values || !tracks->same_rows)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(n + 1, sizeof *track, (void **)&track));
+    SPIN_TRY(spin_bundle_tracks_numbers(tracks, x->clip.frame[0], n, track));
+    while (i < n && track[i] != SPIN_NOT_TRACKED)
+        i++;
+    x->identity = i == n;
+    return SPIN_OK;
 }
 
 static void report_rows(struct export *x)
@@ -307,7 +327,7 @@ static spin_status begin_export(struct export *x)
         .numbered = x->clip.bundle.meta.numbered,
         .pair = x->o->pair ? x->o->pair : x->clip.bundle.meta.pair,
         .data_from = x->clip.bundle.meta.data_from,
-        .identity = x->from == SPIN_FROM_SOURCE && x->clip.bundle.meta.identity,
+        .identity = x->identity,
         .source = x->clip.bundle.meta.from,
         .sh_degree = x->clip.bundle.meta.sh_degree,
         .antialias = is_antialiased(x) && !x->bake.bakes,
@@ -500,7 +520,8 @@ static void warn_of_rows(const struct export *x)
 
     for (int f = 1; f < x->clip.n_frames; f++)
         equal = equal && x->counts[f] == x->counts[0];
-    if (x->o->equal_rows && !x->splats_4d && (!equal || !x->clip.bundle.meta.identity))
+    if (x->o->equal_rows && !x->splats_4d &&
+        (!equal || (!x->identity && !x->clip.bundle.meta.identity)))
         spin_warn("row i is not the same splat in all frames, as this program needs for motion "
                   "between frames: retrain with --method tracks, or write 4D splats as .stg.ply");
 }
@@ -562,6 +583,7 @@ static spin_status run_export(struct export *x)
         warn_of_background(x);
     SPIN_TRY(say_lens(x));
     SPIN_TRY(find_4d(x));
+    SPIN_TRY(find_identity(x));
     SPIN_TRY(spin_export_sound_open(o, x->exporter, &x->clip, clip_fps(&x->clip),
                                     clip_stride(&x->clip), &x->sound));
     SPIN_TRY(open_bake(x));

@@ -82,6 +82,15 @@ run "$bin/spin-export" "$work/again.spin" --to ply -o "$work/again" --json
 is "$(sed -n 's/ *"fps": \([0-9.]*\),/\1/p' "$work/again/sequence.json") $(member splats_mean)" "30 1032" \
     "with the rate and the splats that were written"
 
+# The splats of tracks keep their ids after a retraining, also those that densification added.
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/clip.spin"
+run "$bin/spin-retrain" "$work/clip.spin" -o "$work/tracks.spin" --device cpu --scale 0.25 --iterations 60 --range 0:3
+run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.4dgs" --fps 30 --json
+obeys "$work/tracks.4dgs" "$(member splats_mean) splats, 1 keyframes, 2 deltas, SH degree 0, 0.1 s"
+run "$bin/spin-export" "$work/tracks.spin" --to ply -o "$work/tracks"
+grep -q '"identity": true' "$work/tracks/sequence.json"
+ok $? "and an import of their PLY files knows that rows are tracks"
+
 # Empty frames before the first splat, and a clip without splats.
 python3 - "$work/late" <<'P'
 import os, struct, sys
