@@ -74,6 +74,25 @@ run "$bin/spin-import" "$work/tracks-1" -o "$work/no.spin"
 fails 1 spin-import "a clip that is missing"
 err_has "frame_00001.usda" "names the file"
 
+# A frame without splats, in one file.
+python3 - "$work/late" <<'P'
+import os, struct, sys
+os.mkdir(sys.argv[1])
+names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
+for i in range(3):
+    with open("%s/%d.ply" % (sys.argv[1], i), "wb") as f:
+        f.write(("ply\nformat binary_little_endian 1.0\nelement vertex 2\n"
+                 + "".join("property float %s\n" % n for n in names) + "end_header\n").encode())
+        for k in range(2):
+            f.write(struct.pack("<14f", i + k, 0, 0, 0, 0, 0, 3, -3, -3, -3, 1, 0, 0, 0))
+P
+run "$bin/spin-import" "$work/late" -o "$work/late.spin"
+for end in usdc usda; do
+    run "$bin/spin-export" "$work/late.spin" -o "$work/late.$end" --crop 1.5,-1,-1,9,9,9
+    run "$bin/spin-import" --info "$work/late.$end"
+    out_has "^splats  *0 to 2 a frame, mean 1" "$end: a frame without splats"
+done
+
 # One file: what is refused, and what stays when it fails.
 run "$bin/spin-export" "$work/tracks.spin" -o "$work/frame_%d.usdc"
 fails 2 spin-export "a crate for each frame"
