@@ -294,8 +294,8 @@ static spin_status check_sound(const struct spin_sound *s)
                               "be read: convert it to WAV, or use --sound none",
                               s->name);
     if (s->start < 0)
-        spin_warn("players other than spin4d start the sound '%s' %.3g s late, since the format "
-                  "cannot omit its beginning: use a WAV file, which is cut",
+        spin_warn("a .4dgs cannot omit the beginning of a sound, so players other than spin4d "
+                  "start the sound '%s' %.3g s late: use a WAV file, which spin-export cuts",
                   s->name, -s->start);
     return SPIN_OK;
 }

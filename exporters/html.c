@@ -747,10 +747,11 @@ static spin_status fill_report(struct export *x)
              spin_text_count(x->n_versions, "version", text[2]),
              (double)x->data_bytes / fmax((double)x->n_splats, 1));
     if (!x->split && page > SPLIT_BYTES)
-        spin_log(0,
-                 "html: browsers load all %s before they show the first image; on a web server, "
-                 "--split shows it sooner",
-                 spin_text_bytes(page, text[0]));
+        spin_log(
+            0,
+            "html: browsers load all %s before they show the first image: use --split to show it "
+            "sooner from a web server",
+            spin_text_bytes(page, text[0]));
     spin_splat_rows_warn_empty(x->version[0].n_empty, (size_t)x->n_written);
     if (!report)
         return SPIN_OK;

@@ -179,8 +179,8 @@ static spin_status check_options(const struct export *x)
         return spin_misuse("--camera and --views exclude each other: give one of the two");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
         return spin_misuse("--views: %s",
-                           x->job->views ? "the option selects cameras of the data set, but --path "
-                                           "renders from another camera; give one of the two"
+                           x->job->views ? "the option selects cameras of the data set, but the "
+                                           "images are rendered from another camera; omit --views"
                                          : "there is no data set; give --data DIR");
     return SPIN_OK;
 }
@@ -196,7 +196,7 @@ static spin_status parse_names(struct export *x)
     SPIN_TRY(spin_option_count(v, "start", 0, 1000000000, &x->start));
     SPIN_TRY(spin_pattern_split(x->job->output, &x->output, &pattern));
     if (pattern && spin_plugin_value(v, "pattern", NULL))
-        return spin_misuse("the output '%s' is a pattern already: omit --pattern", x->job->output);
+        return spin_misuse("the output '%s' is already a pattern: omit --pattern", x->job->output);
     if (!pattern)
         SPIN_TRY(spin_strdup(x->job->output, &x->output));
     pattern = pattern ? pattern : spin_plugin_value(v, "pattern", NULL);

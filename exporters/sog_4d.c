@@ -90,7 +90,9 @@ static const struct spin_splats_4d *clip_of(const struct export *x) { return &x-
 static void warn_of_kind(const struct export *x)
 {
     if (!x->kind->sogst && x->order.n > PLAYED)
-        spin_warn("the player of TSOG draws only %d of the %zu splats", PLAYED, x->order.n);
+        spin_warn(
+            "the player of TSOG draws only %d of the %zu splats: drop some with --min-opacity",
+            PLAYED, x->order.n);
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */
@@ -950,13 +952,14 @@ static spin_status choose_sound(struct export *x, const struct spin_sound *s, co
         return SPIN_OK;
     SPIN_TRY(spin_sound_align(s, &x->sound, &x->samples));
     if (x->sound.start != 0)
-        spin_warn("players other than spin4d start the sound '%s' %.3g s %s, since %s cannot "
-                  "store its start: use a WAV file, which spin-export shifts",
-                  s->name, fabs(s->start), s->start < 0 ? "late" : "early", name);
+        spin_warn("%s cannot store when a sound starts, so players other than spin4d start the "
+                  "sound '%s' %.3g s %s: use a WAV file, whose samples spin-export shifts",
+                  name, s->name, fabs(s->start), s->start < 0 ? "late" : "early");
     if (s->gain > 1)
-        spin_warn("%s stores a volume of at most 1: the sound '%s', whose gain is %.3g, is "
-                  "quieter",
-                  name, s->name, s->gain);
+        spin_warn(
+            "%s cannot store a volume above 1: other players play the sound '%s' at 1 instead "
+            "of %.3g",
+            name, s->name, s->gain);
     return SPIN_OK;
 }
 

@@ -151,8 +151,8 @@ static spin_status choose_fraction(struct export *x, int number)
                                 number, (double)largest);
     if (x->fraction < before)
         spin_warn(
-            "frame %d: a coordinate of a splat is %g: positions of this and all later frames are "
-            "rounded to steps of 1/%d",
+            "frame %d: a coordinate of a splat is %g: to store it, positions of this and all later "
+            "frames are rounded to steps of 1/%d",
             number, (double)largest, 1 << x->fraction);
     return SPIN_OK;
 }

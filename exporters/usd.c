@@ -407,9 +407,10 @@ static spin_status choose_format(const char *output, const struct spin_frames_fo
     if (!pattern || *chosen == &format)
         return SPIN_OK;
     if (!spin_text_ends_any_case(output, ".usda"))
-        return spin_misuse("'%s': a layer for each frame is text: end the pattern with .usda, or "
-                           "name one file for all frames",
-                           output);
+        return spin_misuse(
+            "'%s': with one file per frame, the files are text: end the pattern with "
+            ".usda, or name one file for all frames",
+            output);
     *chosen = &format;
     return SPIN_OK;
 }

@@ -126,9 +126,11 @@ static spin_status draw_one(struct export *x, int frame, int64_t picture,
         spin_camera_path_resize(d, &camera);
     }
     if (camera.width != x->size[0] || camera.height != x->size[1])
-        return spin_unsupported("frame %d: camera %d has %dx%d pixels, but %dx%d in earlier frames",
-                                info->number, view ? view->camera_id : -1, camera.width,
-                                camera.height, x->size[0], x->size[1]);
+        return spin_unsupported(
+            "frame %d: camera %d has %dx%d pixels, but %dx%d in earlier frames; set one "
+            "size with --size",
+            info->number, view ? view->camera_id : -1, camera.width, camera.height, x->size[0],
+            x->size[1]);
     SPIN_TRY(spin_camera_path_draw(d, frame, splats, &camera, view ? view->path : NULL));
     SPIN_TRY(spin_video_put(x->video, d->wide));
     if (d->job->report)

@@ -168,8 +168,9 @@ static spin_status parse_pace(struct spin_camera_path *d)
     if (spin_plugin_value(v, "repeat", NULL))
         return spin_misuse("--duration and --repeat exclude each other: give one of the two");
     if (seconds * d->fps > MOST_PICTURES)
-        return spin_misuse("--duration %g: the clip would have more than %d images", seconds,
-                           MOST_PICTURES);
+        return spin_misuse(
+            "--duration %g: more than %d images are needed; choose a shorter duration", seconds,
+            MOST_PICTURES);
     d->n_pictures = (int64_t)fmax(1, rint(seconds * d->fps));
     return SPIN_OK;
 }

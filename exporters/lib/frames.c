@@ -58,7 +58,7 @@ static spin_status split_output(struct spin_frames *x, const struct spin_export_
 {
     SPIN_TRY(spin_pattern_split(job->output, &x->output, pattern));
     if (*pattern && spin_plugin_value(job->values, "pattern", NULL))
-        return spin_misuse("the output '%s' is a pattern already: omit --pattern", job->output);
+        return spin_misuse("the output '%s' is already a pattern: omit --pattern", job->output);
     return *pattern ? SPIN_OK : spin_strdup(job->output, &x->output);
 }
 
@@ -287,8 +287,8 @@ static void warn_clipped(const struct spin_frames *x)
 
     if (x->format->clips_colours && rms > 0.004)
         spin_warn(
-            "'%s' clamps bright and dark colours, with errors of up to %.2g (of 1): write ply, "
-            "sog or compressed-ply to keep these colours",
+            "'%s' clamps bright and dark colours, with errors of up to %.2g on a scale from 0 to "
+            "1: write ply, sog or compressed-ply to keep these colours",
             x->format->name, x->quant.part[SPIN_QUANT_COLOUR].largest);
 }
 

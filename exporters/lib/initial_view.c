@@ -171,7 +171,7 @@ static spin_status find_camera(const struct spin_views *views, int row, int numb
             return SPIN_OK;
         }
     return views ? spin_not_found("--camera %d: the data set has no camera %d", number, number)
-                 : spin_not_found("--camera %d needs a data set: use --data", number);
+                 : spin_not_found("--camera %d needs a data set: give --data DIR", number);
 }
 
 /* Reads the first camera of a camera path. */

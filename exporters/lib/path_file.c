@@ -128,8 +128,9 @@ static spin_status read_size(const spin_json *root, struct spin_path_file *out)
         return spin_malformed(
             "'render_width' and 'render_height': expected two integers, or neither");
     if (size[0] < 16 || size[1] < 16 || size[0] > MOST_SIDE || size[1] > MOST_SIDE)
-        return spin_unsupported("images of %lldx%lld, expected sides from 16 to %d",
-                                (long long)size[0], (long long)size[1], MOST_SIDE);
+        return spin_unsupported(
+            "'render_width' and 'render_height' are %lld and %lld, expected 16 to %d",
+            (long long)size[0], (long long)size[1], MOST_SIDE);
     out->width = (int)size[0];
     out->height = (int)size[1];
     return SPIN_OK;
@@ -145,7 +146,7 @@ static spin_status read_nerfstudio(const spin_json *root, struct spin_path_file 
     if (!spin_json_is_array(list))
         return spin_malformed("the list 'camera_path' is missing");
     if (type && strcmp(type, "perspective") != 0)
-        return spin_unsupported("'camera_type' is '%s', only perspective is supported", type);
+        return spin_unsupported("'camera_type' is '%s', but only perspective is supported", type);
     SPIN_TRY(read_size(root, out));
     if (!spin_json_number(spin_json_get(root, "fps"), &out->fps) ||
         !(out->fps >= 0.01 && out->fps <= 1000))

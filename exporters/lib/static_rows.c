@@ -121,7 +121,7 @@ static spin_status match_frame(struct spin_static_rows *s, const struct spin_spl
         if (row == NONE)
             return spin_fail(SPIN_E_IO,
                              "frame %d: a splat that was the same in all frames is missing when "
-                             "the frame is read again: the input has changed",
+                             "the frame is read again: the input has changed, repeat the export",
                              number);
         s->keep[row] = 0;
     }

@@ -44,7 +44,7 @@ spin_status spin_time_windows_can(const struct spin_time_windows *b)
             "choose another format",
             b->name,
             cuts          ? "begin or end abruptly"
-            : s->plateaus ? "do not fade for some time"
+            : s->plateaus ? "keep their full opacity for some time"
                           : "do not fade to 0");
     if (!(last_time(b) > first_time(b)))
         return spin_unsupported(
@@ -70,23 +70,21 @@ void spin_time_windows_warn(const struct spin_time_windows *b)
 
     if (s->degree > b->degree)
         spin_warn("%s cannot store paths of degree %d: they are approximated by degree %d, with "
-                  "errors of "
-                  "up to %.2g world units while a splat is at least half visible",
+                  "errors of up to %.2g world units while a splat has at least half of its opacity",
                   b->name, s->degree, b->degree, b->lost_place);
     if (s->spins)
-        spin_warn("%s cannot represent rotations that change: each splat keeps the rotation at its "
-                  "centre in time, off by up to %.2g degrees",
+        spin_warn("%s cannot represent rotations that change: each splat keeps the rotation that "
+                  "it has at the centre of its time window, with an error of up to %.2g degrees",
                   b->name, b->lost_turn);
     if (s->cov2d[0] > 0 && !b->says_cov2d)
-        spin_warn("%s cannot store the scale factors of the screen-space covariance with which the "
-                  "splats "
-                  "were trained, %g and %g",
+        spin_warn("%s cannot store the factors, %g and %g, by which the splats' screen-space "
+                  "covariance was scaled in training",
                   b->name, s->cov2d[0], s->cov2d[1]);
     if (s->sh_cos)
-        spin_warn(
-            "%s cannot represent colours that change: each splat keeps the colour at its centre in "
-            "time, off by up to %.2g (of 1)",
-            b->name, b->lost_colour);
+        spin_warn("%s cannot represent colours that change: each splat keeps the colour that it "
+                  "has at the centre of its time window, with an error of up to %.2g on a scale "
+                  "from 0 to 1",
+                  b->name, b->lost_colour);
 }
 
 /* ---- Conversion errors ----------------------------------------------------------------------- */

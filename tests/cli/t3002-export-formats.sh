@@ -145,7 +145,7 @@ for to in ply compressed-ply spz "spz --spz-version 3" sog splat gltf usd html; 
     rm -rf "$work/one-out"
 done
 run "$bin/spin-export" "$work/one.spin" --to splat -o "$work/one-splat"
-err_has "clamps bright and dark colours, with errors of up to 1.2 (of 1)" \
+err_has "clamps bright and dark colours, with errors of up to 1.2 on a scale from 0 to 1" \
     "a colour that .splat cuts off is warned of"
 
 done_testing

@@ -180,7 +180,7 @@ run "$bin/spin-import" "$fixtures/realtime4dgs/rot4d_sht" -o "$work/sht.spin"
 if [ "$code" = 0 ]; then
     run "$bin/spin-export" "$work/sht.spin" -o "$work/sht.tsog" --fps 30 --check --json
     is "$code" 0 "colours in time"
-    err_has "cannot represent colours that change: .* off by up to 0.1 (of 1)" "are frozen, and how much that is"
+    err_has "cannot represent colours that change: .* an error of up to 0.1 on a scale" "are frozen, and how much that is"
     within "geometry and opacity are not touched" 'place < 5e-4 and opacity < 0.0025 and check["colour"]["rms"] < 0.025'
 else
     skip "colours in time" "no such fixture"

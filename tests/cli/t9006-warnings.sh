@@ -373,7 +373,7 @@ out_has ", 39 splats each, .*, 3 splats left out$" "and the report adds them up"
 of far
 run "$bin/spin-export" "$work/x.spin" --to spz -o "$work/spz"
 warns "a splat far away" \
-    "frame 1: a coordinate of a splat is 3000: positions of this and all later frames are rounded to steps of 1/2048"
+    "frame 1: a coordinate of a splat is 3000: to store it, positions of this and all later frames are rounded to steps of 1/2048"
 of sequence --data "$work/missing"
 run "$bin/spin-export" "$work/x.spin" --to images --size 40x30 -o "$work/images"
 warns "frames without a test view" "'$work/missing': 17 images for 5 cameras and 4 frames: 3 images are missing" \

@@ -169,7 +169,7 @@ TAP_MAIN
     test_shorten(&job);
     test_cuts(&job);
     refused(&job, &s, SPIN_4D_GATES, "do not fade to 0");
-    refused(&job, &s, SPIN_4D_PLATEAUS, "do not fade for some time");
+    refused(&job, &s, SPIN_4D_PLATEAUS, "keep their full opacity for some time");
     job.n_frames = 1;
     refused(&job, &s, 0, "two or more frames");
 }

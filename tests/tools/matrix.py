@@ -38,6 +38,7 @@ WORDS = {"position": ROUNDS + "|approximated by degree", "scale": ROUNDS, "rotat
          "SH": "sh .*[1-9].* \\(|SH above degree|colours that change", "splats": "splats were left out", "frames": "frames",
          "fps": "frame rate", "antialias": "trained with antialiasing"}
 REFUSALS = {"begin or end abruptly": "splats that begin or end abruptly", "do not fade": "splats that do not fade",
+            "keep their full opacity": "splats that do not fade",
             "but this clip has frames": "frames"}
 # Frames of each conversion, of which the last is compared.
 N_FRAMES = 2
