@@ -57,7 +57,7 @@ static spin_status check_keyframes(struct spin_4dgs_cursor *c, uint32_t id, doub
                 "clip",
                 id);
         if (!read_pose(c))
-            return spin_malformed("sound %u: a keyframe has an invalid place or rotation", id);
+            return spin_malformed("sound %u: a keyframe has an invalid position or rotation", id);
         last = time;
     }
     return SPIN_OK;
@@ -71,7 +71,8 @@ static spin_status check_source(const struct spin_4dgs_source *s, double duratio
                               s->id, s->start, duration);
     if (!(s->gain >= 0) || !isfinite(s->gain))
         return spin_malformed("sound %u: its gain is %g, expected 0 or more", s->id, s->gain);
-    return has_pose ? SPIN_OK : spin_malformed("sound %u has an invalid place or rotation", s->id);
+    return has_pose ? SPIN_OK
+                    : spin_malformed("sound %u has an invalid position or rotation", s->id);
 }
 
 spin_status spin_4dgs_sound_source(struct spin_4dgs_sounds *sounds, struct spin_4dgs_cursor *c,

@@ -96,7 +96,7 @@ static spin_status split_matrix(const spin_json *list, struct node *node)
     det = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[4] * (m[1] * m[10] - m[2] * m[9]) +
           m[8] * (m[1] * m[6] - m[2] * m[5]);
     if (fabs(det - 1) > 1e-3)
-        return spin_unsupported("'matrix' is not a rotation with a scale");
+        return spin_unsupported("'matrix' is not a rotation times a uniform scale");
     for (int i = 0; i < 9; i++)
         rows[i] = m[i % 3 * 4 + i / 3];
     spin_quat_of_matrix(rows, node->q);
@@ -131,7 +131,7 @@ static spin_status join_children(struct nodes *nodes, size_t i, const spin_json 
 
         if (!spin_json_integer(spin_json_at(children, k), &child) || child < 0 ||
             (size_t)child >= nodes->n || nodes->node[child].parent >= 0)
-            return spin_malformed("a node in 'children' does not exist or has another parent");
+            return spin_malformed("a node in 'children' does not exist, or has two parents");
         nodes->node[child].parent = (int64_t)i;
     }
     return SPIN_OK;
@@ -204,7 +204,8 @@ static spin_status place_node(const struct nodes *nodes, size_t i, struct spin_p
         double joined[4], moved[3];
 
         if (depth == MAX_DEPTH)
-            return spin_malformed("nodes are nested more than %d deep, or in a cycle", MAX_DEPTH);
+            return spin_malformed("nodes are nested more than %d levels deep, or form a cycle",
+                                  MAX_DEPTH);
         spin_scene_rotation_join(inout->q, node->q, joined);
         memcpy(inout->q, joined, sizeof joined);
         turn_point(node->q, inout->shift, moved);
@@ -453,8 +454,8 @@ static spin_status run_key(struct build *b, size_t k)
 static spin_status run_keys(struct build *b)
 {
     if (b->n_times * (uint64_t)b->n_keys > MAX_CELLS)
-        return spin_unsupported("the animation has %zu nodes and %zu times; their product exceeds "
-                                "the limit of %llu",
+        return spin_unsupported("the animation of %zu nodes at %zu times exceeds the limit of "
+                                "%llu values",
                                 b->n_keys, b->n_times, (unsigned long long)MAX_CELLS);
     SPIN_TRY(spin_alloc(b->n_times * b->n_keys + 1, 1, (void **)&b->on));
     for (size_t k = 0; k < b->n_keys; k++)
@@ -511,8 +512,8 @@ static spin_status add_frame(struct build *b, const unsigned char *on, double ti
     *frame =
         (struct spin_gs_glb_frame){.first = at, .number = -1, .time = time, .extras_time = NAN};
     if (s->n_pieces * (uint64_t)(s->n_frames + 1) > MAX_CELLS)
-        return spin_unsupported("the scene has %zu meshes and more than %zu frames; their product "
-                                "exceeds the limit of %llu",
+        return spin_unsupported("%zu meshes in more than %zu frames exceed the limit of %llu "
+                                "values",
                                 s->n_pieces, s->n_frames, (unsigned long long)MAX_CELLS);
     for (size_t i = 0; i < s->n_pieces; i++) {
         const struct spin_gs_glb_points *points = &s->piece[i].points;

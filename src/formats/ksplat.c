@@ -226,7 +226,7 @@ static void read_rows(const struct file *f, const struct section *s, unsigned co
 spin_status spin_ksplat_read(const unsigned char *file, size_t size, unsigned columns,
                              struct spin_splats *out)
 {
-    static const char *const what[5] = {"place", "rotation", "scale", "opacity", "colour"};
+    static const char *const what[5] = {"position", "rotation", "scale", "opacity", "colour"};
     struct spin_ksplat all;
     struct file f;
     struct section s;

@@ -57,7 +57,7 @@ static void read_row(const unsigned char *in, unsigned columns, size_t i, struct
 spin_status spin_splat_read(const unsigned char *bytes, size_t n_bytes, unsigned columns,
                             struct spin_splats *out)
 {
-    static const char *const what[5] = {"place", "rotation", "scale", "opacity", "colour"};
+    static const char *const what[5] = {"position", "rotation", "scale", "opacity", "colour"};
     size_t n = n_bytes / SPIN_SPLAT_ROW;
 
     if (n_bytes % SPIN_SPLAT_ROW != 0)

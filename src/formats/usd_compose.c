@@ -156,7 +156,8 @@ static spin_status add_stack(struct spin_usd_stage *s, struct opinions *list, st
     struct spin_usd_value item;
 
     if (depth == MAX_DEPTH || list->n == MAX_OPINIONS)
-        return spin_malformed("'%s': too many layers are nested, or in a cycle", file->path);
+        return spin_malformed(
+            "'%s': layers are nested too deeply, or include each other in a cycle", file->path);
     if (prim)
         list->of[list->n++] = (struct usd_opinion){file, prim};
     while (sub && sub->value.layer && spin_usd_next(&items, &item)) {
@@ -329,9 +330,10 @@ static spin_status read_template(struct spin_usd_stage *s, const struct spin_usd
     n = floor((last - first) / stride + 1e-6) + 1;
     if (!(stride >= 1 && first >= 0 && n >= 1 && n <= MAX_CLIPS && first == floor(first) &&
           stride == floor(stride)))
-        return spin_unsupported("clips from %g to %g by %g are not supported: expected whole time "
-                                "codes",
-                                first, last, stride);
+        return spin_unsupported(
+            "clips from time code %g to %g with a stride of %g are not supported: "
+            "expected integers",
+            first, last, stride);
     SPIN_TRY(spin_arena_take(&s->arena, (size_t)n, sizeof *out->asset, (void **)&out->asset));
     SPIN_TRY(spin_arena_take(&s->arena, (size_t)n, 2 * sizeof *out->active, (void **)&out->active));
     for (size_t i = 0; i < (size_t)n; i++)
@@ -410,7 +412,8 @@ static spin_status make_node(struct spin_usd_stage *s, struct usd_node *parent, 
     char *path;
 
     if (++s->n_nodes > MAX_NODES)
-        return spin_malformed("'%s': too many prims, or references in a cycle", s->file->path);
+        return spin_malformed("'%s': the layers define too many prims, or references form a cycle",
+                              s->file->path);
     SPIN_TRY(spin_arena_take(&s->arena, 1, sizeof *node, (void **)&node));
     node->parent = parent;
     node->n_local = list->n;
@@ -473,7 +476,7 @@ static spin_status visit(struct spin_usd_stage *s, struct usd_node *node, int de
     if (node->parent && !is_defined(node))
         return SPIN_OK;
     if (depth == MAX_DEPTH)
-        return spin_malformed("'%s': prims are nested too deep, or references in a cycle",
+        return spin_malformed("'%s': prims are nested too deeply, or references form a cycle",
                               s->file->path);
     if (strcmp(type_of(node), SPIN_USD_TYPE) == 0) {
         **tail = node;

@@ -101,7 +101,7 @@ static spin_status read_until(struct reader *r, const char *mark, bool lines, st
 
     for (; r->at < r->end && !begins(r, mark); r->at++) {
         if (!lines && *r->at == '\n')
-            return fail_here(r, "a text does not end on its line");
+            return fail_here(r, "a string does not end on its line");
         if (*r->at == '\\' && *mark != '@' && *mark != '>')
             r->at++;
     }
@@ -146,12 +146,13 @@ static spin_status skip_brackets(struct reader *r)
             skip_space(r);
         } else if (c == '[' || c == '(' || c == '{') {
             if (depth == MAX_DEPTH)
-                return fail_here(r, "brackets are nested too deep");
+                return fail_here(r, "brackets are nested too deeply");
             open[depth++] = c == '[' ? ']' : c == '(' ? ')' : '}';
             r->at++;
         } else if (c == ']' || c == ')' || c == '}') {
             if (open[--depth] != c)
-                return fail_here(r, "a bracket is closed by one of another kind");
+                return fail_here(
+                    r, "a closing bracket is not of the same kind as the opening bracket");
             r->at++;
         } else {
             r->at++;
@@ -417,7 +418,7 @@ static spin_status read_prim(struct reader *r, struct spin_usd_prim *out, int de
     if (!accept(r, '{'))
         return fail_here(r, "expected '{' after the name of a prim");
     return depth < MAX_DEPTH ? read_prims(r, out, depth + 1)
-                             : fail_here(r, "prims are nested too deep");
+                             : fail_here(r, "prims are nested too deeply");
 }
 
 /* Reads the child prims and properties of a prim up to its closing bracket or, at depth 0, the
@@ -520,7 +521,8 @@ static spin_status read_numbers(const struct spin_usd_value *v, unsigned width, 
             before = depth++ == 0 ? to->n : before;
         } else if (accept(&r, ')')) {
             if (--depth == 0 && to->n - before != width)
-                return fail_here(&r, "a tuple has another number of values than its type");
+                return fail_here(
+                    &r, "the number of values in a tuple does not match the declared type");
         } else {
             struct span word = {r.at, 0};
 

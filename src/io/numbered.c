@@ -335,9 +335,11 @@ static spin_status fail_mixed(const struct reader *r, size_t a, size_t b)
             "'%s' has no frame number in its name, but '%s' has one: remove the files "
             "that are not frames, or select the frames with --pattern",
             fewer->name, more->name);
-    return spin_malformed("cannot find the frame number: '%s' has other numbers in its name than "
-                          "'%s'; choose a number with --pattern, such as --pattern 'frame_%%04d*'",
-                          fewer->name, more->name);
+    return spin_malformed(
+        "cannot find the frame number: the name '%s' contains %zu numbers, but '%s' "
+        "contains %zu; choose the number with a pattern such as "
+        "--pattern 'frame_%%04d*'",
+        fewer->name, fewer->n_numbers, more->name, more->n_numbers);
 }
 
 /* Fails unless all names contain equally many numbers. */
@@ -402,9 +404,10 @@ static spin_status fail_two(const struct reader *r, const struct field *a, const
 
     write_pattern(r, a, first, sizeof first);
     write_pattern(r, b, second, sizeof second);
-    return spin_malformed("cannot find the frame number in names such as '%s': it may be that of "
-                          "'%s' or that of '%s'; choose one of these with --pattern",
-                          r->parts[0].name, first, second);
+    return spin_malformed(
+        "cannot find the frame number in names such as '%s', since two numbers may be "
+        "it: give either --pattern '%s' or --pattern '%s'",
+        r->parts[0].name, first, second);
 }
 
 static spin_status fail_same(const struct reader *r, const struct field *f)
@@ -557,7 +560,7 @@ static spin_status use_names(const struct reader *r)
     if (r->hashes && r->names->n > 1)
         return spin_malformed(
             "cannot order the frames: '%s' and the other file names contain hashes "
-            "instead of frame numbers; rename the files with frame numbers",
+            "instead of frame numbers; rename the files so that their names contain frame numbers",
             r->parts[0].name);
     sort_order(r, 0, r->out->order, r->names->n, by_group_and_name);
     return SPIN_OK;

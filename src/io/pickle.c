@@ -1015,7 +1015,7 @@ static spin_status call_global(struct machine *m, struct spin_value *of,
     case G_NDARRAY:
         break;
     }
-    snprintf(why, sizeof why, "'%s' is called in an unexpected way", of->text);
+    snprintf(why, sizeof why, "'%s' is called with unexpected arguments", of->text);
     return fail_malformed(m, why);
 }
 
@@ -1150,7 +1150,7 @@ static spin_status read_bytes(struct machine *m, int n_length, const unsigned ch
 
     SPIN_TRY(read_uint(m, n_length, &length));
     if (length > (uint64_t)(m->end - m->p))
-        return fail_malformed(m, "a length that extends beyond its end");
+        return fail_malformed(m, "a length that is larger than the rest of the data");
     *p = m->p;
     *n = (size_t)length;
     m->p += length;
@@ -1234,7 +1234,7 @@ static spin_status op_frame(struct machine *m)
 
     SPIN_TRY(read_uint(m, 8, &length));
     if (length > (uint64_t)(m->end - m->p))
-        return fail_malformed(m, "a length that extends beyond its end");
+        return fail_malformed(m, "a frame that is longer than the rest of the pickle");
     return SPIN_OK;
 }
 
@@ -1460,7 +1460,7 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
     if (args->n != 1 || args->item[0]->kind != SPIN_VALUE_BYTES)
         return fail_malformed(m, "a storage that is not made of bytes");
     if (inner.level > 1)
-        return fail_malformed(m, "a stream inside a stream inside a pickle");
+        return fail_malformed(m, "a torch.save stream that contains another torch.save stream");
     inner.start = inner.op = inner.p = (const unsigned char *)args->item[0]->text;
     inner.end = inner.p + args->item[0]->n;
     inner.budget = m->budget;
@@ -1470,7 +1470,7 @@ static spin_status load_from_bytes(struct machine *m, const struct spin_value *a
     SPIN_TRY(status);
     if (stream.root->kind != SPIN_VALUE_OBJECT ||
         node_of((struct spin_value *)(uintptr_t)stream.root)->role != STORAGE)
-        return fail_malformed(m, "a stream that does not consist of one storage");
+        return fail_malformed(m, "a torch.save stream of something other than one storage");
     s = spin_pickle_storage(&stream, stream.root->tensor.storage);
     SPIN_TRY(new_node(m, SPIN_VALUE_OBJECT, STORAGE, &node));
     node->v.text = stream.root->text;

@@ -331,10 +331,11 @@ static spin_status walk_lists(const struct spin_ply *ply, const struct spin_ply_
 
             if (!property_bytes(ply, &e->property[p], ply->map.data + *at, ply->map.size - *at,
                                 &size))
-                return spin_malformed("'%s': cut short, or a list has a wrong count: element '%s' "
-                                      "record %llu property '%s'",
-                                      ply->path, e->name, (unsigned long long)i,
-                                      e->property[p].name);
+                return spin_malformed("'%s': property '%s' of record %llu of element '%s' extends "
+                                      "beyond the end of the file: the file is cut short, or "
+                                      "a list has a wrong count",
+                                      ply->path, e->property[p].name, (unsigned long long)i,
+                                      e->name);
             *at += size;
         }
     }

@@ -170,7 +170,7 @@ static enum spin_video_result video_open(const char *path, const char *format, i
     av_dict_free(&options);
     if (error < 0) {
         close_writer(w);
-        return fail(error, sound_error < 0 ? "cannot decode the sound or start to encode it"
+        return fail(error, sound_error < 0 ? "cannot decode the sound, or cannot start its encoder"
                                            : "cannot start encoding");
     }
     *name = codec->name;

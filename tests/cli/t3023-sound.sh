@@ -162,7 +162,7 @@ if [ -x "$(dirname "$bin")/tests/tools/read-sound" ]; then
     printf 'fLaC and nothing that could be decoded' >"$work/x.flac"
     run "$bin/spin-export" "$work/silent.spin" -o "$work/bad.mp4" --sound "$work/x.flac" --size 64x36
     is "$code" 1 "a sound that cannot be decoded is an error"
-    err_has "cannot write video .*cannot decode the sound or start to encode it" "which names the reason"
+    err_has "cannot write video .*cannot decode the sound, or cannot start its encoder" "which names the reason"
     [ ! -e "$work/bad.mp4" ]
     ok $? "and leaves no video"
 else

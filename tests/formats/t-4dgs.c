@@ -639,7 +639,7 @@ static void test_bad_sounds(void)
     refused(make(), "gain is -1", "a negative gain");
     sounds.gain = 1;
     sounds.turn = 0.5;
-    refused(make(), "invalid place or rotation", "a rotation that is none");
+    refused(make(), "invalid position or rotation", "a rotation that is none");
     sounds.turn = 1;
     sounds.time = 2.6;
     refused(make(), "not in ascending order within the clip", "a keyframe after the clip");

@@ -354,9 +354,9 @@ static void test_nodes(void)
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"rotation\":[0,0,0,0]}]",
                "'rotation' is a quaternion of length 0", "a rotation of no length");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[1]},{\"children\":[0]}]",
-               "in a cycle", "nodes in a circle");
+               "form a cycle", "nodes in a circle");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0},{\"children\":[0]},{\"children\":[0]}]",
-               "another parent", "a node with two parents");
+               "two parents", "a node with two parents");
     is_refused(plain(), "\"nodes\":[{\"mesh\":0,\"children\":[7]}]", "children",
                "a child that is not there");
     is_refused(plain(), "\"scenes\":[{\"nodes\":[3]}],\"nodes\":[{\"mesh\":0}]", "does not exist",

@@ -76,10 +76,10 @@ static void test_lies(void)
         {H + 20, 16, 2, "invalid buckets", "buckets of other bytes"},
         {H + 32, 5, 4, "invalid buckets", "more full buckets than there are"},
         {H + 40, 4, 2, "SH degree 4", "SH degree 4"},
-        {H + 16, 0x7fc00000, 4, "'place'", "NaN as a width"},
+        {H + 16, 0x7fc00000, 4, "'position'", "NaN as a width"},
         {H + 2048 + 4 + 60 + 12, 0x7e00, 2, "'rotation'", "NaN in a rotation"},
         {H + 2048 + 4 + 60 + 6, 0x7c00, 2, "'scale'", "an infinite scale"},
-        {H + 2048 + 4, 0x7f800000, 4, "'place'", "an infinite centre"},
+        {H + 2048 + 4, 0x7f800000, 4, "'position'", "an infinite centre"},
     };
     struct spin_gaussian row[30];
     struct spin_splats s = {0};

@@ -258,8 +258,8 @@ static void test_templates(void)
         {"c.###", "c.##.##", "not supported"},
         {"c.###", "c", "not supported"},
         {"c.###", "d.###", "no file matches the clip template"},
-        {"templateStride = 2", "templateStride = 0.5", "whole time codes"},
-        {"templateStride = 2", "templateStride = 0", "whole time codes"},
+        {"templateStride = 2", "templateStride = 0.5", "expected integers"},
+        {"templateStride = 2", "templateStride = 0", "expected integers"},
         {"templateStride", "templateStep", "no 'templateStride'"},
         {"templateAssetPath", "templatePath", "neither assetPaths"},
     };
