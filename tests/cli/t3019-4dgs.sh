@@ -132,13 +132,13 @@ done
 
 if [ -d "$fixtures/4dgs/conformance" ]; then
     mkdir "$work/corpus"
-    for file in $(grep -l '"gaussian-birth"' "$fixtures"/4dgs/conformance/*.json); do
+    for file in $(grep -l '"gaussian-birth"' "$fixtures"/4dgs/conformance/*.json) "$fixtures"/4dgs/conformance/keyframe/*.json; do
         name=$(basename "$file" .json)
         case $name in NoData* | *Objects*) continue ;; esac
-        "$bin/spin-import" "${file%.json}.4dgs" -o "$work/corpus/$name.spin" -q 2>/dev/null
+        "$bin/spin-import" "${file%.json}.4dgs" -o "$work/corpus/$name.spin" -q 2>/dev/null && cp "$file" "$work/corpus"
     done
-    is "$(python3 tests/tools/corpus_4dgs.py "$fixtures/4dgs/conformance" "$work"/corpus/*.spin 2>&1 | tail -1)" 44 \
-        "44 files of the format's own corpus are read to its values"
+    is "$(python3 tests/tools/corpus_4dgs.py "$work/corpus" "$work"/corpus/*.spin 2>&1 | tail -1)" 49 \
+        "49 files of the format's own corpus are read to its values"
     bad=
     for file in "$fixtures"/4dgs/conformance/*-Quantized-*.4dgs; do
         run "$bin/spin-import" "$file" -o "$work/corpus.spin" --force

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Compares splats of .4dgs files that spin-import read with the values that the corpus of the
-format lists for 16 splats of each file, and prints the number of files.
+format lists for 16 splats of each file, or for the states of keyframes and deltas at some times, and
+prints the number of files.
 
 corpus_4dgs.py FOLDER_OF_VALUES BUNDLE..., where the values of NAME.spin are in NAME.json"""
 import json
@@ -16,8 +17,21 @@ import spin4d  # noqa: E402
 C0 = 0.28209479177387814
 
 
-def compare(path, clip):
-    sample = {k: np.array(v, dtype=float) for k, v in json.load(open(path))["sample"].items()}
+def compare_states(path, values, clip):
+    for state in values["states"]:
+        if state["t"] >= values["durationSec"]:
+            continue
+        frame, n = clip.slice(state["t"], relative=True), int(state["liveCount"])
+        have = np.concatenate([frame.means, frame.scales], axis=1)
+        want = np.concatenate([state["sample"]["positions"], state["sample"]["scales"]], axis=1)
+        worst = max(np.abs(have - row).max(1).min() for row in want)
+        off = abs(frame.opacities.sum() - state["aggregate"]["opacitySum"])
+        if len(have) != n or worst > 2e-5 or off > 1e-5 * n:
+            sys.exit(f"{path}: at {state['t']}: {len(have)} of {n} splats, positions {worst:.2g}, opacities {off:.2g}")
+
+
+def compare_splats(path, values, clip):
+    sample = {k: np.array(v, dtype=float) for k, v in values["sample"].items()}
     least = max(clip.splats_4d["least_weight"], clip.splats_4d["least_opacity"])
     for i, centre in enumerate(sample["muT"]):
         # The time in its window at which the splat is most opaque.
@@ -39,5 +53,7 @@ def compare(path, clip):
 
 
 for bundle in sys.argv[2:]:
-    compare(os.path.join(sys.argv[1], os.path.basename(bundle)[:-5] + ".json"), spin4d.load(bundle))
+    name = os.path.join(sys.argv[1], os.path.basename(bundle)[:-5] + ".json")
+    listed = json.load(open(name))
+    (compare_states if "states" in listed else compare_splats)(name, listed, spin4d.load(bundle))
 print(len(sys.argv) - 2)
