@@ -293,9 +293,8 @@ static spin_status prepare_networks(struct clip *clip)
     if (status != SPIN_OK && clip->config)
         return spin_fail_context(status, "with the configuration '%s'", clip->config);
     if (status != SPIN_OK)
-        return spin_fail_context(
-            status,
-            "with the default configuration (there is no config.json; --config gives another)");
+        return spin_fail_context(status, "with the default configuration, since there is no "
+                                         "config.json: give that of the run with --config");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;
@@ -418,8 +417,8 @@ static spin_status describe(struct clip *clip)
              clip->evaluate ? "networks evaluated" : "moved clouds");
     if (n_added > 0)
         spin_note(sequence,
-                  "rows from %zu on are Gaussians added for a single frame (on average %.1f per "
-                  "frame): they have no tracks",
+                  "splats from row %zu on have no tracks: they are Gaussians that were added for a "
+                  "single frame (on average %.1f per frame)",
                   clip->n, (double)n_added / (double)clip->n_steps);
     if (clip->step[0].number != 0)
         spin_note(sequence,
@@ -430,8 +429,8 @@ static spin_status describe(struct clip *clip)
         spin_note(sequence, "positions and rotations come from half-precision networks, whose "
                             "errors accumulate from frame to frame");
     if (clip->evaluate && !clip->config)
-        spin_note(sequence, "there is no config.json: the default configuration is used, and the "
-                            "networks match it");
+        spin_note(sequence, "there is no config.json: the default configuration is used, which "
+                            "matches the sizes of the networks");
     return SPIN_OK;
 }
 

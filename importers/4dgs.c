@@ -61,13 +61,15 @@ static spin_status describe(struct spin_model *m, struct spin_4dgs *info, size_t
              info->keyframes ? "keyframe-delta" : "gaussian-birth", n, m->splats_4d.sh_degree,
              info->duration);
     if (info->keyframes)
-        spin_note(sequence, "a splat that changes is imported as one 4D splat for each of its "
-                            "states");
+        spin_note(sequence, "a splat whose attributes change is imported as several 4D splats, one "
+                            "for each state of the splat");
     spin_note(
         sequence,
         "a splat is visible while its Gaussian window is at least %g, the threshold in the file",
         info->cutoff);
-    spin_note(sequence, "time windows do not include their end: nothing is visible at %g s",
+    spin_note(sequence,
+              "nothing is visible at %g s, the end of the clip, since the time windows of splats "
+              "do not include their end",
               info->duration);
     spin_note(sequence, "the format clamps colours of degree 0 to the visible range, 0 to 1");
     if (info->camera)

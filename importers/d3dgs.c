@@ -139,8 +139,8 @@ static spin_status check_room(const struct run *run)
     if (unpacked == 0 || unpacked + frame <= available)
         return SPIN_OK;
     return spin_fail(SPIN_E_MEMORY,
-                     "cannot read '%s': its arrays unpack to %.1f MB and a frame takes %.1f MB, "
-                     "but only %.1f MB of memory are available",
+                     "cannot read '%s': its arrays unpack to %.1f MB and a frame requires another "
+                     "%.1f MB, but only %.1f MB of memory are available",
                      run->base.path, (double)unpacked / 1e6, (double)frame / 1e6,
                      (double)available / 1e6);
 }
@@ -272,7 +272,8 @@ static spin_status open_run(void *self, const char *path)
     } lost[] = {
         {"mask", "array 'mask' (TC3DGS) is ignored: every Gaussian is present in every frame"},
         {"cam_m", "the per-camera colour corrections (cam_m, cam_c) are not imported"},
-        {"part_colors", "the colours of parts (part_colors, PaMoSplat) are not imported"},
+        {"part_colors",
+         "the colours that mark the parts of objects (part_colors, PaMoSplat) are not imported"},
         {"seg_colors", "the flags of foreground and background (seg_colors) are not imported"},
     };
     struct run *run = self;
@@ -407,9 +408,9 @@ static spin_status count_kept(struct tc_run *run)
 
 static const struct spin_plugin_option tc3dgs_options[] = {
     {"tc-mask", "MODE",
-     "effect of a low presence in the mask: frame hides the Gaussian in that frame; avg, any and "
-     "all drop it from the clip if the presence is low on average, in any frame or in all frames; "
-     "none: nothing",
+     "how the mask hides Gaussians with a low presence: frame for each frame on its own; avg, any "
+     "or all for the whole clip, if the presence is low on average, in any frame or in all frames; "
+     "none to ignore the mask",
      "frame"},
     {"tc-threshold", "P", "presence at or below which a Gaussian is hidden, 0 to 1", "0.1"},
     {NULL, NULL, NULL, NULL},

@@ -71,8 +71,9 @@ static spin_status load_network(struct spin_model *base)
     warp = spin_model_get(base, "gaussian_warp.weight") != NULL;
     m->screw = spin_model_get(base, "branch_w.weight") || spin_model_get(base, "branch_v.weight");
     if (m->screw == warp)
-        return spin_malformed("the network has %s of 'gaussian_warp' and 'branch_w', expected one",
-                              warp ? "both tensors" : "neither");
+        return spin_malformed(
+            "the network has %s of 'gaussian_warp' and 'branch_w', expected exactly one of the two",
+            warp ? "both tensors" : "neither");
     for (int i = 0; i < 5; i++) {
         if (i > 2 || (i > 0) == m->screw)
             SPIN_TRY(spin_model_layer(base, heads[i].key, m->net.width, heads[i].n_out, MLP_PLAIN,

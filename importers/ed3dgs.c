@@ -339,10 +339,11 @@ static void describe(const struct model *m)
     spin_model_describe(&m->base, &m->base.canonical.n, m->base.canonical.sh_degree, moved(m));
     sequence->half_open = s->n_frames == 0;
     sequence->time_last = s->n_frames > 1 ? (s->n_frames - 1) / s->n_frames : 1;
-    snprintf(sequence->variant, sizeof sequence->variant,
-             "E-D3DGS, iteration %lld, %zu Gaussians, %d and %d rows of time", s->iteration,
-             m->base.canonical.n, m->stage[COARSE].used ? m->stage[COARSE].rows : 0,
-             m->stage[FINE].used ? m->stage[FINE].rows : 0);
+    snprintf(
+        sequence->variant, sizeof sequence->variant,
+        "E-D3DGS, iteration %lld, %zu Gaussians, time embeddings of %d (coarse) and %d (fine) rows",
+        s->iteration, m->base.canonical.n, m->stage[COARSE].used ? m->stage[COARSE].rows : 0,
+        m->stage[FINE].used ? m->stage[FINE].rows : 0);
     if (s->n_frames > 0)
         spin_note(sequence, "frame i of the run's %g frames is at time i/%g", s->n_frames,
                   s->n_frames);

@@ -659,17 +659,18 @@ static spin_status open_model(void *self, const char *path)
     sequence->antialias = true;
     sequence->counts_frames = true;
     sequence->time_last = m->frames - 1;
-    snprintf(sequence->variant, sizeof sequence->variant,
-             "Ex4DGS, %.24s, %zu static, %zu dynamic Gaussians, %s between keys %g frames apart",
-             m->is_chkpnt ? spin_path_name(m->base.path) : "two PLYs", m->still.n, m->moving.n,
-             kind_names[m->kind], m->interval);
+    snprintf(
+        sequence->variant, sizeof sequence->variant,
+        "Ex4DGS, %.24s, %zu static, %zu dynamic Gaussians, %s between key frames %g frames apart",
+        m->is_chkpnt ? spin_path_name(m->base.path) : "two PLYs", m->still.n, m->moving.n,
+        kind_names[m->kind], m->interval);
     spin_note(sequence, "times are frames, 0 to %g", m->frames - 1);
     if (!m->is_chkpnt)
-        spin_note(
-            sequence,
-            "read from the PLYs of %s: static Gaussians drift over %g frames, as stated in "
-            "cfg_args; the checkpoint, which the method's renderer prefers, states a few more",
-            spin_path_name(m->base.path), m->duration);
+        spin_note(sequence,
+                  "read from the PLYs of %s: static Gaussians drift over %g frames, as stated in "
+                  "cfg_args; the method's renderer prefers the checkpoint, which stores a slightly "
+                  "larger number",
+                  spin_path_name(m->base.path), m->duration);
     if (m->moving.n > 0)
         spin_note(sequence,
                   "4D splats are segments between key frames, with rotations within %g degrees of "
@@ -1011,8 +1012,9 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
     }
     SPIN_TRY(spin_splats_4d_finish(s, &n_dropped, NULL));
     if (n_dropped > 0)
-        spin_warn("'%s': %zu of %zu 4D splats dropped: their paths overflow", m->base.path,
-                  n_dropped, n);
+        spin_warn(
+            "'%s': %zu of %zu 4D splats dropped: values of their paths are too large for floats",
+            m->base.path, n_dropped, n);
     return SPIN_OK;
 }
 

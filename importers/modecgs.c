@@ -455,7 +455,9 @@ static spin_status open_model(void *self, const char *path)
     snprintf(sequence->variant, sizeof sequence->variant,
              "MoDec-GS, %zu anchors with %d offsets, %d segments", model->n, model->n_offsets,
              model->n_segments);
-    spin_note(sequence, "positions only: opacity, shape and colour depend on the camera");
+    spin_note(
+        sequence,
+        "positions only, since opacity, shape and colour depend on the position of the camera");
     if (model->cameras.n == 0)
         spin_note(sequence, "all offsets are imported, including those that no camera shows: "
                             "select by camera positions with --camera");

@@ -155,7 +155,9 @@ static spin_status find_files(struct points *m, const char *path)
     if (!spin_path_is_folder(path))
         return spin_file_sequence_find(&m->base, path, "", &m->files);
     if (!pattern)
-        return spin_unsupported("'%s' is a folder: give a file of points", path);
+        return spin_unsupported("'%s' is a folder: give a file of points, or the names of the "
+                                "files of all frames as option 'pattern'",
+                                path);
     return list_files(m, path, pattern);
 }
 

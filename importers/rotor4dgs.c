@@ -75,8 +75,9 @@ static spin_status find_prefix(struct spin_model *m)
             return spin_model_text(m, &m->prefix, "%.*s", (int)strlen(key) - 6, key);
     }
     return spin_unsupported(
-        splatfacto ? "'pipeline' contains an ordinary splatfacto model, which has no time"
-                   : "'pipeline' has no tensor whose name ends in 'quats1'");
+        splatfacto
+            ? "'pipeline' contains an ordinary splatfacto model, which does not change over time"
+            : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
 /* Sets *out to the tensor whose name is the prefix followed by `key`. It must have this shape and

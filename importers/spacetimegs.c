@@ -215,9 +215,9 @@ static spin_status read_ending(struct model *m)
     if (ending >= 0)
         return SPIN_OK;
     return spin_unsupported(
-        "'%s': the output function of this full model is unknown, since %s%s: give --rgb-function "
-        "sandwich "
-        "(sigmoid), sandwichnoact (0 to 1) or sandwichnoactss (none)",
+        "'%s': the function that the full model applies to the output of its network is unknown, "
+        "since %s%s: give --rgb-function sandwich (sigmoid), sandwichnoact (0 to 1) or "
+        "sandwichnoactss (none)",
         m->base.path, cfg->path ? "there is no known 'rgbfunction' in " : "there is no cfg_args",
         cfg->path ? cfg->path : "");
 }
@@ -296,8 +296,10 @@ static spin_status choose_colours(const char *path, const char *save, struct mod
     else
         spin_note(
             m->base.sequence,
-            "full model: its network computes colours per pixel; the imported SH of degree 1 are "
-            "fitted to the colours of pixels that a single Gaussian covers, for %d cameras",
+            "full model: its network computes the colour of each pixel from the blended features "
+            "of all Gaussians there; splats cannot represent this, so each Gaussian is imported "
+            "with SH of degree 1 that approximate the network's colours of this Gaussian alone, "
+            "seen from %d cameras",
             m->cameras.n);
     return base ? SPIN_OK : spin_model_torch(&m->base, m->decoder, load_decoder);
 }
@@ -443,8 +445,8 @@ static void describe(const struct model *m)
     }
     if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
         spin_note(sequence,
-                  "the run was trained on fisheye images: the method renders pinhole images of "
-                  "the Gaussians and warps them to fisheye images");
+                  "the run was trained on fisheye images: the method renders pinhole images and "
+                  "warps them to fisheye images, whereas spin4d only renders pinhole images");
 }
 
 static spin_status open_model(void *self, const char *path)

@@ -405,9 +405,9 @@ static spin_status colmap_views(const char *path, const struct spin_plugin_value
 static const struct spin_plugin_option options[] = {
     {"images", "FOLDER", "the folder of the images, such as images_2", "images"},
     {"time", "RULE",
-     "single model: order of the images, at times i/n, as in the file (file) or by name (name); "
-     "FreeTimeGS: unit for i/(n-1), count for i/n, row for i, a number N for i/N (default: file; "
-     "for FreeTimeGS: unit)",
+     "single model: image i of n is at time i/n, in the order of the file (file) or of the names "
+     "(name); FreeTimeGS: time of frame i of n: unit for i/(n-1), count for i/n, row for i, a "
+     "number N for i/N (default: file; FreeTimeGS: unit)",
      NULL},
     {"hold", "N",
      "hold out every N-th image or camera by name, including the first; 0: none (default: 8; with "

@@ -388,8 +388,8 @@ static spin_status check_rows(struct set *set)
         bool *at = &seen[(size_t)c * set->n_rows + (size_t)row];
 
         if (*at)
-            return spin_malformed("there is a second frame %d of camera %d: '%s'",
-                                  set->image[i].number, set->image[i].camera, set->image[i].path);
+            return spin_malformed("camera %d has two images of frame %d, the second is '%s'",
+                                  set->image[i].camera, set->image[i].number, set->image[i].path);
         *at = true;
     }
     if (2 * set->n <= n_there * set->n_rows)
@@ -432,8 +432,8 @@ static spin_status add_views(const struct set *set, const struct spin_plugin_val
 
     SPIN_TRY(spin_option_count(values, "test", -1, INT_MAX, &test));
     if (test >= (int)set->n_cameras)
-        return spin_misuse("option 'test' is %d, but there are only %zu cameras", test,
-                           set->n_cameras);
+        return spin_misuse("option 'test' is %d, expected -1 or the index of a camera, 0 to %zu",
+                           test, set->n_cameras - 1);
     for (size_t i = 0; i < set->n; i++) {
         const struct frame_image *image = &set->image[i];
         int c = spin_views_index_of(set->camera, set->n_cameras, image->camera);

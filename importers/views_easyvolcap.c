@@ -465,8 +465,9 @@ static spin_status read_set(struct set *set, struct spin_views *out)
                  : read_folders(set, cameras));
     SPIN_TRY(spin_rig_views(&set->base, set->camera, set->n, out));
     spin_rig_note(&set->base, NULL, out);
-    spin_note(out, "on such data sets FreeTimeGS uses times i/(n-1) and EasyVolcap i/n: for the "
-                   "latter use --data-from easyvolcap:time=count");
+    spin_note(
+        out, "for such data sets FreeTimeGS uses times i/(n-1), which is the default, but "
+             "EasyVolcap uses i/n: for a run of EasyVolcap give --data-from easyvolcap:time=count");
     if (set->coloured)
         spin_note(out, "the colour matrices 'ccm' of the cameras are not applied");
     return SPIN_OK;

@@ -129,8 +129,9 @@ static spin_status list_images(struct spin_model *m, struct spin_rig_camera *c, 
         if (!split_name(names[i], &frame, &camera))
             continue;
         if (camera >= n)
-            return spin_malformed("'%s' is of camera %zu, but " PARAMETERS " has %zu cameras",
-                                  names[i], camera, n);
+            return spin_malformed("'%s' is of camera %zu, but " PARAMETERS
+                                  " has only cameras 0 to %zu",
+                                  names[i], camera, n - 1);
         SPIN_TRY(spin_model_join(m, &path, m->path, "%s", names[i]));
         spin_file_sequence_add(&c[camera].frames, path, names[i]);
         c[camera].frames.frame[c[camera].frames.n_frames - 1].number = frame;

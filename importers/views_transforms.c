@@ -477,7 +477,10 @@ static spin_status read_set(struct spin_model *m, struct spin_views *out)
 }
 
 static const struct spin_plugin_option options[] = {
-    {"time", "RULE", "file: as stored; max: divided by the largest; unit: first 0, last 1", "file"},
+    {"time", "RULE",
+     "times: file for those stored, max for those divided by the largest, unit for those scaled to "
+     "0 (first) to 1 (last)",
+     "file"},
     {"test-file", "NAME", "the file of held-out images (transforms_val.json in some data sets)",
      "transforms_test.json"},
     {"ending", "TEXT", "extension of the images, if their names in the file lack it", ".png"},

@@ -164,9 +164,10 @@ spin_status spin_file_sequence_sort(struct spin_model *m, struct spin_file_seque
         note_gaps(seq, sequence);
     else if (seq->n_frames > 1)
         spin_note(sequence, "%s",
-                  numbers.numbered ? "frames are sorted by the decimal, negative or large numbers "
-                                     "in their names, but have no frame numbers"
-                                   : "file names have no numbers: frames are in the order of the "
-                                     "names");
+                  numbers.numbered
+                      ? "the numbers in the file names are fractions, negative or too large for "
+                        "frame numbers: they only determine the order of the frames"
+                      : "file names have no numbers: frames are in the order of the "
+                        "names");
     return SPIN_OK;
 }

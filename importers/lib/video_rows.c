@@ -39,7 +39,8 @@ static spin_status open_film(struct spin_model *m, struct spin_rig_video *f,
 
     SPIN_TRY(spin_video_times(f->file, &times, &n));
     if (n < 1 || n > INT_MAX)
-        return spin_malformed("video '%s' has %lld frames", f->file, (long long)n);
+        return spin_malformed("video '%s' has %lld frames, expected 1 to %d", f->file, (long long)n,
+                              INT_MAX);
     f->n = (size_t)n;
     SPIN_TRY(spin_model_alloc(m, f->n, sizeof *f->time, (void **)&f->time));
     memcpy(f->time, times, f->n * sizeof *times);

@@ -286,12 +286,12 @@ void spin_rig_note(struct spin_model *m, const spin_json *fps, struct spin_views
 
     if (rate > 0)
         spin_note(out,
-                  "times of the data set follow the rule '%s'; its frame rate is %.6g per second "
-                  "(spin-export --fps %.6g)",
+                  "times of the data set follow the rule '%s'; its frame rate is %.6g per second: "
+                  "use spin-export --fps %.6g",
                   rule, rate, rate);
     else
         spin_note(out,
-                  "times of the data set follow the rule '%s'; its frame rate is unknown (give it "
-                  "to spin-export --fps)",
+                  "times of the data set follow the rule '%s'; its frame rate is unknown: set it "
+                  "with spin-export --fps",
                   rule);
 }

@@ -264,7 +264,8 @@ static void test_bomb(void)
     setrlimit(RLIMIT_AS, &limit);
     ok(spin_memory_available() <= 120u << 20 && spin_memory_available() > 60u << 20,
        "the memory that is there ends where the address space is limited");
-    fails("d3dgs", bomb, "its arrays unpack to 84.0 MB and a frame takes 84.0 MB, but only 12",
+    fails("d3dgs", bomb,
+          "its arrays unpack to 84.0 MB and a frame requires another 84.0 MB, but only 12",
           "arrays and a frame that the memory does not hold");
     ok(spin_memory_peak() < peak + (20u << 20), "neither was unpacked to see that");
     limit.rlim_cur = address_space() + (300u << 20);

@@ -157,7 +157,7 @@ static void test_options(const char *fixture)
     fails_at(model, 19.5, "its times are 0 to 19", "a time behind it");
     fails_at(model, NAN, "has no time nan", "a time that is no number");
     model = make_run(fixture, 5, CFG ", duration=60)");
-    fails_at(model, 59, "needs the key frames 12 to 15, but there are",
+    fails_at(model, 59, "needs the key frames 12 to 15, but the model has",
              "a time for which key frames are missing");
     spin_json_number(spin_json_get(manifest, "keyframes"), &n_keys);
     spin_json_free(manifest);
