@@ -347,8 +347,8 @@ static spin_status inspect_bundle(struct convert *c)
     c->renders = retrains_on_renders(c, &bundle);
     c->settles = c->renders && !bundle.meta.identity;
     if (asks_renders(c->o) && !c->renders && !c->o->no_retrain)
-        return spin_unsupported("'%s' cannot be retrained on renders of itself: this needs two or "
-                                "more frames with opacities that were not retrained",
+        return spin_unsupported("'%s' cannot be retrained on renders of itself: this needs a clip "
+                                "of two or more frames that has opacities and is not yet trained",
                                 c->o->input);
     if (retrains(c)) {
         SPIN_TRY(check_preset(c));

@@ -89,8 +89,8 @@ static void warn_exposures(const struct eval *e)
             n += id == e->clip.views.view[e->pairs[i].view].camera_id;
         }
     if (n > 0)
-        spin_warn("%s to cameras whose exposure was learned; they are rendered with the mean "
-                  "exposure, so their scores are too low",
+        spin_warn("%s to cameras whose exposure was learned; these views are rendered with the "
+                  "mean exposure, so their scores are too low",
                   spin_text_share(n, e->n_pairs, "view", "belongs", "belong", (char[96]){0}));
 }
 

@@ -101,12 +101,11 @@ spin_status spin_explain_data_set(const char *path, spin_status status)
         return spin_fail(status, "%s", error);
     SPIN_TRY(describe_views(&views, content));
     SPIN_TRY(offer_points(path, &views, offer, sizeof offer));
-    return spin_fail(
-        SPIN_E_NOT_RECOGNISED,
-        "'%s' is a data set (%s) of %s, not a run: give the folder that a method wrote, or a PLY "
-        "file of points for each frame, and this folder with --data, see "
-        "docs/how-to/from-videos.md%s",
-        path, importer->name, content, offer);
+    return spin_fail(SPIN_E_NOT_RECOGNISED,
+                     "'%s' is a data set (%s) of %s, not a run: give the folder that a method "
+                     "wrote, or one PLY file of points per frame, and name this data set with "
+                     "--data, see docs/how-to/from-videos.md%s",
+                     path, importer->name, content, offer);
 }
 
 bool spin_run_is_points(const char *path, const char *run)

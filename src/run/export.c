@@ -300,13 +300,14 @@ static spin_status warn_of_antialias(struct export *x)
     SPIN_TRY(find_antialias_cost(x, &psnr));
     if (psnr > 0 && isfinite(psnr))
         snprintf(cost, sizeof cost,
-                 "; drawn without it, images of the training's size have %.2f dB against "
-                 "antialiased ones",
+                 "; without antialiasing, images of the training's size have a PSNR of %.2f dB "
+                 "against antialiased ones",
                  psnr);
-    spin_warn("these splats were trained with antialiasing, which '%s' files do not tell "
-              "viewers%s: enable it in the viewer, or %s --bake-antialias",
-              x->o->to, cost,
-              x->splats_4d ? "write frames (--to ply, for example) with" : "bake it with");
+    spin_warn(
+        "these splats were trained with antialiasing, but '%s' files do not tell viewers to use "
+        "it%s: enable it in the viewer, or %s --bake-antialias",
+        x->o->to, cost,
+        x->splats_4d ? "write frames (--to ply, for example) with" : "bake it with");
     return SPIN_OK;
 }
 
@@ -522,8 +523,9 @@ static void warn_of_rows(const struct export *x)
         equal = equal && x->counts[f] == x->counts[0];
     if (x->o->equal_rows && !x->splats_4d &&
         (!equal || (!x->identity && !x->clip.bundle.meta.identity)))
-        spin_warn("row i is not the same splat in all frames, as this program needs for motion "
-                  "between frames: retrain with --method tracks, or write 4D splats as .stg.ply");
+        spin_warn(
+            "row i is not the same splat in all frames, but this program needs that for "
+            "motion between frames: retrain with --method tracks, or write 4D splats as .stg.ply");
 }
 
 static spin_status open_bake(struct export *x)

@@ -70,8 +70,8 @@ static bool can_follow(const struct spin_export_options *o, const struct spin_ex
     double asked = asked_fps(o), length = spin_sound_seconds(&x->sound);
 
     if (fps > 0 && asked > 0 && fabs(asked - fps) > 1e-3 * fps)
-        spin_warn("--fps changes the speed of the clip from %.6g to %.6g frames per second: the "
-                  "output lacks the sound '%s'",
+        spin_warn("--fps changes the speed of the clip from %.6g to %.6g frames per second, "
+                  "but not the speed of its sound: the output lacks the sound '%s'",
                   fps, asked, x->sound.name);
     else if (x->sound.start >= n_frames / x->fps || (length > 0 && x->sound.start + length <= 0))
         spin_warn("the sound '%s' does not play during the exported frames: the output lacks it",

@@ -231,7 +231,7 @@ static void choose_default_frames(struct import *im)
         return;
     if (t->counts_frames && t->time_last - t->time_first < INT_MAX) {
         im->n_own = (int)(t->time_last - t->time_first) + 1;
-        spin_note(t, "sampled at the %s that the run contains",
+        spin_note(t, "sampled at the times of the %s that the run contains",
                   spin_text_count(im->n_own, "frame", frames));
         return;
     }
@@ -401,12 +401,12 @@ static spin_status stored_frames(struct import *im, struct spin_frame_info **out
 
     if (o->frame_times && strcmp(o->frame_times, "auto") != 0)
         return spin_misuse(
-            "'%s' stores its %s: --frame-times is only for methods that are continuous in time",
-            o->input, spin_text_count(t->n_frames, "frame", frames));
+            "'%s' stores %s: --frame-times is only for methods that are continuous in time",
+            o->input, spin_text_count(t->n_frames, "separate frame", frames));
     if (o->n_frames > 0 || o->n_times > 0)
-        return spin_misuse("'%s' stores its %s: --frames and --times are only for methods that "
-                           "are continuous in time; use --range",
-                           o->input, spin_text_count(t->n_frames, "frame", frames));
+        return spin_misuse("'%s' stores %s: --frames and --times are only for methods that are "
+                           "continuous in time; use --range",
+                           o->input, spin_text_count(t->n_frames, "separate frame", frames));
     *n = t->n_frames;
     SPIN_TRY(spin_alloc((size_t)*n, sizeof **out, (void **)out));
     for (int i = 0; i < *n; i++) {

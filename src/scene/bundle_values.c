@@ -142,7 +142,7 @@ static spin_status find_units(struct spin_bundle *b, const char *series, char ki
     }
     if (!out->whole)
         return spin_malformed("meta.json: 'per_unit' of '%s' is not a list of %" PRIu64
-                              " positive numbers, one per column (at most %d)",
+                              " positive numbers, one per column (at most %d columns)",
                               series, out->width, SPIN_UNITS);
     return SPIN_OK;
 }
@@ -168,8 +168,8 @@ static spin_status check_header(struct spin_bundle *b, const char *series, const
     SPIN_TRY(spin_array_check_shape(name, &a, n_dims + packed, wanted));
     if ((!packed && (a.kind != kind || a.item_size != 4 || a.big_endian)) ||
         (packed && (a.shape[0] < 1 || a.shape[0] > 4)) || !spin_array_is_contiguous(&a))
-        return spin_malformed("array '%s' is neither little-endian %s nor 1 to 4 byte planes, or "
-                              "is not in row-major order",
+        return spin_malformed("array '%s': expected little-endian %s or 1 to 4 byte planes, in "
+                              "row-major order",
                               name, kind == 'f' ? "float32" : "uint32");
     out->n_planes = packed ? (int)a.shape[0] : 0;
     out->n_dims = n_dims;

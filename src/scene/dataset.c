@@ -308,12 +308,12 @@ static spin_status pair_by_order(const struct spin_views *views,
     char frames[48];
 
     if (views->lacks_frames && meta->n_source_frames != views->n_dataset_frames)
-        return spin_misuse("cannot pair frames by order: the data set lacks all images of some "
-                           "frames, and without frame numbers these frames cannot be told apart");
+        return spin_misuse("cannot pair frames by order: the data set has no images of some "
+                           "frames, and only frame numbers would show which frames these are");
     for (int i = 0; i < meta->n_frames; i++) {
         if (meta->source_index[i] >= views->n_dataset_frames)
             return spin_misuse("cannot pair frames by order: the clip has a frame at position %d, "
-                               "the data set has %s",
+                               "but the data set has only %s",
                                meta->source_index[i],
                                spin_text_count(views->n_dataset_frames, "frame", frames));
         dataset_frame_of[i] = meta->source_index[i];
@@ -616,8 +616,8 @@ spin_status spin_views_check_cameras(const struct spin_views *views, bool warns)
             status = SPIN_OK;
     }
     if (status == SPIN_OK && warns && n_small > 0)
-        spin_warn("the images of %d of %d cameras are smaller than their cameras and are enlarged, "
-                  "such as %s: use a smaller --scale to avoid that",
+        spin_warn("the images of %d of %d cameras are smaller than the data set states and are "
+                  "enlarged, such as %s: use a smaller --scale to avoid that",
                   n_small, n, first);
     return status;
 }

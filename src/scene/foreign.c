@@ -81,8 +81,8 @@ static void describe_file(const char *path, const struct kind *kind, bool want_v
     else if (kind->is == ARCHIVE)
         snprintf(text, n_text, "it is %s: unpack it and give its contents", kind->name);
     else if (want_views && kind->is != DOCUMENT)
-        snprintf(text, n_text, "it is %s: give the folder that contains those of all cameras",
-                 kind->name);
+        snprintf(text, n_text, "it is %s: give the folder that contains the %ss of all cameras",
+                 kind->name, strchr(kind->name, ' ') + 1);
     else if (kind->is == DOCUMENT)
         snprintf(text, n_text, "it is %s", kind->name);
     else

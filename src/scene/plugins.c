@@ -315,7 +315,7 @@ static void warn_once(const char *chosen)
         const struct fault *f = &all.fault[i];
 
         if (!chosen || strcmp(f->name, chosen) != 0 || is_known(chosen))
-            spin_warn("%s; it is skipped", f->text);
+            spin_warn("%s; the plug-in is skipped", f->text);
     }
     if (all.n_faults_lost)
         spin_warn("SPIN_PLUGIN_PATH: %zu more plug-ins are skipped", all.n_faults_lost);

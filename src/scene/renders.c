@@ -143,7 +143,7 @@ static void add_note(const struct spin_viewpoints *p, struct spin_views *out)
 {
     snprintf(
         out->notes, sizeof out->notes,
-        "the images are rendered from the clip itself, by %d cameras %s; %.1f %% of the dynamic "
+        "the images are rendered from the clip itself, for %d cameras %s; %.1f %% of the dynamic "
         "splats are visible to fewer than three cameras\n",
         p->n, p->room ? "inside a room" : "around the subject", 100 * p->few_moving);
 }

@@ -50,7 +50,8 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
             status = spin_fail(
                 SPIN_E_DEVICE,
                 "the parameters of rank %d differ from those of rank 0 after iteration %lld: the "
-                "MPI library does not compute bit-identical sums on all ranks; use another one",
+                "MPI library does not compute bit-identical sums on all ranks; use another MPI "
+                "library",
                 r, (long long)t->iteration);
     return status;
 }
@@ -157,7 +158,7 @@ static spin_status check_numbers(const struct spin_trainer *t, const struct spin
             taken[number[i]] = 1;
     }
     return wrong ? spin_malformed(
-                       "array '%s' contradicts the tracks and splats of its frame in state.json",
+                       "array '%s' contradicts the numbers of tracks and splats in state.json",
                        piece->name)
                  : SPIN_OK;
 }

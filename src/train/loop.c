@@ -397,9 +397,10 @@ static spin_status check_visibility(const struct spin_loop *l, const struct spin
     bool last = l->trainer->iteration == l->plan->o->iterations;
 
     if (n == l->trainer->iteration && (last || n == (epoch > 50 ? 2 * epoch : 100)))
-        return spin_malformed("no splat is visible in any view of %lld iterations: check that the "
-                              "cameras belong to these points",
-                              (long long)n);
+        return spin_malformed(
+            "no splat was visible in any view of the first %lld iterations: check that the "
+            "cameras belong to these points",
+            (long long)n);
     return SPIN_OK;
 }
 

@@ -47,7 +47,7 @@ spin_status spin_photos_choose_alpha(struct spin_photos *photos, struct spin_pla
     if (*choice)
         spin_log(0, "learning the alpha of the subject from %s",
                  photos->mattes.alpha ? "the alpha of the images"
-                                      : "the pixels of background colour around it");
+                                      : "the background-coloured pixels around it");
     return SPIN_OK;
 }
 

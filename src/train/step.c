@@ -585,7 +585,8 @@ void spin_simd_paths_add(struct spin_simd_paths *paths, const char *before)
         other = true;
     }
     if (other)
-        spin_warn("the SIMD path of this run is %s, but the whole training used several (%s): the "
-                  "output will differ from that of an uninterrupted run in the last bits",
-                  paths->now, paths->all);
+        spin_warn(
+            "the SIMD path of this run is %s, but the training has used several (%s): its output "
+            "will differ in the last bits from that of an uninterrupted training",
+            paths->now, paths->all);
 }

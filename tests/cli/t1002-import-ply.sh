@@ -69,5 +69,5 @@ mkdir "$work/one"
 cp "$(find "$fixtures/ply/inria_sh3" -name '*.ply' | head -n 1)" "$work/one/frame_0.ply"
 run "$bin/spin-import" "$work/one" -o "$work/one.spin" --frames 3
 fails 2 spin-import "--frames of one stored frame"
-err_has "stores its 1 frame:" "which is said in the singular"
+err_has "stores 1 separate frame:" "which is said in the singular"
 done_testing

@@ -83,7 +83,7 @@ run "$bin/spin-import" "$work/beside/run" -o "$work/two.spin" --json
 is "$code $(member frames)" "0 61" "two data sets beside it tell nothing"
 run "$bin/spin-import" fixtures/ex4dgs/small/model -o "$work/own.spin" --json
 is "$code $(member frames)" "0 30" "a run that counts its frames"
-is "$(sed -n 's/.*sampled at the \([0-9]*\) frames that the run contains.*/\1/p' "$work/out")" "$(member frames)" \
+is "$(sed -n 's/.*sampled at the times of the \([0-9]*\) frames that the run contains.*/\1/p' "$work/out")" "$(member frames)" \
     "is sampled at those"
 counts() { tr -d ' \n' <"$1" | sed 's/.*"splats":{\([^}]*\)}.*/\1/'; }
 counts "$work/out" >"$work/counts"

@@ -157,7 +157,7 @@ variant clash 's/"points-csv"/"ply"/'
 export SPIN_PLUGIN_PATH="$work/broken/clash.so"
 run "$bin/spin-import" --from ply --help
 is "$code" 0 "a name that is taken: the built-in one stays"
-err_has "^warning: .*clash.so': an importer called 'ply' exists already: built in; it is skipped" \
+err_has "^warning: .*clash.so': an importer called 'ply' exists already: built in; the plug-in is skipped" \
     "and a warning says so"
 export SPIN_PLUGIN_PATH="$importer:$work/example:$importer"
 run "$bin/spin-import" --list

@@ -23,7 +23,7 @@ plain_psnr() { # NAME OPTION...
 }
 plain_psnr marked
 without=$lost
-cost=$(sed -n "s/.*'splat' files do not tell viewers; drawn without it, .* have \([0-9.]*\) dB against .* bake it with --bake-antialias/\1/p" "$work/said")
+cost=$(sed -n "s/.*'splat' files do not tell viewers to use it; without antialiasing, .* have a PSNR of \([0-9.]*\) dB against .* bake it with --bake-antialias/\1/p" "$work/said")
 plain_psnr baked --bake-antialias auto
 awk -v a="$without" -v b="$lost" 'BEGIN { exit !(b < 0.7 * a) }'
 ok $? "the image is nearer to the antialiased one: $lost dB off, $without dB without baking"
@@ -56,14 +56,14 @@ is "$?" 1 "no warning about the mark"
 # Files that keep the mark to themselves; 4D splats cannot be baked.
 for output in still.glb frame.usdc frame.usda frames.4dgs frames.tsog; do
     run "$bin/spin-export" "$work/anti.spin" -o "$work/$output" --force
-    err_has "drawn without it, .* dB against antialiased ones: enable it in the viewer, or bake it" "$output: the loss"
+    err_has "without antialiasing, .* dB against antialiased ones: enable it in the viewer, or bake it" "$output: the loss"
 done
 LC_ALL=C sed '0,/^comment ftgs_version/s//comment antialiased 1\n&/' fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply \
     >"$work/rows.ftgs.ply"
 run "$bin/spin-import" "$work/rows.ftgs.ply" -o "$work/rows.spin"
 for output in x.ftgs.ply x.stg.ply x.sogst x.sogst.ply x.4dgs x.tsog; do
     run "$bin/spin-export" "$work/rows.spin" -o "$work/$output"
-    err_has "which .* files do not tell viewers: enable it in the viewer, or write frames .* --bake-antialias" \
+    err_has "but .* files do not tell viewers to use it: enable it in the viewer, or write frames .* --bake-antialias" \
         "$output: a warning, without cameras"
 done
 

@@ -339,7 +339,7 @@ run "$bin/spin-export" "$in" --to images --size 80x45 --range 0:1 -o "$work/eigh
 first=$(find "$work/small/ims/0" -type f | sort | head -n 1)
 cp "$work/eighty/cam_00_frame_00000.png" "$first"
 run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q
-warns "a picture that is smaller than its camera" "the images of 1 of 8 cameras are smaller than their cameras and are enlarged, \
+warns "a picture that is smaller than its camera" "the images of 1 of 8 cameras are smaller than the data set states and are enlarged, \
 such as 80 x 45 instead of 160 x 90 pixels for camera 0: use a smaller --scale to avoid that"
 run "$bin/spin-eval" "$in" --data "$work/small" --range 0:1 -q --scale 0.5
 warns "at the size that it has"
@@ -351,8 +351,8 @@ for to in splat gltf usd; do
     export_to "$work/out.spin" $to
     sed -i 's/ [0-9][0-9.]* dB / N dB /' "$work/err"
     warns "antialiased splats as $to" \
-        "these splats were trained with antialiasing, which '$to' files do not tell viewers; drawn without it, \
-images of the training's size have N dB against antialiased ones: enable it in the viewer, or bake it with --bake-antialias"
+        "these splats were trained with antialiasing, but '$to' files do not tell viewers to use it; without antialiasing, \
+images of the training's size have a PSNR of N dB against antialiased ones: enable it in the viewer, or bake it with --bake-antialias"
 done
 export_to "$work/out.spin" ply
 warns "antialiased splats as ply"
@@ -391,6 +391,6 @@ warns "a background of no picture" "--background has no effect: this export rend
 places=$(for i in $(seq 1 66); do printf '%s:' "$work/none/$i/"; done)
 run env SPIN_PLUGIN_PATH="${places%:}" "$bin/spin-import" --list
 is "$code $(grep -c '^warning: ' "$work/err")" "0 65" "66 plug-ins that are not there: 64 lines, and one"
-is "$(sed -n '3p;65p' "$work/err")" "warning: plug-in '$work/none/3/' of SPIN_PLUGIN_PATH does not exist; it is skipped
+is "$(sed -n '3p;65p' "$work/err")" "warning: plug-in '$work/none/3/' of SPIN_PLUGIN_PATH does not exist; the plug-in is skipped
 warning: SPIN_PLUGIN_PATH: 2 more plug-ins are skipped" "a line for each, and how many more there are"
 done_testing

@@ -282,14 +282,14 @@ static void check_refused(struct spin_device *d)
         const char *why;
     } bad[] = {
         {"frames/00001/track", 1, 2,
-         "contradicts the tracks and splats"}, /* two splats of track 2, none of 1 */
-        {"frames/00001/track", 1, 3, "contradicts the tracks and splats"},
+         "contradicts the numbers of tracks"}, /* two splats of track 2, none of 1 */
+        {"frames/00001/track", 1, 3, "contradicts the numbers of tracks"},
         {"frames/00000/track", 0, 1,
-         "contradicts the tracks and splats"}, /* a track where splats have none */
-        {"frames/00000/track", 2, 0xffffffffu, "contradicts the tracks and splats"},
-        {"frames/00000/track", 4, 4, "contradicts the tracks and splats"}, /* there are four */
-        {"frames/00000/place", 1, 2, "contradicts the tracks and splats"}, /* twice */
-        {"frames/00000/place", 1, 5, "contradicts the tracks and splats"},
+         "contradicts the numbers of tracks"}, /* a track where splats have none */
+        {"frames/00000/track", 2, 0xffffffffu, "contradicts the numbers of tracks"},
+        {"frames/00000/track", 4, 4, "contradicts the numbers of tracks"}, /* there are four */
+        {"frames/00000/place", 1, 2, "contradicts the numbers of tracks"}, /* twice */
+        {"frames/00000/place", 1, 5, "contradicts the numbers of tracks"},
         {"residual/00001/v", 3, 0x7fc00000u, "not finite"},
         {"tracks/p", 0, 0x7f800000u, "not finite"},
         {"table/m", 1, 0xff800000u, "not finite"},
@@ -493,7 +493,7 @@ static int n_warnings;
 static bool count_warning(const char *line)
 {
     n_warnings +=
-        strstr(line, "of this run is v1, but the whole training used several (v1+base)") != NULL;
+        strstr(line, "of this run is v1, but the training has used several (v1+base)") != NULL;
     return false;
 }
 
