@@ -81,8 +81,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("source", 0, NULL, FLAG, options.source,
              "write the imported attributes instead of the retrained ones"),
     SPIN_ARG("sound", 0, "FILE|none", STRING, options.sound,
-             "sound track, from the first frame of IN.spin on: WAV, MP3, AAC, M4A, Opus, Vorbis, "
-             "FLAC (that of IN.spin)"),
+             "sound file that starts with the first frame of IN.spin: WAV, MP3, AAC, M4A, Opus, "
+             "Vorbis or FLAC (the sound in IN.spin)"),
     SPIN_ARG("decimate", 0, "N|P%|SIZE|LOSS", STRING, options.decimate,
              "keep the splats that contribute most to the training views: N per frame, a share "
              "(50%), as many as fit an output size (2MB), or the fewest that reach a PSNR against "
@@ -100,8 +100,8 @@ static const struct spin_args_row rows[] = {
              "drop splats that are visible in fewer than N training views of their frame", .min = 1,
              .max = 100000),
     SPIN_ARG("floaters", 0, "F", DOUBLE, options.floaters,
-             "drop isolated splats: RMS distance to the three nearest neighbours above F times the "
-             "median, and beyond three sigma of the splat",
+             "drop isolated splats, whose RMS distance to their three nearest neighbours exceeds "
+             "both F times the median over all splats and three times their own largest scale",
              .min = 1, .max = 1e6),
     SPIN_ARG("backdrop", 0, "auto|off", ENUM, options.backdrop,
              "off: drop the backdrop that spin-retrain added behind the scene (auto)"),
@@ -123,7 +123,7 @@ static const struct spin_args_row rows[] = {
              "the size of the training's images",
              .parse = parse_bake),
     SPIN_ARG("relative", 0, NULL, FLAG, options.relative,
-             "do not add the coordinates that the import subtracted, see --info"),
+             "do not add back the offset that the import subtracted from all positions"),
     SPIN_ARG_HEADING("Data set, for exporters that render"),
     SPIN_ARG_DATA_ROWS(options),
     SPIN_ARG("background", 0, "COLOUR", COLOUR, options.background,

@@ -31,8 +31,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("times", 0, "T0,T1,...", DOUBLES, times,
              "continuous methods: sample at these times, in the method's unit"),
     SPIN_ARG("frame-times", 0, "auto|data|unit|count", CHOICE, options.frame_times,
-             "continuous methods: the time of frame i of the data set's n frames: data: as in the "
-             "data set; unit: i/(n-1) of the time range; count: i/n of it (auto)"),
+             "continuous methods: times of the data set's frames: as stored in it (data), or for "
+             "frame i of n at i/(n-1) (unit) or i/n (count) of the time range (auto)"),
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range, "keep frames numbered A to B-1"),
     SPIN_ARG_HEADING("Output"),
     SPIN_ARG("output", 'o', "FILE", STRING, options.output, "bundle to write, *.spin"),

@@ -97,7 +97,7 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG_HEADING("Machine"),
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),
     SPIN_ARG("deterministic", 0, NULL, FLAG, options.deterministic,
-             "make results of a GPU bit-identical between runs, at some cost in speed; those of "
+             "make results on a GPU bit-identical between runs, at some cost in speed; results on "
              "the CPU always are"),
     SPIN_ARG_END,
 };
@@ -141,7 +141,7 @@ static const char plan_text[] =
     "{{^bytes_available}}an unknown amount{{/}} available\n"
     "{{^fits}}            it does not fit: {{#fitting}}{{fitting}} would fit{{/}}{{^fitting}}no "
     "smaller setting was found that would{{/}}\n{{/}}"
-    "{{^ranks=1}}processes   {{ranks}}; each needs that memory, and together they send up to "
+    "{{^ranks=1}}processes   {{ranks}}; each needs this amount of memory; together they send up to "
     "{{bytes_sent %B}} per iteration{{#densify_every}}, more as densification adds "
     "splats{{/}}\n{{/}}"
     "time        {{#seconds_estimated}}about {{seconds_estimated %T}}{{/}}"

@@ -89,8 +89,8 @@ static const struct spin_args_row rows[] = {
              "set format and options for a program, see spin-export --for"),
     SPIN_ARG(
         "sound", 0, "FILE|none", STRING, options.sound,
-        "sound track, from the first frame on: WAV, MP3, AAC, M4A, Opus, Vorbis, FLAC (that of "
-        "RUN)"),
+        "sound file that starts with the first frame: WAV, MP3, AAC, M4A, Opus, Vorbis or FLAC "
+        "(the sound in RUN)"),
     SPIN_ARG("crop", 0, "BOX|SPHERE", CUSTOM, options.crop,
              "keep splats inside the bounding box X0,Y0,Z0,X1,Y1,Z1 or the sphere X,Y,Z,RADIUS",
              .parse = parse_crop),

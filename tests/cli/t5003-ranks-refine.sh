@@ -44,6 +44,6 @@ cmp -s "$work/one.spin" "$work/two.spin"
 ok $? "and it is that of one"
 nothing_at "$work/two.spin.parts" "nothing is left beside it"
 ranks 2 "$bin/spin-retrain" "$in" --dry-run --device cpu
-out_has '^processes   2; each needs that memory, and together they send up to [0-9.]* .*B' \
+out_has '^processes   2; each needs this amount of memory; together they send up to [0-9.]* .*B' \
     "--dry-run says what two processes send"
 done_testing
