@@ -1,12 +1,12 @@
-/* Writes .4dgs, version 1 (formats/4dgs.h): a clip of 4D splats, each visible in an interval of
- * time, as one file, of which players can load a part of the clip at a time. lib/4dgs_frames.c
- * writes clips that consist of frames.
+/* Writes .4dgs, version 1 (formats/4dgs.h): one file with a clip of 4D splats, each of which is
+ * visible in an interval of time. Players can load the file in parts. lib/4dgs_frames.c writes
+ * clips that consist of frames.
  *
  * All values are quantised. The position is quantised last, after the splat has been moved along
- * its path to its quantised centre in time, so that the errors of time and velocity do not displace
- * the splat while it is visible. The clip is divided into intervals of about half a second, each
- * with a chunk of the splats that are visible in this interval only. One more chunk contains the
- * splats that are visible in several intervals. */
+ * its path to the quantised centre of its time window, so that the errors of time and velocity do
+ * not displace the splat while it is visible. The clip is divided into intervals of about half a
+ * second, each with a chunk of the splats that are visible in this interval only. One more chunk
+ * contains the splats that are visible in several intervals. */
 #include "base/base.h"
 #include "exporters/lib/4dgs_frames.h"
 #include "exporters/lib/time_windows_check.h"
@@ -34,7 +34,7 @@ struct export
     uint32_t *window_of;           /* [clip.n] index of `span` of this row in the window table */
     struct spin_4dgs_splat *splat; /* [order.n] */
     double segment;                /* duration of a chunk in seconds */
-    double slack;                  /* largest error of a position, at the splat's centre in time */
+    double slack; /* largest error of a position at the centre of the splat's window */
     struct spin_4dgs_coder coder;
     struct spin_4dgs_frames frames; /* used if the clip consists of frames */
     struct spin_4dgs_writer writer;
@@ -107,8 +107,8 @@ static int compare_floats(const void *a, const void *b)
     return (*x > *y) - (*x < *y);
 }
 
-/* Sets the bounding box of positions and the quantisation steps, of which that of positions depends
- * on the median of all scales. */
+/* Sets the bounding box of positions and the quantisation steps. The step of positions depends on
+ * the median of all scales. */
 static spin_status choose_steps(struct export *x)
 {
     const struct spin_splats_4d *s = &x->windows.clip;
@@ -133,9 +133,9 @@ static spin_status choose_steps(struct export *x)
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Quantises sigma and the centre in time of row k, and moves the row along its path to the
- * quantised centre in time. Returns `life` for spin_4dgs_motion_step(), which determines the
- * quantisation step of the velocity. */
+/* Quantises sigma and centre of the time window of row k, and moves the row along its path to the
+ * quantised centre. Returns `life`, from which spin_4dgs_motion_step() computes the quantisation
+ * step of the velocity. */
 static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
 {
     struct spin_splats_4d *s = &x->windows.clip;
@@ -157,9 +157,9 @@ static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
     return never ? span[1] - span[0] : sqrt(-2 * log(x->coding.cutoff)) * sigma;
 }
 
-/* Quantises the velocity and the position. The position compensates the error of the velocity at
- * one time: the centre in time of the splat or, if the splat is not visible then, the nearest time
- * at which it is visible. */
+/* Quantises the velocity and the position. The position is chosen such that the error of the
+ * velocity has no effect at one time: the centre of the splat's time window or, if the splat is not
+ * visible then, the nearest time at which it is visible. */
 static void code_place(struct export *x, size_t k, double life, struct spin_4dgs_splat *to,
                        struct spin_gaussian *shown)
 {

@@ -4,10 +4,10 @@
  * Vertex data cannot change over time in glTF. A clip is therefore stored as one node per frame,
  * and an animation with STEP interpolation sets the scale of each node: 1 while the frame of the
  * node is shown, 0 otherwise. An additional key frame at the end repeats the last value, so that
- * players show the last frame for its whole duration. If an attribute has the same values in
- * several frames, these are stored once. --still-apart moves the splats that are equal in all
- * frames (lib/static_rows.h) to a separate node without animation. This node is the first of the
- * scene, so that players that draw one mesh after another draw the static splats first.
+ * players show the last frame for its whole duration. Values of an attribute that are the same in
+ * several frames are stored once. --still-apart moves the splats that are equal in all frames
+ * (lib/static_rows.h) to a separate node without animation. This node is the first of the scene, so
+ * that players that draw one mesh after another draw the static splats first.
  *
  * Differences from the PLY of 3D Gaussian Splatting: quaternions are x y z w, scales and opacities
  * are stored after their activation (exp, sigmoid), and each SH coefficient has its own accessor.

@@ -67,7 +67,7 @@ static const struct spin_plugin_option options[] = {
 
 /* A block that has been written: a frame of a version of the clip, or some rows of 4D splats. */
 struct page_frame {
-    int first; /* frames: index of the key frame on which this frame depends */
+    int first; /* index of the key frame on which a frame depends; not used for rows of 4D splats */
     size_t shared, still, own;
     /* Rows of 4D splats: the range of frames, from `from` to `end` - 1, in which they are visible.
      */
@@ -220,8 +220,8 @@ static spin_status take_draft(void *context, const struct spin_page_block *block
     return spin_out_write(&x->data, block->data, block->n_bytes);
 }
 
-/* With --split, writes the draft after all blocks. If the block of the first frame is as small as a
- * draft, it is used instead, and no draft is written. */
+/* With --split, writes the draft after all blocks. No draft is written if the block of the first
+ * frame is itself small enough to be loaded first. */
 static spin_status write_draft(struct export *x)
 {
     double most = DRAFT_SHARE * (double)x->data_bytes;
@@ -341,8 +341,8 @@ static spin_json *steps_json(const struct spin_page_space *space)
     return j;
 }
 
-/* Returns the description of the sound. step: seconds of the sound that one frame of the page
- * lasts; start: time of the clip at which the sound begins, in seconds. */
+/* Returns the description of the sound. step: seconds of the sound that play during one frame of
+ * the page; start: time of the clip at which the sound begins, in seconds. */
 static spin_json *sound_json(const struct export *x)
 {
     const struct spin_sound *s = x->job->sound;

@@ -93,7 +93,7 @@ static spin_status take_layers(struct export *x, const struct spin_camera *camer
 
 /* Finds colours above 1 in EXR images, which occur where several bright splats overlap. With
  * --clamp, limits them to 1; otherwise counts the pixels. The colours in `image` are premultiplied
- * by alpha, so alpha takes the place of 1. */
+ * by alpha, so their limit is alpha instead of 1. */
 static void limit_colours(struct export *x)
 {
     size_t n = (size_t)x->film.width * (size_t)x->film.height;

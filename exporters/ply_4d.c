@@ -21,8 +21,9 @@
 #include "io/ply.h"
 #include "math/sh.h"
 
-/* The largest sigma to write, in clip lengths. A splat that does not fade is written with this
- * sigma: even at a distance of one clip length from its centre in time, the window is 0.9998. */
+/* The largest sigma to write, as a multiple of the clip's duration. A splat that does not fade is
+ * written with this sigma: even one duration of the clip before or after its centre, the window is
+ * 0.9998. */
 #define MOST_SIGMA 50
 #define MOST_SECONDS 1e6 /* largest sigma in seconds, for STG-lite */
 enum { BATCH = 4096 };   /* number of rows that are written at a time */
@@ -33,10 +34,11 @@ struct layout {
     const char *name;     /* name of the format in messages */
     const char *importer; /* the importer that reads the format */
     int degree;           /* highest degree of a path */
-    bool seconds;         /* unit of time in the file: true: seconds; false: clip lengths */
+    /* True: the file has times in seconds; false: as shares of the clip's duration. */
+    bool seconds;
     /* True: the format stores cov2d of struct spin_splats_4d, and requires SH of degree 0 or 3. */
     bool cov2d;
-    double most_seconds; /* the largest sigma to write; 0: MOST_SIGMA clip lengths */
+    double most_seconds; /* the largest sigma to write; 0: MOST_SIGMA durations of the clip */
     void (*print_header)(struct export *x);
     /* Converts row i. All floats of `to` are 0 before the call. */
     void (*fill_row)(const struct export *x, size_t i, float *to);
@@ -165,7 +167,7 @@ static void fill_sh(const struct export *x, size_t i, float *dc, float *rest)
 }
 
 /* Sets `to` to the coefficient of d^(power + 1) in the path of row i, where d is the time relative
- * to the row's centre in time. If the path has a lower degree, `to` is not changed. */
+ * to the centre of the row's window. If the path has a lower degree, `to` is not changed. */
 static void fill_path(const struct export *x, size_t i, int power, float to[3])
 {
     const struct spin_splats_4d *s = &x->windows.clip;

@@ -1,12 +1,12 @@
 /* Writes TSOG and .sogst: a clip of 4D splats as one file (formats/tsog.h, formats/sogst.h).
  *
- * Both formats quantise a splat's centre in time. Each splat is therefore moved along its path to
- * the quantised time; the remaining error is that the splat fades slightly too early or too late.
- * For the other values, ranges and evenly spaced codebooks limit the error to half a step. Sigmas
- * are limited to MOST_SIGMA: all sigmas are quantised in a common range, so a very large sigma
- * would make the steps too coarse for small ones. A splat whose sigma is limited is moved in time
- * towards the middle of the clip, such that its opacity at the middle keeps its value and its
- * derivative.
+ * Both formats quantise the centre of a splat's time window. Each splat is therefore moved along
+ * its path to the quantised time; the remaining error is that the splat fades slightly too early or
+ * too late. For the other values, ranges and evenly spaced codebooks limit the error to half a
+ * step. Sigmas are limited to MOST_SIGMA: all sigmas are quantised in a common range, so a very
+ * large sigma would make the steps too coarse for small ones. A splat whose sigma is limited is
+ * moved in time towards the middle of the clip, such that its opacity at the middle keeps its value
+ * and its derivative.
  *
  * TSOG can also contain a clip that consists of frames: each splat then has the index of the only
  * frame in which it is visible. */
@@ -20,9 +20,9 @@
 #include "math/activate.h"
 #include "math/sh.h"
 
-#define MOST_SIGMA 8 /* largest sigma, in clip lengths */
-/* .sogst: a splat is drawn at times that differ from its centre in time by at most this multiple of
- * sigma. */
+#define MOST_SIGMA 8 /* largest sigma, as a multiple of the clip's duration */
+/* .sogst: a splat is drawn at times that differ from the centre of its time window by at most this
+ * multiple of sigma. */
 #define K_SIGMA 3.8
 /* .sogst: the names of segments have three digits. */
 #define MAX_SEGMENTS 999
@@ -63,7 +63,8 @@ struct export
     int level;
     struct spin_sog_4d coding;
     struct spin_quant_error quant;
-    double fade_lost; /* largest error of an opacity from quantising centres and sigmas */
+    /* Largest error of an opacity from quantising the centres and sigmas of time windows. */
+    double fade_lost;
     struct spin_out out;
     struct spin_sound sound; /* sound.data is NULL if there is none */
     unsigned char *samples;  /* memory of `sound`, or NULL */
@@ -133,8 +134,8 @@ static void fill_book(struct spin_sog_book *book, double least, double most, boo
     }
 }
 
-/* Quantises time[0], a splat's centre in time, and time[1], its sigma. shown: receives the two
- * values as readers decode them. */
+/* Quantises a splat's time window: its centre, time[0], and its sigma, time[1]. shown: receives the
+ * two values as readers decode them. */
 static void code_time(const struct spin_sog_4d *coding, const float time[2], uint8_t *low,
                       uint8_t *high, float shown[2])
 {
@@ -156,8 +157,8 @@ static void code_time(const struct spin_sog_4d *coding, const float time[2], uin
     shown[1] = coding->sigma.value[low[1]];
 }
 
-/* Returns the largest error of a centre in time, as a multiple of the splat's sigma, if centres are
- * quantised with this codebook. */
+/* Returns the largest error of the centre of a time window, as a multiple of the window's sigma, if
+ * centres are quantised with this codebook. */
 static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK])
 {
     double worst = 0;
@@ -171,8 +172,8 @@ static double worst_shift(const struct export *x, const float book[SPIN_CODEBOOK
     return worst;
 }
 
-/* Chooses the codebook of centres in time: evenly spaced values or, if its worst_shift() is
- * smaller, a codebook that is adapted to the splats. */
+/* Chooses the codebook of the centres of time windows: evenly spaced values or, if its
+ * worst_shift() is smaller, a codebook that is adapted to the splats. */
 static spin_status choose_centres(struct export *x)
 {
     struct spin_sog_book *book = &x->coding.centre;
@@ -189,8 +190,9 @@ static spin_status choose_centres(struct export *x)
     return SPIN_OK;
 }
 
-/* Returns the largest error of a splat's opacity at three times: at its centre in time, and one
- * sigma before and after it. time: exact centre and sigma; shown: decoded centre and sigma. */
+/* Returns the largest error of a splat's opacity at three times: the centre of its time window, and
+ * one sigma before and after the centre. time: exact centre and sigma; shown: decoded centre and
+ * sigma. */
 static double fade_lost(float logit, const float time[2], const float shown[2])
 {
     double most = 0;
@@ -204,8 +206,8 @@ static double fade_lost(float logit, const float time[2], const float shown[2])
     return spin_sigmoid_of((double)logit) * most;
 }
 
-/* Quantises centres in time and sigmas, and moves each splat along its path to its quantised centre
- * in time. */
+/* Quantises the centres and sigmas of time windows, and moves each splat along its path to the
+ * quantised centre. */
 static spin_status round_times(struct export *x)
 {
     struct spin_splats_4d *s = &x->windows.clip;

@@ -1,8 +1,8 @@
 /* Writes one SPZ per frame (formats/spz.h).
  *
  * Positions have 12 fractional bits, as in the reference implementation, which allow coordinates up
- * to 2048. If a frame has larger coordinates, it is written with fewer fractional bits. All later
- * frames are too, so that static splats have the same bytes in all of these frames.
+ * to 2048. A frame with larger coordinates and all later frames are written with fewer fractional
+ * bits, so that static splats have the same bytes in all of these frames.
  *
  * The format does not define its axes. --axes source writes the axes of the training, like
  * splat-transform. --axes rub rotates the scene by 180 degrees about x, to x right, y up, z back,

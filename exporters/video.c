@@ -20,8 +20,8 @@ struct export
 {
     struct spin_camera_path drawing;
     struct spin_video_out *video;
-    /* A view of the camera of the data set from which all frames are rendered; NULL: the camera is
-     * not in the data set. */
+    /* Identifies the data set's camera that renders all frames: one of its views. NULL: the camera
+     * is not in the data set. */
     const struct spin_view *first;
     int size[2]; /* width, height of a panel in pixels */
 };

@@ -138,8 +138,8 @@ function storage(unit, format, rows) {
     return made;
 }
 
-// Returns a function that uploads 32-bit words to a texture of 2048 texels width. The texture is
-// reallocated if it is too small, and its last row is padded. Without words, the function only
+// Returns a function that uploads 32-bit words to a texture that is 2048 texels wide. The texture
+// is reallocated if it is too small, and its last row is padded. Without words, the function only
 // binds the texture.
 function texture(slot, format, layout, perTexel) {
     let made = null, rows = 0;
@@ -359,7 +359,7 @@ if (audio) {
 
 // ---- Buttons, keys, fingers ---------------------------------------------------------------------
 
-// Returns the source's number of a frame. A frame between two frames has an interpolated number.
+// Returns the source's number of a frame. Between two frames, the number is interpolated.
 function numberAt(frame) {
     const k = Math.floor(frame), a = clip.numbers[k];
     return frame === k ? a : Number((a + (frame - k) * (clip.numbers[k + 1] - a)).toFixed(3));
@@ -430,7 +430,7 @@ function moveBy(dx, dy) {
     aim(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k));
 }
 
-// Sets the target, at a distance from the first target of at most the size of the scene.
+// Sets the target, which stays within the size of the scene from the first view's target.
 function aim(target) {
     const first = inside(start.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
@@ -439,7 +439,7 @@ function aim(target) {
 }
 
 // The keys W, A, S and D fly forward, left, back and right, Q and E down and up. While a key is
-// pressed, the camera moves by half of the first view's distance from its target per second.
+// pressed, the camera moves, per second, half as far as it is from the target in the first view.
 const FLY = { w: ['forward', 1], s: ['forward', -1], d: ['right', 1], a: ['right', -1], q: ['down', 1], e: ['down', -1] }, held = new Set();
 function fly(seconds) {
     const c = camera(), step = 0.5 * orbit.first * Math.min(seconds, 0.1);
@@ -447,8 +447,8 @@ function fly(seconds) {
 }
 
 // Multiplies the distance from the target by `factor`. The distance is at least clip.reach[0], so
-// that the camera does not pass through walls, and at most one at which the whole scene is visible.
-// The distance of the first view is always allowed.
+// that the camera does not pass through walls, and at most so large that the whole scene is
+// visible. The distance of the first view is always allowed.
 function zoomBy(factor) {
     const [least, most] = clip.reach.map((d) => d / clip.size), whole = 1.5 / Math.tan(clip.fovy * Math.PI / 360);
     orbit.distance = Math.max(Math.min(least, orbit.first), Math.min(Math.max(most, whole, orbit.first), orbit.distance * factor));

@@ -54,8 +54,8 @@ void main()
     float opacity = float(b.w >> 16) / 65535.0;
 
     if (p.z < near || opacity < 1.0 / 255.0) return;
-    // As in the reference implementation, the Jacobian of the projection is computed at 1.3 times
-    // the field of view for splats outside this limit.
+    // For splats outside 1.3 times the field of view, the Jacobian of the projection is computed at
+    // this limit, as in the reference implementation.
     vec2 flat_at = p.xy / p.z, limit = 1.3 * half_size / focal, t = clamp(flat_at, -limit, limit);
     vec2 m01 = unpackHalf2x16(b.x), m23 = unpackHalf2x16(b.y), m45 = unpackHalf2x16(b.z);
     mat3 sigma = mat3(m01.x, m01.y, m23.x, m01.y, m23.y, m45.x, m23.x, m45.x, m45.y) / 1024.0;

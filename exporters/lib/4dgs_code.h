@@ -1,5 +1,5 @@
-/* Quantises splats for .4dgs files: everything except positions and times, which depend on the
- * temporal model. */
+/* Quantises splats for .4dgs files: everything except positions and times, whose coding depends on
+ * the temporal model. */
 #pragma once
 
 #include "exporters/lib/quant_error.h"
@@ -9,9 +9,10 @@
 struct spin_4dgs_coder {
     const struct spin_4dgs_coding *coding;
     const struct spin_splat_rows *rows;
-    /* Numbers of splats of which a colour, or an SH coefficient, was clamped to the range. */
+    /* Numbers of splats with a clamped colour, and with a clamped SH coefficient; and the largest
+     * change of a colour, and of a coefficient, by clamping. */
     uint64_t n_colours, n_sh;
-    double lost_colour, lost_sh; /* largest change by this clamping */
+    double lost_colour, lost_sh;
     struct spin_quant_error quant;
 };
 

@@ -116,7 +116,7 @@ static spin_status code_rows(struct spin_4dgs_frames *x)
 
 /* ---- Splats that continue -------------------------------------------------------------------- */
 
-/* Returns whether row i has been the same splat in every frame so far. */
+/* Returns whether, for every i, row i has been the same splat in all frames so far. */
 static bool has_rows(const struct spin_4dgs_frames *x)
 {
     return x->job->identity && !(x->job->report && x->job->report->rows_differ);
@@ -225,8 +225,9 @@ static void append(struct spin_4dgs_frames *x, size_t row, uint32_t id, int32_t 
     x->next.row[x->next.n++] = (uint32_t)row;
 }
 
-/* Builds the next state. It is sorted by id, because new splats get the highest ids. Sets *changes
- * to the differences from the previous state, which are used if the state is not a keyframe. */
+/* Builds the next state, which is sorted by id because new splats get the highest ids. Sets
+ * *changes to the differences from the previous state, which are used if the state is not a
+ * keyframe. */
 static void make_state(struct spin_4dgs_frames *x, bool key, struct spin_4dgs_changes *changes)
 {
     double step = x->coding->step[SPIN_4DGS_STEP_TIME];

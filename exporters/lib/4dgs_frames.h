@@ -1,7 +1,7 @@
 /* Writes a clip that consists of frames as a .4dgs with the temporal model keyframe-delta: the file
- * has one state for each frame, which players show until the next state begins. A splat keeps its
- * id from frame to frame if its row is the same splat in all frames of the source or, in other
- * sources, if all of its quantised values stay the same. */
+ * has one state for each frame, which players show until the next state begins. If row i is the
+ * same splat in all frames of the source, splats keep their ids from frame to frame. In other
+ * sources, a splat keeps its id as long as none of its quantised values changes. */
 #pragma once
 
 #include "exporters/lib/4dgs_code.h"
@@ -24,7 +24,7 @@ struct spin_4dgs_frames {
     struct spin_sort_rows order;
     struct spin_4dgs_written shown, next;
     int n_frames, key; /* number of frames added, and index of the last keyframe */
-    bool begun;        /* true: the header has been written, when the first splat was added */
+    bool begun;        /* true: the header has been written, since there was a frame with splats */
     uint32_t n_ids;
     uint32_t **row_of; /* [job->n_frames] for --check: the rows of each frame, sorted by id */
     size_t *n_of;      /* [job->n_frames] */

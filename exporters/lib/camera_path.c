@@ -416,8 +416,8 @@ static double value_of(const struct spin_rig_path *path, int i, int c)
     return c < 3 ? path->stop[i].eye[c] : path->stop[i].turn[c - 3];
 }
 
-/* Returns an estimate, from the neighbouring stops, of the derivative of component c with respect
- * to the path length at stop i. */
+/* Estimates the derivative of component c at stop i, with respect to the path length, from the
+ * neighbouring stops. */
 static double derivative_at(const struct spin_rig_path *path, int i, int c)
 {
     int a = i > 0 ? i - 1 : 0, b = i + 1 < path->n ? i + 1 : i;

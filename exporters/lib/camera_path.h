@@ -103,8 +103,8 @@ void spin_camera_path_free(struct spin_camera_path *d);
 /* Warns if some renders showed only the background. */
 void spin_camera_path_warn_blank(const struct spin_camera_path *d);
 
-/* Returns the index of the first image that shows frame f. The last one precedes the first image of
- * frame f + 1; there may be none. */
+/* Returns the index of the first image that shows frame f. The last image of frame f precedes the
+ * first image of frame f + 1. A frame may have no image. */
 int64_t spin_camera_path_first(const struct spin_camera_path *d, int frame);
 
 /* Resizes a camera to d->size, unless d->size is 0. The vertical field of view and the aspect ratio
@@ -126,9 +126,9 @@ static inline bool spin_camera_path_is_own(const struct spin_camera_path *d)
 const char *spin_camera_path_name(const struct spin_camera_path *d);
 
 /* Sets *out to the moving camera of image `picture`. On an orbit or a spiral, the camera faces the
- * point nearest to the optical axes of the data set's cameras, from at most their median distance;
- * if the axes are parallel, it faces the target of the first view. Without a data set, the camera
- * starts in front of the scene, as in the web page. */
+ * point nearest to the optical axes of the data set's cameras, and is not farther from this point
+ * than the median distance of these cameras; if the axes are parallel, it faces the target of the
+ * first view. Without a data set, the camera starts in front of the scene, as in the web page. */
 spin_status spin_camera_path_camera(struct spin_camera_path *d, int64_t picture,
                                     const struct spin_splats *splats, struct spin_camera *out);
 

@@ -1,6 +1,6 @@
-/* Code that exporters share which write one file per frame into a folder, or a single file if the
- * name of the output has the extension of the format. The code of a format encodes the frames; the
- * functions frame(), end() and abort() of the plug-in are implemented here.
+/* Code shared by the exporters that write one file per frame into a folder or, if the name of the
+ * output has the extension of the format, a single file. The code of a format encodes the frames;
+ * the functions frame(), end() and abort() of the plug-in are implemented here.
  *
  * The folder also contains sequence.json, which lists file, number, time and number of splats of
  * each frame for players. If an export replaces a previous one, all frame files of the previous

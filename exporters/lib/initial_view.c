@@ -93,8 +93,8 @@ static bool mean_up(const struct spin_views *views, int row, double up[3])
     return length > 1e-6;
 }
 
-/* Sets out->reach: the smallest distance from the target to a third of that of the nearest camera
- * of the data set, and the largest to 1.2 times that of the farthest camera. */
+/* Sets out->reach, the range of distances from the target: from a third of the distance of the data
+ * set's nearest camera to 1.2 times the distance of its farthest camera. */
 static void set_reach(const struct spin_views *views, int row, struct spin_initial_view *out)
 {
     double least = INFINITY, most = 0;
@@ -146,7 +146,7 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         out->eye[2] -= away;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
-        /* The near plane must be at less than reach[0], the smallest distance from the target. */
+        /* The near plane must be nearer than the target, whose smallest distance is reach[0]. */
         out->z_near = SPIN_NEAR * fmin(size, 1);
         return;
     }
@@ -344,8 +344,8 @@ static void turn_sideways(const double q[4], struct spin_initial_view *out)
         out->eye[c] = out->target[c] + away[c];
 }
 
-/* If a camera is nearer to the subject than this multiple of its radius, the image shows only a
- * part of the subject. */
+/* If the distance of a camera from the subject is less than this multiple of the subject's radius,
+ * the image shows only a part of the subject. */
 #define LEAST_RADII 1.6
 
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,

@@ -19,8 +19,8 @@ struct spin_initial_view {
     double keep;
 };
 
-/* Sets `middle` to the median of each coordinate of the splats' means, and *size to half the
- * largest range from the 5th to the 95th percentile of a coordinate. */
+/* Sets `middle` to the median of each coordinate of the splats' means, and *size to half the range
+ * from the 5th to the 95th percentile of the coordinate with the largest such range. */
 spin_status spin_initial_view_middle(const struct spin_splats *s, double middle[3], double *size);
 
 /* If the clip begins with empty frames, calls spin_initial_view_middle() for the first frame that
@@ -34,7 +34,7 @@ spin_status spin_initial_view_middle_after_empty(const struct spin_export_job *j
  * has no views. */
 const struct spin_view *spin_initial_view_view(const struct spin_views *views, int row, bool test);
 
-/* Returns the focal length in pixels of an image of this height. */
+/* Returns the view's focal length in pixels for images of this height. */
 double spin_initial_view_focal(const struct spin_initial_view *view, int height);
 
 /* Returns whether an image [3][n] shows only the background (NULL: black). */
@@ -47,9 +47,9 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
 
 /* For clips without a data set: makes the view face the subject (geometry/subject.h), from a
- * position where no wall blocks the view. Uses the field of view of *out, and its `up`, to which
- * --up and --rotate are applied. width, height: size of the image in pixels. If there is no such
- * position, sets *found to false. Must be called before the first frame is exported. */
+ * position where no wall blocks the view. Uses the field of view and the up vector of *out, after
+ * applying --up and --rotate to the latter. width, height: size of the image in pixels. If there is
+ * no such position, sets *found to false. Must be called before the first frame is exported. */
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found);
 

@@ -128,8 +128,8 @@ spin_status spin_page_decode_column(const uint8_t *data, size_t size, size_t *at
 /* ---- Columns of rows ------------------------------------------------------------------------- */
 
 /* Returns the zigzag code of x[i] minus its prediction. With FROM_COLUMN, x is replaced by the
- * difference x - other. With FROM_OTHER, the prediction is the previous number of x or of this
- * difference. */
+ * difference x - other. With FROM_OTHER, the prediction is the number in row i - 1 (of x or, with
+ * both flags, of the difference); otherwise it is 0. */
 static inline uint32_t column_number(const int32_t *x, const int32_t *other, int from, size_t i)
 {
     uint32_t now = (uint32_t)x[i] - (from & FROM_COLUMN ? (uint32_t)other[i] : 0), last = 0;
@@ -194,7 +194,7 @@ spin_status spin_page_encode_column(struct spin_page_bytes *b, const int32_t *x,
 /* ---- Differences ----------------------------------------------------------------------------- */
 
 /* Returns the prediction of number i: its value in the previous frame or, if by_mean is true, its
- * moving average, of which s->mean contains 16 times the value. */
+ * moving average, which is s->mean[i] / 16. */
 static inline int32_t predicted(const struct spin_page_state *s, size_t i, bool by_mean)
 {
     return by_mean ? (s->mean[i] + 8) >> 4 : s->last[i];

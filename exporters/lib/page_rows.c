@@ -15,10 +15,10 @@
 enum { CHECKED = 33 }; /* number of evenly spaced ticks at which a row is checked */
 
 /* The error bound of an opacity is divided among the quantised values of its window. HEIGHT: for
- * the opacity at the centre; WIDTH: for the centre and again for the sigma; GATE: for the gate.
- * With w = exp(-z^2/2), the error of the window is at most w (HEIGHT + z WIDTH + z^2 WIDTH) times
- * the bound, and that of the gate at most (1 - w) GATE times the bound. Their sum is below the
- * bound for all z. */
+ * the opacity at the window's centre; WIDTH: for the time of the centre and again for the sigma;
+ * GATE: for the gate. With w = exp(-z^2/2), the error of the window is at most w (HEIGHT + z WIDTH
+ * + z^2 WIDTH) times the bound, and that of the gate at most (1 - w) GATE times the bound. Their
+ * sum is below the bound for all z. */
 #define HEIGHT 0.5
 #define WIDTH 0.45
 #define GATE 0.3
@@ -301,7 +301,7 @@ static bool quantise_side(const struct spin_page_rows *r, const int32_t *extra, 
 
 /* Quantises the window of a piece, and sets *opacity to the opacity that the window multiplies. If
  * the product of opacity and window hardly varies within the piece, sets *opacity to the middle of
- * its range and stores no window. */
+ * the product's range and stores no window. */
 static bool number_window(const struct spin_page_rows *r, const struct piece *p, int32_t *key,
                           double *opacity)
 {

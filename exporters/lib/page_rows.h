@@ -26,10 +26,10 @@ struct spin_page_rows {
     /* `space` with smaller bounds, which determine the quantisation steps. */
     struct spin_page_space inner;
     int octave; /* number of quantisation steps from a sigma to twice that sigma */
-    /* Quantisation steps. middle: of a window's centre, as a multiple of sigma rounded down to an
-     * octave; gate: of a gate; ratio: of the logarithm of the ratio of two quaternions' lengths;
-     * phase: of the phase in radians; cosine, cosine_sh: of the amplitudes of colours and of SH
-     * coefficients. */
+    /* Quantisation steps. middle: of the centre of a time window, as a multiple of sigma rounded
+     * down to an octave; gate: of a gate; ratio: of the logarithm of the ratio of two quaternions'
+     * lengths; phase: of the phase in radians; cosine, cosine_sh: of the amplitudes of colours and
+     * of SH coefficients. */
     double middle, gate, ratio;
     double phase, cosine, cosine_sh;
     /* The number of columns, and the index of the first column of each optional part; 0: the part

@@ -189,8 +189,8 @@ static bool choose_key(const double *x, int n, double step, int32_t *key)
             double at = (x[f] - k * half) / step;
             int32_t now = f ? nearest(at) : 0;
 
-            /* The cost is the coded size in bits. If two keys have equal sizes, the one with the
-             * smaller squared rounding errors costs less. */
+            /* The cost is the coded size in bits. If two keys lead to the same size, the one with
+             * the smaller squared rounding errors costs less. */
             cost += cost_of(now - last) + 0.2 * (at - now) * (at - now);
             last = now;
         }

@@ -15,10 +15,10 @@ struct spin_path_file {
     double fps;                  /* frames per second; 0: unspecified */
 };
 
-/* Reads a camera path. A JSON object is a path of nerfstudio's viewer; its matrices map from a
- * camera with x right, y up, z back to the world. A JSON list, or a text with one matrix per line,
- * contains matrices of 3 x 4 or 4 x 4 numbers in row-major order, which map from a camera with x
- * right, y down, z forward to the world. SPIN_E_MALFORMED: a matrix is invalid; the message
- * contains its number. */
+/* Reads a camera path. A JSON object is a path of nerfstudio's viewer; its matrices map to the
+ * world from a camera with the axes x right, y up, z back. A JSON list, or a text with one matrix
+ * per line, contains matrices of 3 x 4 or 4 x 4 numbers in row-major order, which map to the world
+ * from a camera with the axes x right, y down, z forward. SPIN_E_MALFORMED: a matrix is invalid;
+ * the message contains its number. */
 spin_status spin_path_file_open(const char *path, struct spin_path_file *out);
 void spin_path_file_close(struct spin_path_file *file);

@@ -90,8 +90,8 @@ spin_status spin_splat_rows_parse_rotate(const char *text, double q[4]);
  * after a failure. */
 spin_status spin_splat_rows_begin(struct spin_splat_rows *rows, const struct spin_export_job *job,
                                   const double *axes);
-/* Parses the value of --sh and sets *out to the SH degree to write. `kept` is the degree of the
- * splats, which the value "keep" selects, or -1 if they have no SH. */
+/* Parses the value of --sh and sets *out to the SH degree to write. The value "keep" selects
+ * `kept`, the degree of the splats, or -1 if they have no SH. */
 spin_status spin_splat_rows_parse_sh(const char *text, int kept, int *out);
 /* For 4D splats: computes, for the job's report, how many of the kept rows are visible in a frame
  * on average. from: for each row, the row of job->splats_4d that it was made from; NULL: the
@@ -124,7 +124,8 @@ static inline int spin_splat_rows_workers(const struct spin_splat_rows *rows)
 
 /* ---- One row, as it is written --------------------------------------------------------------- */
 
-/* The functions return values in the axes of the file; quaternions have unit length and w >= 0. */
+/* These functions return values in the axes of the file; quaternions have unit length and w >= 0.
+ */
 void spin_splat_rows_place(const struct spin_splat_rows *rows, size_t i, float out[3]);
 /* Sets `out` to v, a difference of two positions, rotated to the axes of the file. */
 void spin_splat_rows_direction(const struct spin_splat_rows *rows, const float v[3], float out[3]);

@@ -90,7 +90,7 @@ void spin_time_windows_warn(const struct spin_time_windows *b)
 /* ---- Conversion errors ----------------------------------------------------------------------- */
 
 /* Sets d to SAMPLES evenly spaced times, from the first to the last time of the clip at which row i
- * is visible, as offsets from the row's centre in time. */
+ * is visible, as offsets from the centre of the row's window. */
 static void sample_times(const struct spin_time_windows *b, size_t i, double d[SAMPLES])
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -101,8 +101,8 @@ static void sample_times(const struct spin_time_windows *b, size_t i, double d[S
         d[k] = from + (to - from) * k / (SAMPLES - 1) - (double)s->times[i];
 }
 
-/* Adds the colour error of row i at offset d from its centre in time to b->lost_colour. The file
- * stores the colour at the centre, where both cosines are 1. */
+/* Updates b->lost_colour with the colour error of row i at offset d from the centre of its window.
+ * The file stores the colour at the centre, where both cosines are 1. */
 static void measure_colour_error(struct spin_time_windows *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -118,9 +118,9 @@ static void measure_colour_error(struct spin_time_windows *b, size_t i, double d
     }
 }
 
-/* Adds the rotation error of row i at offset d from its centre in time to b->lost_turn. The file
- * stores the rotation at the centre. The angle between two rotations is 2 acos |dot|, where dot is
- * the dot product of their unit quaternions. */
+/* Updates b->lost_turn with the rotation error of row i at offset d from the centre of its window.
+ * The file stores the rotation at the centre. The angle between two rotations is 2 acos |dot|,
+ * where dot is the dot product of their unit quaternions. */
 static void measure_rotation_error(struct spin_time_windows *b, size_t i, double d)
 {
     const struct spin_splats_4d *s = b->job->splats_4d;
@@ -218,7 +218,7 @@ void spin_time_windows_move(struct spin_splats_4d *s, size_t k, double time)
     s->times[k] = (float)time;
 }
 
-/* Reduces the sigma of row k to `most`. The row's opacity and centre in time change such that the
+/* Reduces the sigma of row k to `most`. Opacity and centre of the row's window change such that the
  * opacity in the middle of the clip keeps its value and its derivative. */
 static void limit_sigma(struct spin_time_windows *b, size_t k, double sigma, double most)
 {

@@ -9,8 +9,9 @@ struct spin_time_windows {
     const struct spin_export_job *job; /* the export; job->splats_4d is not NULL */
     const char *name;                  /* the format's name in messages */
     double length;                     /* duration of the clip in the file's unit of time */
-    double most_sigma;                 /* largest sigma to write, in clip lengths; 0: no limit */
-    bool stores_cuts;                  /* true: the format stores abrupt beginnings and ends */
+    /* Largest sigma to write, as a multiple of the clip's duration; 0: no limit. */
+    double most_sigma;
+    bool stores_cuts;         /* true: the format stores abrupt beginnings and ends */
     bool says_cov2d;          /* true: the format stores the two factors of splats_4d->cov2d */
     int least_degree, degree; /* lowest and highest degree of paths in the format */
 
@@ -36,6 +37,7 @@ spin_status spin_time_windows_convert(struct spin_time_windows *b);
 void spin_time_windows_warn(const struct spin_time_windows *b);
 /* Converts a time from the source's unit to the file's. */
 double spin_time_windows_time(const struct spin_time_windows *b, double time);
-/* Moves the centre of row k along its path to another time; the path itself does not change. */
+/* Sets the time of row k, and moves its centre along the path to the position at this time. The
+ * path stays the same curve. */
 void spin_time_windows_move(struct spin_splats_4d *s, size_t k, double time);
 void spin_time_windows_free(struct spin_time_windows *b);

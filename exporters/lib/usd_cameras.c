@@ -8,8 +8,9 @@ struct visitor {
     void *context;
 };
 
-/* Sets `out` to the matrix from a camera with x right, y up, z back to the world, in the axes of
- * the file. Its rows are the three axes and the position of the camera. */
+/* Sets `out` to the matrix that maps to the world, in the axes of the file, from a camera with the
+ * axes x right, y up, z back. The rows of the matrix are the three axes and the position of the
+ * camera. */
 static void make_matrix(const struct spin_usd_export *x, const struct spin_camera *camera,
                         double out[4][4])
 {

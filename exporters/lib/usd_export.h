@@ -31,7 +31,8 @@ struct spin_usd_file {
     bool text;           /* true: the output is text (.usda) */
     struct spin_out out; /* the crate; a temporary file if a package or text is made from it */
     struct spin_usdc_writer crate;
-    /* [n] words of the samples of each attribute; the last array is that of the extent. */
+    /* [n] the words by which the crate refers to the samples of each attribute; the last array is
+     * that of the extent. */
     uint64_t *value[SPIN_USD_COLUMNS + 1];
     double *time;                    /* [n] */
     uint64_t hash[SPIN_USD_COLUMNS]; /* hashes of the attributes of the previous frame */
@@ -82,15 +83,15 @@ size_t spin_usd_row(const struct spin_usd_export *x, size_t i, float out[SPIN_US
 /* Sets extent to the bounding box of the ellipsoids of all kept splats: the minimum, then the
  * maximum. The radii of an ellipsoid are three standard deviations. */
 void spin_usd_extent(const struct spin_usd_export *x, float extent[6]);
-/* Returns a hash of one attribute of all rows of the frame, and of which rows are kept. */
+/* Returns a hash of one attribute of all rows of the frame and of the choice of the kept rows. */
 uint64_t spin_usd_hash(const struct spin_usd_export *x, enum spin_usd_column a);
 
 /* ---- Text ------------------------------------------------------------------------------------ */
 
 /* Makes the table `halves`. */
 spin_status spin_usd_make_halves(struct spin_usd_export *x);
-/* These functions print the header of a layer with the time codes `first` to `last`, the attributes
- * of the splats that never have time samples, and the cameras. */
+/* These functions print parts of a layer: its header, with the time codes `first` to `last`; the
+ * attributes that never have time samples; the cameras. */
 void spin_usd_print_head(const struct spin_usd_export *x, int first, int last, FILE *to);
 void spin_usd_print_uniforms(const struct spin_usd_export *x, FILE *to);
 spin_status spin_usd_print_cameras(const struct spin_usd_export *x, FILE *to);
