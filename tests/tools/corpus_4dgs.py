@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Compares splats of .4dgs files that spin-import read with the values that the corpus of the
-format lists for 16 splats of each file, or for the states of keyframes and deltas at some times, and
-prints the number of files.
+"""Compares splats of .4dgs files that spin-import read with the values that the format's corpus
+lists for 16 splats of each file, or for the states of keyframes and deltas at some times. Prints
+the number of files.
 
 corpus_4dgs.py FOLDER_OF_VALUES BUNDLE..., where the values of NAME.spin are in NAME.json"""
 import json
