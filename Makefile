@@ -423,7 +423,7 @@ $(B)/%.o: %.c
 
 # Where an installed library searches shims that are not in lib/ or lib/spin4d/ beside its program's
 # bin/. Changing LIBDIR needs a new build; changing PREFIX, with LIBDIR below it, does not.
-$(B)/src/device/device.o: SPIN_DEFINES := -DSPIN_CPU_PATHS_$(words $(PATHS))
+$(B)/src/device/device.o: SPIN_DEFINES := $(PATHS:%=-DSPIN_CPU_%)
 $(B)/src/base/shim.o: SPIN_DEFINES := -DSPIN_LIBDIR='"$(LIBDIR)"'
 $(B)/src/base/shim.o: $(B)/libdir
 LIBDIR_IS := $(patsubst $(PREFIX)/lib,default,$(LIBDIR))

@@ -7,10 +7,8 @@
 #include "device/cuda/shim.h"
 
 extern const struct spin_device_ops spin_cpu_base_ops;
-#ifdef SPIN_CPU_PATHS_3
 extern const struct spin_device_ops spin_cpu_v3_ops;
 extern const struct spin_device_ops spin_cpu_v4_ops;
-#endif
 
 struct path {
     const char *name, *title;
@@ -20,13 +18,15 @@ struct path {
 
 static int always(void) { return 1; }
 
-#ifdef SPIN_CPU_PATHS_3
+#if defined(SPIN_CPU_v3) || defined(SPIN_CPU_v4)
 static int has_v3(void)
 {
     return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
            __builtin_cpu_supports("bmi2");
 }
+#endif
 
+#ifdef SPIN_CPU_v4
 static int has_v4(void)
 {
     return has_v3() && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
@@ -37,8 +37,10 @@ static int has_v4(void)
 
 /* The SIMD paths, from the fastest to the slowest. */
 static const struct path paths[] = {
-#ifdef SPIN_CPU_PATHS_3
+#ifdef SPIN_CPU_v4
     {"v4", "avx-512", &spin_cpu_v4_ops, has_v4},
+#endif
+#ifdef SPIN_CPU_v3
     {"v3", "avx2", &spin_cpu_v3_ops, has_v3},
 #endif
     {"base", "portable", &spin_cpu_base_ops, always},
