@@ -57,6 +57,23 @@ skip() { # NAME WHY
     echo "ok $count - $1 # SKIP $2"
 }
 
+# holds NAME CODE ARGUMENT...: the Python code ends without an exception. One process runs all checks
+# of a script, after the definitions that the script wrote to $work/preamble.
+holds() {
+    name=$1
+    printf '%s\n' "$2" >"$work/check"
+    shift 2
+    if [ -z "${checks:-}" ]; then
+        mkfifo "$work/ask" "$work/answer"
+        python3 tests/tools/checks.py "$work/ask" "$work/answer" "$work/err" "$work/preamble" </dev/null &
+        checks=$!
+        exec 8>"$work/ask" 9<"$work/answer"
+    fi
+    printf '%s\n' $(($# + 1)) "$work/check" "$@" >&8
+    read -r answer <&9
+    ok "$answer" "$name"
+}
+
 out_has() { grep -q -e "$1" "$work/out"; ok $? "$2"; }
 err_has() { grep -q -e "$1" "$work/err"; ok $? "$2"; }
 

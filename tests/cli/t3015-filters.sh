@@ -13,10 +13,7 @@ export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=exporters/python
 
 # Python with ply(path), which returns the columns of a binary PLY by name, and the bundles of
 # spin4d.
-holds() { # NAME CODE ARGUMENT...
-    name=$1 code_of=$2
-    shift 2
-    python3 - "$@" <<P 2>"$work/err"
+cat >"$work/preamble" <<'P'
 import sys
 import numpy as np
 import spin4d
@@ -25,10 +22,7 @@ def ply(path):
     head, body = data.split(b'end_header\n', 1)
     names = [l.split()[2].decode() for l in head.split(b'\n') if l.startswith(b'property')]
     return dict(zip(names, np.frombuffer(body, '<f4').reshape(-1, len(names)).T))
-$code_of
 P
-    ok $? "$name"
-}
 
 # A grid of 4 x 4 x 4 with a spacing of 0.1, a small splat far from it, and one far from it that is
 # large enough to reach it.

@@ -20,17 +20,11 @@ if ! python3 -c 'import numpy' 2>/dev/null; then
     done_testing
 fi
 export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH=tests/tools
-holds() { # NAME CODE ARGUMENT...
-    name=$1 code_of=$2
-    shift 2
-    python3 - "$@" <<P 2>"$work/err"
+cat >"$work/preamble" <<'P'
 import sys
 import numpy as np
-from pictures import exr, png
-$code_of
+from pictures import exr, exr_head, png
 P
-    ok $? "$name"
-}
 
 draw() { # OUT OPTION...
     out=$work/$1
@@ -85,7 +79,6 @@ draw rate --format exr --fps 29.97
 draw rate2 --format exr --fps 12.5 --transfer srgb
 holds "the header has the primaries, the curve and the rate, but no time" '
 import struct
-from pictures import exr_head
 a, b, c = (exr_head(p)[0] for p in sys.argv[1:])
 rec709 = (.64, .33, .3, .6, .15, .06, .3127, .329)
 assert np.allclose(struct.unpack("<8f", a["chromaticities"]), rec709) and a["chromaticities"] == b["chromaticities"]
