@@ -1068,8 +1068,16 @@ static bool is_packed(const struct import *im, spin_status found)
 
 static spin_status find_packed_run(struct import *im)
 {
+    spin_status status;
+
     SPIN_TRY(spin_archive_unpack(im->o->input, &im->unpacked));
-    SPIN_TRY(spin_importer_find_run(im->unpacked.path, im->o->from, &im->importer, &im->below));
+    status = spin_importer_find_run(im->unpacked.path, im->o->from, &im->importer, &im->below);
+    if (status == SPIN_E_NOT_RECOGNISED && spin_importer_guess(im->unpacked.path, true))
+        return spin_fail(status,
+                         "'%s' contains a data set, not a run: unpack it, and give its "
+                         "folder with --data",
+                         im->o->input);
+    SPIN_TRY(status);
     if (!im->below)
         SPIN_TRY(spin_strdup(im->unpacked.path, &im->below));
     return SPIN_OK;

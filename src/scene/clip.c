@@ -264,6 +264,18 @@ static void log_kept(const struct spin_clip_options *o, const struct spin_clip *
                   keeps ? "with the cameras that the bundle keeps" : "without its cameras");
 }
 
+/* Replaces the error of a data set that no longer exists by one that says what to do. The cameras
+ * that the bundle keeps cannot replace images. */
+static spin_status require_images(const struct spin_clip *clip, spin_status status)
+{
+    if (status == SPIN_E_MEMORY || !clip->data_path || spin_path_exists(clip->data_path))
+        return status;
+    return spin_fail(SPIN_E_NOT_FOUND,
+                     "the data set '%s' does not exist, and its images are needed: give the data "
+                     "set with --data",
+                     clip->data_path);
+}
+
 /* Opens the data set and pairs its rows with the frames of the clip. A data set that cannot be
  * opened is an error if the caller needs it or the user named it. If only the bundle names it, a
  * message is printed. */
@@ -276,8 +288,10 @@ static spin_status open_data(const struct spin_clip_options *o, struct spin_clip
         status = pair_rows(o, clip);
     if (status == SPIN_OK && opened && !clip->has_views)
         status = open_kept(clip);
-    if (status == SPIN_OK || status == SPIN_E_MEMORY || named || o->needs_views)
+    if (status == SPIN_OK || status == SPIN_E_MEMORY || named)
         return status;
+    if (o->needs_views)
+        return require_images(clip, status);
     if (!o->quiet)
         log_kept(o, clip);
     spin_views_free(&clip->views);

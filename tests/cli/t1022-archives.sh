@@ -176,6 +176,28 @@ head -c 50000000 /dev/urandom | gzip -1 >"$work/long.ply.gz"
 timeout --foreground -s INT 0.2 "$bin/spin-import" "$work/long.ply.gz" -o "$work/none.spin" 2>"$work/err"
 is "$(ls -A "$TMPDIR")" "" "an interrupted import leaves nothing behind"
 
+# A folder that a killed process left behind is removed by the next import of an archive.
+"$bin/spin-import" "$work/long.ply.gz" -o "$work/none.spin" 2>/dev/null &
+pid=$!
+for i in $(seq 200); do
+    [ -z "$(ls -A "$TMPDIR")" ] || break
+    sleep 0.01
+done
+kill -KILL $pid
+wait $pid 2>/dev/null
+is "$(ls -A "$TMPDIR" | wc -l)" 1 "a killed import leaves its folder behind"
+run "$bin/spin-import" --info "$work/gnu.tar"
+is "$code $(ls -A "$TMPDIR")" "0 " "the next one removes it"
+mkdir -p "$work/set"
+cp -r fixtures/datasets/panoptic_mini "$work/set"
+tar -C "$work/set" -cf "$work/set.tar" panoptic_mini
+run "$bin/spin-import" "$work/set.tar" -o "$work/none.spin"
+fails 1 spin-import "a data set in an archive"
+err_has "contains a data set, not a run: unpack it, and give its folder with --data" "is named"
+run "$bin/spin-import" "$work/gnu.tar" --data "$work/set.tar" -o "$work/none.spin"
+fails 1 spin-import "an archive for --data"
+err_has "it is a tar archive: unpack it and give its contents" "is refused"
+
 TMPDIR=$work/none run "$bin/spin-import" --info "$work/gnu.tar"
 is "$code" 0 "without a folder TMPDIR, another temporary folder is used"
 done_testing

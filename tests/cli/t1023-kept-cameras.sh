@@ -37,6 +37,11 @@ run "$bin/spin-export" "$work/a.spin" --to images -o "$work/never" --panels trut
 is "$code" 2 "images of a data set that is gone"
 run "$bin/spin-export" "$work/a.spin" --to ply -o "$work/never" --min-views 2
 is "$code" 2 "--min-views of a data set that is gone"
+run "$bin/spin-eval" "$work/b.spin"
+fails 1 spin-eval "an evaluation needs the images"
+err_has "the data set '.*data' does not exist, and its images are needed: give the data set with --data\$" "says what to give"
+run "$bin/spin-eval" "$work/b.spin" --data "$work/gone"
+is "$code" 0 "an evaluation on the data set at its new place"
 run "$bin/spin-export" "$work/a.spin" --to ply -o "$work/checked" --check -q
 is "$code" 0 "--check renders from a camera that was kept"
 
