@@ -57,8 +57,8 @@ skip() { # NAME WHY
     echo "ok $count - $1 # SKIP $2"
 }
 
-# holds NAME CODE ARGUMENT...: the Python code ends without an exception. One process runs all checks
-# of a script, after the definitions that the script wrote to $work/preamble.
+# holds NAME CODE ARGUMENT...: the Python code ends without an exception. One process runs all
+# checks of a script, after the definitions that the script wrote to $work/preamble.
 holds() {
     name=$1
     printf '%s\n' "$2" >"$work/check"
