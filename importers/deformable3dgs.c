@@ -1,7 +1,7 @@
 /* Deformable 3D Gaussians (Yang et al., CVPR 2024, ingra14m): a cloud of canonical Gaussians and a
- * network that computes, from position and time, residuals that are added to their activated
- * attributes. MotionGS (Zhu et al., NeurIPS 2024) trains this model with other losses and saves it
- * in the same files.
+ * network that computes, from position and time, residuals that are added to the activated
+ * attributes of the Gaussians. MotionGS (Zhu et al., NeurIPS 2024) trains this model with other
+ * losses and saves it in the same files.
  *
  * Two peculiarities:
  * - Residuals are added after the activation, and the rasteriser does not normalise the resulting
@@ -162,8 +162,8 @@ static spin_status open_model(void *self, const char *path)
     iteration = spin_model_iteration(save.name);
     if (iteration >= 0 && iteration < WARM_UP)
         spin_note(base->sequence, "training does not use the network before iteration %d", WARM_UP);
-    /* Scratch memory of each thread: the input, followed by one layer's output for the skip
-     * connection; two layers; and heads with 4 + 3 outputs. */
+    /* Scratch memory of each thread: the input, followed by the output of one layer for the skip
+     * connection; the outputs of two layers; and the 4 + 3 outputs of heads. */
     return spin_mlp_team_create(((size_t)m->net.n_in + 3 * (size_t)m->net.width + 7) * MLP_BLOCK,
                                 &base->team);
 }

@@ -192,8 +192,8 @@ static spin_status check_trunk(const struct spin_model *m, char letter, int dept
                           n, stem, depth);
 }
 
-/* Copies the trunk's first layer to s->both, and reduces the one in the trunk to the columns whose
- * input is the embedding. */
+/* Copies the trunk's first layer to s->both, and keeps in the trunk only those columns of its
+ * weights that are multiplied by the embedding. */
 static spin_status split_first(struct model *m, struct stage *s)
 {
     struct mlp_layer *first = &s->trunk.layer[0];

@@ -57,7 +57,7 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Objects --------------------------------------------------------------------------------- */
 
-/* Returns the state of an object, a dict, or NULL if there is none. */
+/* Returns the state of an object, which is a dict; NULL if the object has no state. */
 static const struct spin_value *state_of(const struct spin_value *object)
 {
     return object && object->kind == SPIN_VALUE_OBJECT && object->n == 1 ? object->item[0] : NULL;

@@ -429,7 +429,7 @@ static void add_nearest(void *context, uint32_t point)
 }
 
 /* Finds the nearest neighbours of all anchors. The search radius is doubled until it contains
- * enough of them. */
+ * enough neighbours. */
 static spin_status find_neighbours(struct model *m)
 {
     SPIN_LEAVES(spin_kd_tree_close) struct spin_kd_tree tree = {0};

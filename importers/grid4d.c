@@ -54,7 +54,7 @@ struct hash_model {
     const struct spin_value *grid,
         *network;         /* the two saved dicts; valid during load_checkpoint() */
     struct mlp_net trunk; /* grid_mlp; in DASH, d4_mlp is the first layer */
-    int width;            /* inputs of each head */
+    int width;            /* number of inputs of each head */
     struct mlp_net warp, rotation, scaling;
     size_t layer;     /* number of floats of a block in the widest layer */
     size_t n_scratch; /* number of floats of scratch memory for a block */

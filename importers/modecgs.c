@@ -29,11 +29,11 @@ struct model {
     struct spin_model base; /* base.path: the folder of the checkpoint */
     size_t n, most;         /* number of anchors; number of anchors x number of offsets */
     int n_offsets, n_features;
-    float *anchor;               /* [n][3] */
-    float *offset;               /* [n][n_offsets][3] */
-    float *feature;              /* [n][n_features] */
-    float *scaling;              /* [n][6] factors of offsets and of scales, after exp */
-    float *dynamics;             /* [n][2] factors of the residuals of positions, of others */
+    float *anchor;   /* [n][3] */
+    float *offset;   /* [n][n_offsets][3] */
+    float *feature;  /* [n][n_features] */
+    float *scaling;  /* [n][6] factors of offsets and of scales, after exp */
+    float *dynamics; /* [n][2] factors for the residuals of positions and for all other residuals */
     bool scaled[N_HEADS];        /* for each head: residuals are multiplied by the dynamics */
     float segment[MAX_SEGMENTS]; /* [n_segments] canonical times */
     int n_segments;

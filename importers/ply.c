@@ -30,8 +30,8 @@ struct clip {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Whether the number in a folder's name can be a frame number, unlike that of a training, a scene
- * or a checkpoint, such as run1. */
+/* Whether the number in a folder's name can be a frame number. Names such as run1 instead number
+ * trainings, scenes or checkpoints. */
 static bool is_frame_folder(const char *name)
 {
     static const char *const others[] = {"run",     "exp",   "scene", "seed",       "trial", "test",
@@ -122,9 +122,9 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Finding the files ----------------------------------------------------------------------- */
 
-/* Sets *out to the cloud of a model's folder, which is the first that exists of:
- * point_cloud/iteration_<n>/point_cloud.ply with the largest n, point_cloud.ply, splat.ply, which
- * nerfstudio writes. Sets it to NULL if there is none. */
+/* Sets *out to the first of these files in a model's folder that exists, or to NULL if there is
+ * none: point_cloud/iteration_<n>/point_cloud.ply with the largest n; point_cloud.ply; and
+ * splat.ply, which nerfstudio writes. */
 static spin_status find_model(struct spin_model *m, const char *folder, const char **out)
 {
     const char *clouds, *name = NULL;
@@ -181,9 +181,9 @@ static spin_status list_frame_folders(struct spin_model *m, const char *path,
 }
 
 /* Lists the files of all frames and sorts them; it is an error if there are none. If `path` is a
- * folder, the first of these that exists is used: the PLY files in the folder; as the only frame,
- * the cloud of the model or of the newest checkpoint in the folder; the clouds of models in
- * numbered subfolders. */
+ * folder, the first of these that exists is used: (1) the PLY files in the folder; (2) a single
+ * frame, the cloud of the model or of the newest checkpoint in the folder; (3) the clouds of the
+ * models in numbered subfolders. */
 static spin_status find_files(struct clip *clip, const char *path)
 {
     struct spin_model *m = &clip->base;
@@ -215,7 +215,7 @@ static spin_status find_files(struct clip *clip, const char *path)
 
 /* ---- Contents of a file ---------------------------------------------------------------------- */
 
-/* Refuses 4D models, which are not the cloud of one frame. */
+/* Refuses a PLY file that contains a 4D model instead of the cloud of one frame. */
 static spin_status check_not_4d(const struct spin_ply *ply, const struct spin_ply_element *e)
 {
     /* Names of properties, or prefixes that end with *; the first match names the method. */

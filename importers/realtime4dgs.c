@@ -17,7 +17,7 @@
 /* Largest number of floats in the SH of a row, spatial and temporal SH together. */
 #define MAX_SH 144
 
-/* The method's renderer skips Gaussians whose weight in time is not above this. */
+/* The method's renderer skips Gaussians with this or a lower weight in time. */
 #define LEAST_WEIGHT 0.05
 /* Number of rows after which mapped pages of the file are released. */
 #define PAGE_ROWS 4096
@@ -538,8 +538,8 @@ static spin_status choose_convention(struct realtime_model *m)
 
 /* ---- Opening --------------------------------------------------------------------------------- */
 
-/* Whether this is a checkpoint of OMG4 in which networks compute colours and opacities. The SH and
- * opacities that it stores are then obsolete, and the networks are not stored in it. */
+/* Whether this is a checkpoint of OMG4 for which networks compute colours and opacities. The SH and
+ * opacities in the checkpoint are then obsolete, and the networks are in another file. */
 static bool is_stale(const struct rows *r)
 {
     const struct spin_value *groups = spin_value_get(r->part[R4_OPTIMIZER], "param_groups");
@@ -660,7 +660,8 @@ SPIN_MODEL_IMPORTER(realtime4dgs, struct realtime_model, realtime_open_run, spin
 
 enum { N_ITEMS = 28 };
 
-/* The two halves, in the order of the method's renderer. */
+/* The two halves of a checkpoint: dynamic and static Gaussians, in the order that the method's
+ * renderer uses. */
 enum { MOVING, STILL, N_HALVES };
 
 struct hybrid_model {

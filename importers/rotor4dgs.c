@@ -20,7 +20,7 @@
 struct model {
     struct spin_model base;
     struct spin_array dc, rest;
-    size_t n, n_rest; /* rows in the file; SH rows after the first */
+    size_t n, n_rest; /* number of rows in the file; number of SH after degree 0 */
     double step;      /* iteration of the checkpoint; -1: unknown */
     struct clip_times times;
     struct gaussian4d gaussians;

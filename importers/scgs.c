@@ -469,8 +469,8 @@ static spin_status attach_all(struct model *m)
     SPIN_TRY(spin_model_alloc(base, n, (size_t)m->n_near * sizeof *m->near, (void **)&m->near));
     SPIN_TRY(spin_model_alloc(base, n, (size_t)m->n_near * sizeof *m->share, (void **)&m->share));
     SPIN_TRY(spin_model_alloc(base, m->n_nodes, WIDTH * sizeof *m->output, (void **)&m->output));
-    /* Scratch memory of each thread: the input, followed by one layer's output for the skip
-     * connection; two layers; and two of a head. */
+    /* Scratch memory of each thread: the input, followed by the output of one layer for the skip
+     * connection; the outputs of two layers; and those of two layers of a head. */
     scratch = ((size_t)net->n_in + 3 * (size_t)net->width + 8) * MLP_BLOCK +
               2 * spin_mlp_widest(&m->head[COLOUR_HEAD]);
     if (scratch < 2 * (size_t)m->n_near)

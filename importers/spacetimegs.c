@@ -505,10 +505,10 @@ static void solve3(double a[3][3], double b[3][3])
 }
 
 /* Fits SH of degree 1 to the colours by least squares. The fitted colour in direction d is mean
- * colour + slope . (d - mean d). Two terms are added to the squared error. (slope . mean d)^2,
- * weighted like all cameras together, keeps degree 0 near the mean colour, because some viewers
- * draw degree 0 only. least^2 slope^2 keeps the slope small if the rays differ by less than about
- * `least` radians, since the slope would then be noise. */
+ * colour + slope . (d - mean d). Two terms are added to the squared error. The term (slope . mean
+ * d)^2 has the same weight as all cameras together; it keeps degree 0 near the mean colour, because
+ * some viewers draw degree 0 only. The term least^2 slope^2 keeps the slope small if the rays
+ * differ by less than about `least` radians, since the slope would then be noise. */
 static void fit_sh(const struct means *m, float sh[12])
 {
     const double least = 1e-2;

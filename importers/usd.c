@@ -1,5 +1,6 @@
-/* Reads stages of OpenUSD with splats: one file, text, crate or package, with a scene or a clip, or
- * the folder that `spin-export --to usd` writes. src/formats/usd_stage.h describes what is read.
+/* Reads stages of OpenUSD with splats. The input is a file (text, crate or package) with a scene or
+ * a clip, or a folder that `spin-export --to usd` wrote. src/formats/usd_stage.h describes what is
+ * read.
  *
  * Stages are y up or z up, whereas the axes of a training are mostly x right, y down, z forward.
  * With --axes usd, the importer undoes the half turn about x that exporters apply. */

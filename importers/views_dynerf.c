@@ -9,9 +9,9 @@
  *
  * Row i of poses_bounds belongs to the i-th existing camera in the order of the camera numbers, not
  * to the camera with number i. The 3 x 5 matrix consists of the rotation of c2w, in LLFF's axes
- * [down, right, back]; of the camera's centre; and of a column with height, width and focal length
- * of the full-size video. The importer does not transform the world, which is that of LLFF, as in
- * 4DGaussians and Deformable-3DGS. */
+ * [down, right, back]; of the camera's position; and of a column with height, width and focal
+ * length of the full-size video. The importer does not transform the world, which is that of LLFF,
+ * as in 4DGaussians and Deformable-3DGS. */
 #include <strings.h>
 
 #include "importers/lib/video_rows.h"
@@ -200,8 +200,8 @@ static spin_status add_video_frames(struct set *set, char **names)
     return SPIN_OK;
 }
 
-/* Adds the offsets of cameras to the frame numbers of their images, and drops those before frame 0.
- */
+/* Adds the offset of each camera to the frame numbers of its images, and drops images whose number
+ * is then below 0. */
 static spin_status shift_images(struct set *set)
 {
     size_t kept = 0;
@@ -372,8 +372,8 @@ static spin_status read_cameras(struct set *set)
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Checks that no camera has a frame twice, and that more than half of all images exist. Otherwise
- * equal numbers of different cameras probably do not mean the same frame. */
+/* Checks that no camera has two images of a frame, and that more than half of all images exist. If
+ * fewer exist, equal frame numbers of different cameras probably mean different frames. */
 static spin_status check_rows(struct set *set)
 {
     size_t n = set->n_cameras * set->n_rows, n_there;
@@ -399,8 +399,8 @@ static spin_status check_rows(struct set *set)
     return SPIN_OK;
 }
 
-/* Refuses a camera that has as many frames as another one but another first number: equal numbers
- * then probably do not mean the same time. */
+/* Refuses a camera that has as many frames as the first camera but starts at a different frame
+ * number: equal frame numbers of the two cameras then probably mean different times. */
 static spin_status check_first_numbers(const struct set *set)
 {
     int first[2] = {0}, count[2] = {0};

@@ -102,8 +102,8 @@ static spin_status read_pose(const spin_json *json, struct spin_camera *camera)
     return spin_views_check_pose(m, "'w2c'");
 }
 
-/* Sets *out to the camera's id: its value in cam_id or, without that list, the number that is the
- * name of its folder in `fn` or, if the name is not a number, its index in the list. */
+/* Sets *out to the camera's id, which is the first of these that exists: its value in the list
+ * cam_id; the name of its folder in `fn`, if this name is a number; its index in the lists. */
 static spin_status read_camera_id(const struct split *s, size_t row, size_t camera, const char *fn,
                                   int *out)
 {

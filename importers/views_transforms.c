@@ -8,9 +8,10 @@
  *
  * Values of a frame override those for all frames, and focal lengths override camera_angle_x. The
  * frames of the data set are the distinct times of both files. All images of a file are of one
- * moving camera, unless their names contain the word cam<NN> or, in transforms.json, a number that
- * differs between the images of each time. When images with alpha are read, they are composited
- * over the colour of --background; D-NeRF's own training uses white.
+ * moving camera, unless their names contain the word cam<NN>. For transforms.json, the number that
+ * differs between the names of images with the same time also identifies the camera. When images
+ * with alpha are read, they are composited over the colour of --background; D-NeRF's own training
+ * uses white.
  *
  * transforms.json contains all images. Those in its lists test_filenames and val_filenames are held
  * out. Without lists, the first camera is held out if there are several cameras and times;
@@ -324,8 +325,9 @@ static spin_status set_rows(struct spin_model *m, struct spin_views *views, size
 
 /* ---- Cameras of transforms.json -------------------------------------------------------------- */
 
-/* Whether `number` identifies the cameras of n views with the times `row`: there must be several
- * numbers and several times, and one view for each pair of them. */
+/* Whether `number` [n] can be the camera numbers of n views, whose times have the indices `row`
+ * [n]: there must be several numbers, several times, and one view for each pair of a number and a
+ * time. */
 static bool are_cameras(const int *number, const int *row, size_t n)
 {
     SPIN_FREED int *list = NULL;
@@ -340,8 +342,9 @@ static bool are_cameras(const int *number, const int *row, size_t n)
     return n_numbers > 1 && n_rows > 1 && n_numbers * n_rows == n;
 }
 
-/* Reads the cameras of timed images from the number in their names that differs between the images
- * of one time. Without such a number, all images are of one moving camera. */
+/* Finds the camera of each image by its name: of the numbers in a name, the one that differs
+ * between images with the same time is the camera's number. If there is no such number, all images
+ * are of one moving camera. */
 static spin_status read_cameras(struct spin_model *m, struct spin_view *view, size_t n)
 {
     SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};

@@ -1,4 +1,4 @@
-/* Start times of the cameras of a rig, relative to the clip. */
+/* Start times of the cameras of a rig, relative to the start of the clip. */
 #pragma once
 
 #include "importers/lib/model.h"

@@ -430,8 +430,7 @@ static spin_status find_rig(const struct spin_colmap *m, const char *path, const
         SPIN_TRY(spin_model_text(m->base, &c[i].name, "%.*s", (int)camera_part(name), name));
     }
     if (spin_rig_sort(m->sparse, c, m->n_images) != SPIN_OK)
-        return SPIN_OK; /* two cameras have the same name: a folder contains several images of the
-                           model */
+        return SPIN_OK; /* a camera has several images in the model, which therefore is not a rig */
     SPIN_TRY(find_sources(m, path, images, c, &found, &film));
     if (!found)
         return SPIN_OK;

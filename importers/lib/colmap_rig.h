@@ -9,10 +9,11 @@ struct spin_colmap_rig {
     size_t n; /* number of cameras; 0 if the images of the model do not form a rig */
 };
 
-/* Finds a rig in the data set `path`, whose images are in the folder `images`. Either the name of
- * each image of the model consists of a camera and a frame number. Or the model contains one image
- * per camera; the frames of a camera are in a folder or a video with the name or the number of its
- * image, or in `images` itself. */
+/* Finds a rig in the data set `path`, whose images are in the folder `images`. There are two kinds
+ * of rigs. In the first, the model contains all frames of all cameras, and the names of its images
+ * consist of a camera and a frame number. In the second, the model contains one image per camera;
+ * the frames of the camera are in `images` itself, or in a folder or video that is named after the
+ * image or its number. */
 spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, const char *images,
                                  struct spin_colmap_rig *out);
 
@@ -22,6 +23,6 @@ spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, 
 spin_status spin_colmap_picture(struct spin_model *m, const char *folder, const char *name,
                                 const char **out);
 
-/* Returns whether a folder with this name, such as images_2, masks or sparse, cannot contain the
- * images of a single camera or frame. */
+/* Returns true if the name, such as images_2, masks or sparse, has another use, so that the folder
+ * is not one that holds the images of one camera or of one frame. */
 bool spin_colmap_is_other(const char *name);

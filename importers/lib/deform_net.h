@@ -19,7 +19,7 @@ struct deform_net {
 spin_status spin_deform_net_load(struct spin_model *m, struct deform_net *net);
 /* Computes the inputs that depend on time, for all following blocks. */
 void spin_deform_net_time(struct deform_net *net, float time);
-/* Writes the inputs of the network for a block of points at the positions `at` to `in`, which also
- * has space for one layer's output behind them. */
+/* Writes the inputs of the network for a block of points at the positions `at` to `in`, which has
+ * space for the output of one layer after the inputs. */
 void spin_deform_net_encode(const struct deform_net *net, const float *const at[MLP_BLOCK],
                             float *in);

@@ -21,17 +21,18 @@ struct hexplane {
     float *corner;
     double grid_pe; /* factor of a feature in its sine and cosine; 0: features are not encoded */
     struct mlp_net feature; /* the network feature_out */
-    int width;              /* outputs of `feature`, and inputs of each head */
-    /* The factors `mask` of spin_hex_hidden() are the output of `still`, the network static_mlp, or
-     * values of `voxels`, the grid empty_voxel [x][y][z]. If the model has neither, still.n is 0,
-     * `voxels` is NULL, and the factors are 1. */
+    int width;              /* number of outputs of `feature` and of inputs of each head */
+    /* The source of the factors `mask` of spin_hex_hidden(): either the network static_mlp, which
+     * is `still`, or the grid empty_voxel, which is `voxels` [x][y][z]. If the model has neither
+     * network nor grid, still.n is 0, `voxels` is NULL and the factors are 1. */
     struct mlp_net still;
     float *voxels;
     float *voxel_min, *voxel_max; /* [3] bounding box of `voxels` */
 };
 
-/* Searches m->tensors for the network and sets m->prefix to the prefix of its tensors, which
- * differs between derived tools. Returns false if there is no network. */
+/* Searches m->tensors for the network, and sets m->prefix to the prefix of the names of its
+ * tensors, which depends on the program that wrote the file. Returns false if there is no network.
+ */
 bool spin_hex_find(struct spin_model *m);
 
 /* Loads everything except the heads, which spin_model_head() loads. `grid_pe` is the setting of the

@@ -16,7 +16,8 @@ struct spin_model {
     struct spin_arena scratch;       /* memory that is freed when open() returns */
     struct spin_model_block *blocks; /* private: malloc() blocks, freed with the model */
     const char *path;                /* the file that frame() names in error messages */
-    /* The cloud that is open. It is closed when another one is opened and when open() returns. */
+    /* The cloud that is open. It is closed when another cloud is opened, and when open() returns.
+     */
     struct spin_ply ply;
     struct spin_torch torch;          /* the checkpoint that is open */
     const struct spin_value *tensors; /* the dict of tensors in `torch` */
@@ -117,8 +118,8 @@ spin_status spin_model_names(struct spin_model *m, const char *folder, char ***n
 
 /* Fills m->sequence as most methods need it: times are continuous from 0 to 1, row i is the same
  * Gaussian at all times, and all columns exist. The columns in `moved` change over time, the others
- * do not. `counts` is NULL or points to the number of Gaussians, which must exist as long as the
- * model. */
+ * do not. `counts` is NULL or the address of the number of Gaussians, which must stay valid as long
+ * as the model exists. */
 void spin_model_describe(const struct spin_model *m, const size_t *counts, int sh_degree,
                          unsigned moved);
 

@@ -232,7 +232,7 @@ spin_status spin_views_check_most(const struct spin_views *views, size_t first)
     return SPIN_OK;
 }
 
-/* Renumbers the rows of the views such that no row lacks views. */
+/* Renumbers the frames of the data set so that every frame has at least one view. */
 static spin_status close_rows(struct spin_views *views, size_t first)
 {
     size_t n = views->n - first;

@@ -1,6 +1,5 @@
 /* The checks that all readers of data sets use: poses, intrinsics, image sizes, names, option
- * values. Error messages name neither the file nor the entry in it; the calling reader adds both.
- */
+ * values. Error messages do not name the file and its entry: the calling reader adds both. */
 #pragma once
 
 #include "io/image.h"
@@ -11,7 +10,7 @@
 spin_status spin_views_check_pose(const double m[12], const char *what);
 
 /* Reads a matrix [n][n] from the JSON value `m`; `key` names the matrix in messages. The last row
- * of a 4 x 4 matrix must be 0 0 0 1 and may be missing. */
+ * of a 4 x 4 matrix may be missing; if it exists, it must be 0 0 0 1. */
 spin_status spin_views_matrix(const spin_json *m, const char *key, size_t n, double *out);
 
 /* Parses the file folder/name, whose root must be a JSON object, and calls read(context, root,

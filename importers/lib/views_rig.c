@@ -103,8 +103,8 @@ static spin_status shift_pictures(struct spin_rig_camera *c, size_t n, struct sp
 
 /* ---- Views ----------------------------------------------------------------------------------- */
 
-/* Refuses a camera that has as many frames as the first camera but another first number: equal
- * numbers then probably do not mean the same time. */
+/* Refuses a camera that has as many frames as the first camera but starts at a different frame
+ * number: equal frame numbers of the two cameras then probably mean different times. */
 static spin_status check_first_numbers(const struct spin_rig_camera *c, size_t n)
 {
     for (size_t i = 1; i < n; i++) {
@@ -159,7 +159,7 @@ static spin_status list_rows(struct spin_model *m, const struct spin_rig_camera 
 }
 
 /* Warns if cameras lack images of some frames. Fails if at least half of all images are missing,
- * since the numbers of different cameras then probably do not mean the same frames. */
+ * since equal frame numbers of different cameras then probably mean different frames. */
 static spin_status check_missing(const struct spin_views *views, size_t first, size_t n,
                                  const int *number, size_t n_rows, const struct spin_rig_camera *c)
 {
