@@ -669,7 +669,8 @@ static void write_partial_clip(struct run *r)
     plan.o = &o;
     output.plan = &plan;
     if (spin_output_write(&output) != SPIN_OK && spin_rank() == 0)
-        spin_warn("cannot write the result so far as a clip for viewing: %s", spin_last_error());
+        spin_warn("cannot write the splats trained so far as a clip for viewing: %s",
+                  spin_last_error());
 }
 
 /* After a failure or an interrupt, saves the checkpoint for --resume and adds its path to the

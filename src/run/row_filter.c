@@ -160,7 +160,7 @@ void spin_row_filter_log(const struct spin_row_filter *f)
 
     print_reasons(f->n_by, is_filtered, "by --", text);
     if (f->varies && n == f->n_seen && n > 0)
-        spin_warn("no splats are left: %s", text);
+        spin_warn("no splats are left; left out: %s", text);
     else if (f->varies)
         spin_log(0, "%llu of %s left out%s%s", (unsigned long long)n,
                  spin_text_count((long long)f->n_seen, "splat", count), n > 0 ? ": " : "", text);

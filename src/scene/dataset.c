@@ -357,11 +357,12 @@ spin_status spin_views_warn_single(const struct spin_views *views)
 
     SPIN_TRY(has_one_view_each(views, &single));
     if (single)
-        spin_warn("the data set has one image per frame, each of another camera position: this is "
-                  "right for the video of one moving camera; if the %zu images were taken at the "
-                  "same time, put them into a folder for each frame (see colmap in "
-                  "spin-importers(7))",
-                  views->n);
+        spin_warn(
+            "the data set has one image per frame, each from a different camera position: this is "
+            "right for the video of one moving camera; if the %zu images were taken at the "
+            "same time, put them into a folder for each frame (see colmap in "
+            "spin-importers(7))",
+            views->n);
     return SPIN_OK;
 }
 

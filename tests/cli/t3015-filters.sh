@@ -59,7 +59,7 @@ holds "what is far from all others goes, unless it reaches them" 'p = ply(sys.ar
 assert len(p["x"]) == 65 and p["x"].max() < 1 and p["y"].max() == 4' "$work/alone/frame_00000.ply"
 export_grid nothing --crop 9,9,9,1
 is "$code" 0 "nothing is left"
-err_has "^warning: no splats are left: 66 by --crop" "it is said"
+err_has "^warning: no splats are left; left out: 66 by --crop" "it is said"
 export_grid moved --scale 2 --translate 1,-2,3 --rotate 0,0,90 --check
 is "$code" 0 "scaled, moved, turned, and checked"
 export_grid plain

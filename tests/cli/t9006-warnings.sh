@@ -260,7 +260,7 @@ with behind
 warns "a camera with all points behind it" \
     "'$work/behind/sparse/0': all points are behind the camera of image '$second': its pose may be wrong, \
 or in OpenGL's axes" \
-    "the data set has one image per frame, each of another camera position: this is right for the video of one moving \
+    "the data set has one image per frame, each from a different camera position: this is right for the video of one moving \
 camera; if the 9 images were taken at the same time, put them into a folder for each frame (see colmap in spin-importers(7))"
 
 with renamed
