@@ -262,7 +262,7 @@ static spin_status find_files(struct clip *clip)
 /* ---- Choosing clouds or networks ------------------------------------------------------------- */
 
 /* Sets clip->config to the file that option `config` names or, without the option, to the first
- * file that exists among those where upstream writes the configuration. */
+ * file that exists at the paths to which upstream writes the configuration. */
 static spin_status find_config(struct clip *clip)
 {
     static const char *const places[] = {"NTCs/config.json", "config.json", "cache_conf.json",

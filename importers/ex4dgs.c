@@ -364,8 +364,8 @@ static spin_status take_column(struct spin_model *m, const struct spin_value *mo
     return SPIN_OK;
 }
 
-/* Reads SH up to the degree `active`. The checkpoint also contains higher degrees, but training did
- * not use them yet when it was saved. */
+/* Reads SH up to the degree `active`. The checkpoint also contains higher degrees, but training had
+ * not used these yet when it wrote the checkpoint. */
 static spin_status take_sh(struct spin_model *m, const struct spin_value *model, int active,
                            struct part *p)
 {

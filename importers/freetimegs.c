@@ -1,6 +1,6 @@
 /* FreeTimeGS (Wang et al., CVPR 2025) as trained by FreeTimeGsVanilla and its forks:
  * ckpts/ckpt_<step>.pt, or the same model as one .ftgs.ply. Splats move on straight lines with a
- * Gaussian window in time, so they are 4D splats exactly.
+ * Gaussian window in time, which 4D splats represent exactly.
  *
  * Times run from 0 to 1 over the clip, with frame i of F at i/(F-1), and a velocity is the
  * displacement over the whole clip. The method's renderer raises every opacity to at least 1e-4.
@@ -206,8 +206,8 @@ static spin_status check_names(const struct spin_value *splats)
     return SPIN_OK;
 }
 
-/* Sets *out to the tensor `key` of 'splats', which must have this shape; instead of [n][1] it may
- * also have the shape [n]. */
+/* Sets *out to the tensor `key` of 'splats', which must have the shape `shape` [n_dims]; a tensor
+ * of shape [n] is also accepted for [n][1]. */
 static spin_status bind_tensor(struct model *m, const char *key, int n_dims, int64_t shape[3],
                                struct spin_array *out)
 {

@@ -1,4 +1,5 @@
-/* FreeTimeGS++: gaussians.pt or, after the separation, separated.pt, with config.toml beside it.
+/* FreeTimeGS++: separated.pt if it exists, otherwise gaussians.pt, with config.toml beside this
+ * file.
  *
  * The file contains the model as a Python object, whose state is read as data without running code.
  * Splats move on straight lines; the gate of a splat is the share of its opacity that its Gaussian
@@ -83,7 +84,8 @@ static spin_status bind_tensor(struct model *m, const char *name, int n_dims, co
 
 /* ---- config.toml ----------------------------------------------------------------------------- */
 
-/* Returns the text after "key =" in a section, or NULL. Keys may be indented. */
+/* Returns the text after "key =" in a section, or NULL if the section lacks the key. Keys may be
+ * indented. */
 static const char *find_setting(const char *text, const char *section, const char *key)
 {
     size_t n = strlen(key), n_section = strlen(section);

@@ -37,7 +37,7 @@ struct model {
     size_t k, n_frames, per_frame;
     size_t first_frame; /* number of the first frame: start_frame in cfg.yml */
     struct mlp_net net[N_NETS];
-    size_t n_view, n_embed; /* numbers of inputs: viewing direction, embedding of a camera */
+    size_t n_view, n_embed; /* number of inputs for the viewing direction, and for a camera */
     float *embed;           /* [n_embed] embedding of the first camera */
     struct camera_places camera;
     /* phi: factor from one frequency to the next in the encoding of time. n_knn: number of nearest

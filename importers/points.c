@@ -128,7 +128,8 @@ static spin_status load(struct points *m, size_t i)
 
 /* ---- Frames ---------------------------------------------------------------------------------- */
 
-/* Lists the files that match option `pattern`: "frame%d/points3D.bin" or "points_%d.ply". */
+/* Lists the files that match option `pattern`, such as "frame%d/points3D.bin" or "points_%d.ply".
+ */
 static spin_status list_files(struct points *m, const char *folder, const char *pattern)
 {
     const char *rest = strchr(pattern, '/'), *path;

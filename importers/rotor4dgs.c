@@ -80,8 +80,8 @@ static spin_status find_prefix(struct spin_model *m)
             : "'pipeline' has no tensor whose name ends in 'quats1'");
 }
 
-/* Sets *out to the tensor whose name is the prefix followed by `key`. It must have this shape and
- * contain floating-point numbers. */
+/* Sets *out to the tensor whose name is the prefix followed by `key`. It must have the shape
+ * `shape` [n_dims] and contain floating-point numbers. */
 static spin_status bind_tensor(struct model *m, const char *key, int n_dims, const int64_t *shape,
                                struct spin_array *out)
 {

@@ -3,8 +3,8 @@
  * additional learned coordinates ("hyper"). The nearest nodes and their weights do not depend on
  * the time.
  *
- * The network adds to scales after their exponential, so the sum may be negative. A negative scale
- * renders the same ellipsoid as its absolute value, which the importer stores. */
+ * The network adds residuals to the scales after the exponential, so a scale may become negative. A
+ * negative scale renders the same ellipsoid as its absolute value, which the importer stores. */
 #include "importers/lib/deform.h"
 #include "importers/lib/deform_net.h"
 #include "math/activate.h"

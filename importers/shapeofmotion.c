@@ -1,8 +1,8 @@
 /* Shape of Motion (Wang et al.): checkpoints/last.ckpt. All foreground splats share a few rigid
- * motions, the motion bases. A splat blends the translations of the bases, and the six numbers that
- * describe each of their rotations, with its own weights; the blended six numbers are then
- * orthonormalised to a rotation. Background splats are static. Motions are tabulated for each frame
- * and are undefined between frames. */
+ * motions, the motion bases. Each splat blends these motions with weights of its own: first the
+ * translations of all bases, then the six numbers that describe the rotation of each basis. The
+ * blended six numbers are orthonormalised to a rotation. Background splats are static. Motions are
+ * tabulated for each frame and are undefined between frames. */
 #include "importers/lib/chkpnt.h"
 #include "math/quat.h"
 #include "math/sh.h"

@@ -60,7 +60,7 @@ struct model {
     const char *decoder; /* path of the network for colours; NULL: there is none */
     size_t n, n_dropped;
     bool full;
-    size_t width;          /* floats in a row */
+    size_t width;          /* number of floats in a row */
     float *rows;           /* [n][width]; for a lite model, valid only during open() */
     enum ending ending;    /* for a full model */
     struct mlp_net colour; /* for a full model; colour.n is 0 if only base colours are imported */

@@ -11,7 +11,7 @@
 struct tsog_model {
     struct spin_model base;
     struct spin_tsog tsog;
-    size_t *counts; /* [n_frames] splats per frame */
+    size_t *counts; /* [n_frames] number of splats in each frame */
 };
 
 /* Recognises the format by the extension of the file, or by the name of the profile in meta.json.

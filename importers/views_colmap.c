@@ -1,14 +1,15 @@
-/* Data sets that are a sparse model of COLMAP with undistorted images. The model is in sparse/0,
- * sparse, sparse_ or colmap/sparse/0, or beside the images, and the images are in one of these
- * layouts:
+/* Data sets that are a sparse model of COLMAP with undistorted images. The model is in the
+ * folder of the data set, in one of its subfolders sparse/0, sparse, sparse_ and colmap/sparse/0,
+ * or in the folder of the images. The images are in one of these layouts:
  *
  *     images/<name>
  *         the images of the model; each is one frame
  *     images/<camera>/<number>.png, images/<camera>_<number>.png
  *         the model contains all frames of several cameras
  *     images/<camera>/<number>.png, <camera>/<number>.jpg, <camera>.mp4
- *         a rig: each image of the model is a camera, with its frames in the folder or the video of
- *         that name or number, as in FreeTimeGS and in MultipleView of 4DGaussians
+ *         a rig: each image of the model is a camera, whose frames are in a folder or a video that
+ *         is named after the image or its number, as in FreeTimeGS and in MultipleView of
+ *         4DGaussians
  *     images/<number>/<name>, <number>/<name>, <number>/images/<name>
  *         a rig, with one folder per frame
  *     frame000001/{sparse/0, images}, frame000002/...; colmap_0/{sparse/0, images}, colmap_1/...

@@ -68,8 +68,9 @@ static spin_status add_image(struct set *set, const char *folder, const char *na
     return SPIN_OK;
 }
 
-/* Sets *n to the number of images among the names of a folder, moves them to the front, and sets
- * *camera to their cameras: the given one or, if it is -1, those in the names. */
+/* Moves the names of images to the front of the names of a folder, sets *n to the number of images,
+ * and sets *camera to the camera of each: the given camera or, if that is -1, the number in the
+ * name. */
 static spin_status find_cameras(struct set *set, const char *folder, char **names, int given,
                                 size_t *n, int **camera)
 {

@@ -284,7 +284,7 @@ static spin_status read_frames(void *split, const spin_json *root, struct spin_v
 #define SAME_TIME 1e-6
 
 /* Sets dataset_frame of each view to the index of its time among the distinct times of all views,
- * then scales the times by the rule. */
+ * then scales the times as option `time` states. */
 static spin_status set_rows(struct spin_model *m, struct spin_views *views, size_t first,
                             enum time_rule rule)
 {

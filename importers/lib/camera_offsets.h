@@ -21,8 +21,8 @@ struct spin_offsets {
 spin_status spin_offsets_read(struct spin_model *m, struct spin_offsets *out);
 
 /* Returns the offset of a camera, or NULL if none is given. `camera` is the name of the camera's
- * folder or file. It matches the name in the list if both are equal, ignoring the extension, or
- * contain the same number. */
+ * folder or file. An entry of the list applies to the camera if its name equals `camera`, ignoring
+ * the extension, or contains the same number. */
 const struct spin_offset *spin_offsets_of(struct spin_offsets *offsets, const char *camera);
 
 /* To be called after spin_offsets_of() for all cameras. Fails if an offset was not used, since the

@@ -27,9 +27,10 @@ const char *spin_chkpnt_kind(const struct spin_value *v);
  * items. */
 const char *spin_chkpnt_method(size_t n_items);
 
-/* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. For a
- * model of another length, returns SPIN_E_UNSUPPORTED and sets *model to NULL; the message names
- * the caller's method, `method`, and the method whose models have that length. */
+/* Splits the root of a checkpoint into the model, a tuple of n_items, and the iteration. If the
+ * model has another number of items, returns SPIN_E_UNSUPPORTED and sets *model to NULL; the
+ * message names the caller's method, `method`, and the method whose models have that number of
+ * items. */
 spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, const char *method,
                               const struct spin_value **model, double *iteration);
 

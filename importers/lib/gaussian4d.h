@@ -20,9 +20,9 @@ spin_status spin_gaussian4d_reserve(struct spin_model *m, struct gaussian4d *g, 
 
 /* Adds the Gaussian of row `row` of the file, with its log scales and its quaternion. `variance` is
  * the variance of its window in time, or HUGE_VAL if the Gaussian is permanent. Returns the address
- * in splats_4d.sh to which the caller writes its SH; SH that vary over time belong in the row of
- * sh_cos with the same index. A row whose values could overflow is dropped and counted in
- * g->n_dropped, and the function returns NULL. */
+ * in splats_4d.sh to which the caller writes the SH of the Gaussian; SH that vary over time belong
+ * in the row of sh_cos with the same index. A row whose values could overflow is dropped and
+ * counted in g->n_dropped, and the function returns NULL. */
 float *spin_gaussian4d_add(struct spin_model *m, struct gaussian4d *g, size_t row,
                            const float mean[3], double time, double logit, const double velocity[3],
                            double variance, const double log_scale[3], const double quat[4]);

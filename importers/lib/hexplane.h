@@ -16,8 +16,8 @@ struct hexplane {
     int n_scales, channels;
     int size[HEX_MAX_SCALES][4];     /* samples along x, y, z, t */
     float *plane[HEX_MAX_SCALES][6]; /* [rows][columns][channels] */
-    /* [2][3] The corners of the bounding box that are mapped to -1 and to 1. The method stores the
-     * maximum first. */
+    /* [2][3] Two opposite corners of the bounding box: the first is mapped to -1, the second to 1.
+     * The method stores the maximum of the box as the first. */
     float *corner;
     double grid_pe; /* factor of a feature in its sine and cosine; 0: features are not encoded */
     struct mlp_net feature; /* the network feature_out */

@@ -55,7 +55,7 @@ struct mlp_team {
     struct spin_pool *pool;
     float *scratch; /* [threads][each] */
     size_t each;    /* floats of scratch memory of each thread */
-    /* The arguments of the current spin_mlp_team_run(). */
+    /* The arguments of the current call of spin_mlp_team_run(). */
     mlp_block_fn fn;
     void *context;
     size_t n_points;

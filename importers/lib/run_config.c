@@ -68,8 +68,8 @@ static const char *cfg_skip(const char *at, const char *end, char stop)
     return depth == 0 ? at : NULL;
 }
 
-/* Reads the next "<name><mark><value>" of a list that is separated by commas, and moves *at behind
- * it. Returns false at the end of the list. */
+/* Reads the next entry "<name><mark><value>" of a list that is separated by commas, and moves *at
+ * behind the entry. Returns false at the end of the list. */
 static bool cfg_next(const char **at, const char *end, char mark, struct cfg_span *name,
                      struct cfg_span *value)
 {

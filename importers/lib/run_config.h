@@ -78,9 +78,9 @@ void spin_yaml_close(struct run_config *s);
  * cfg_args, else from the YAML file; if neither contains it, it is 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
-/* Finds the clip's times. They are `asked`, the text "A,B", unless it is NULL; else time_duration
- * of the YAML file; else a guess from `time`, the times of the n Gaussians. The Gaussians' times
- * are those of the data set divided by `ratio`. Methods initialise them over a range that is
- * `spread` times as long as the clip. */
+/* Finds the clip's times. They are the first of these that exists: the text "A,B" in `asked`, which
+ * may be NULL; time_duration of the YAML file; a guess from `time`, the times of the n Gaussians.
+ * The Gaussians' times are those of the data set divided by `ratio`. Methods initialise the
+ * Gaussians' times over a range that is `spread` times as long as the clip. */
 spin_status spin_run_config_times(const struct run_config *s, const char *asked, const float *time,
                                   size_t n, double ratio, double spread, struct clip_times *out);

@@ -109,7 +109,7 @@ static spin_status list_frames(struct spin_model *m, struct spin_rig_video *f, d
     return SPIN_OK;
 }
 
-/* Lists all frames of a video; their number is the index plus the offset. */
+/* Lists all frames of a video; the number of each frame is its index plus the offset. */
 static spin_status list_all(struct spin_model *m, struct spin_rig_video *f)
 {
     int offset = (int)round(f->offset * f->rate);
