@@ -328,7 +328,7 @@ struct spin_plugin_values {
 const char *spin_plugin_value(const struct spin_plugin_values *v, const char *key,
                               const char *fallback);
 
-/* What probe() may examine of an input. */
+/* The part of an input that probe() may examine. */
 struct spin_peek {
     const char *path;
     bool is_folder;
@@ -387,10 +387,9 @@ struct spin_importer {
 
     /* Functions that read splats; NULL if the importer reads data sets only. open() reads headers
      * and other data that are quick to read. frame() calls spin_splats_reserve() and fills the
-     * requested columns of one frame; continuous methods use `time`, others use `frame`. The same
-     * frame may be requested more than once, frames may be requested in any order, but only one
-     * thread calls frame() at a time. close() is also called after a failed open() that set *self.
-     */
+     * requested columns of one frame; continuous methods use `time`, others use `frame`. Frames may
+     * be requested in any order and more than once, but only one thread calls frame() at a time.
+     * close() is also called after a failed open() that set *self. */
     spin_status (*open)(const char *path, const struct spin_plugin_values *values, void **self,
                         struct spin_sequence_info *sequence);
     spin_status (*frame)(void *self, int frame, double time, unsigned columns,

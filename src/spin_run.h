@@ -127,7 +127,8 @@ struct spin_export_options {
      * their frame; 0: keep all. */
     int min_views;
     /* Keep splats whose RMS distance to their three nearest neighbours is at most this multiple of
-     * the median of this distance over all splats; 0: keep all. */
+     * the median of this distance over all splats, or at most three times their largest standard
+     * deviation; 0: keep all. */
     double floaters;
     enum spin_export_backdrop backdrop;
     double min_opacity; /* drop splats of a lower opacity; 0 or more, below 1 */

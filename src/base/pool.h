@@ -1,9 +1,8 @@
 /* A thread pool with parallel-for over numbered tasks.
  *
  * Results do not depend on the number of threads: callers split the work into a number of tasks
- * that depends on the problem only, every task writes to its own output, and to sum over tasks, the
- * caller adds the results of the tasks in task order. Tasks are started in the order of their
- * numbers. */
+ * that depends on the problem only, and every task writes to its own output. To sum over tasks, the
+ * caller adds their results in task order. Tasks are started in the order of their numbers. */
 #pragma once
 
 #include "spin.h"

@@ -1,5 +1,5 @@
-/* Finds and loads shared objects. Objects that other users can write to, or that have another
- * version, are refused. */
+/* Finds and loads shared objects. Objects that other users can write to, or that belong to another
+ * version of spin4d, are refused. */
 #include "base/shim.h"
 
 #include <dlfcn.h>

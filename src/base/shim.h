@@ -7,7 +7,7 @@
 
 struct spin_shim {
     const char *file;     /* name of the shared object, such as "spin-image.so" */
-    const char *override; /* environment variable with the path of another file */
+    const char *override; /* environment variable with the path of a file to load instead */
     /* Name of the function table in the shared object; the first member of the table is int abi. */
     const char *symbol;
     int abi;
@@ -29,7 +29,7 @@ spin_status spin_shim_load(struct spin_shim *shim, const void **table);
 /* A library of the system. Its header declares the types of the functions. */
 struct spin_library {
     const char *file;     /* name of the library, such as "libzstd.so.1" */
-    const char *override; /* environment variable with the path of another file */
+    const char *override; /* environment variable with the path of a file to load instead */
     /* Beginning of the error message: the word "zstd" in "zstd needs the library ...". */
     const char *user;
     const struct spin_library_function {

@@ -11,7 +11,7 @@
  *                        attribute
  *     07  SH band        number of the band, and a stream of its coefficients for the splats of the
  *                        preceding chunk
- *     11  audio source   id, name, codec, start, duration, gain and place of a sound
+ *     11  audio source   id, name, codec, start, duration, gain and position of a sound
  *     12  audio data     id of a sound, and its file
  *     02  footer         offset of the index, and its checksum
  *
@@ -22,7 +22,7 @@
  *
  * In files of the temporal model keyframe-delta, each chunk defines a state: the splats that are
  * visible until the next chunk. Chunks of record 05 are keyframes, with all splats of the state and
- * their ids. Another record contains only what differs from an earlier state:
+ * their ids. Chunks of record 10 contain only the differences from an earlier state:
  *
  *     10  delta chunk    updates of splats, births and deaths
  *

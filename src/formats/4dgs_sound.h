@@ -13,7 +13,7 @@ struct spin_4dgs_sounds {
     bool old;      /* true: there is a record 09, the older form of sound, which is not read */
     bool declared; /* true: the header declares that the file contains sound */
     bool late;     /* true: a sound record follows the first chunk */
-    double start;  /* start in seconds from the metadata, below 0; 0: use that of the record */
+    double start;  /* start in seconds, below 0, from the metadata; 0: the record has the start */
 };
 
 /* These functions read the content of records 11 and 12. A malformed record is an error. duration:

@@ -31,7 +31,8 @@ struct spin_4dgs_state {
     size_t n;
 };
 
-/* What is kept of a chunk that has been read, since later chunks and the index refer to it. */
+/* The data that are kept of each chunk after it is read, since later chunks and the index refer to
+ * it. */
 struct spin_4dgs_chunk {
     double begin; /* seconds */
     uint64_t offset;

@@ -51,7 +51,7 @@ struct spin_4dgs_stream spin_4dgs_stream_head(struct spin_4dgs_cursor *c);
 /* Allocates *out with the shape [n][channels], and sets it to the integers of n splats. */
 spin_status spin_4dgs_stream_read(const struct spin_4dgs_stream *s, size_t n, int channels,
                                   int32_t **out);
-/* Opens the block of a chunk, which contains its streams. If the chunk has a codec, the whole block
+/* Opens the block that contains the streams of a chunk. If the chunk has a codec, the whole block
  * is compressed in addition to the streams. It is then decompressed to *plain, which the caller
  * frees, and *block points to the result. bytes: size of the decompressed block. */
 spin_status spin_4dgs_open(struct spin_4dgs_cursor *block, const struct spin_4dgs_cursor *codec,

@@ -166,7 +166,7 @@ struct clustering {
 
 enum { BATCH = 256 }; /* at most this number of clusters are divided in parallel */
 /* Offsets, in vectors, in a worker's scratch memory: the mean, the sum of squared deviations of
- * each coordinate, and two centres. */
+ * each coordinate, and the two cluster centres of 2-means. */
 enum { MEAN, SPREAD, CENTRES, SUMS = CENTRES + 2 };
 
 /* Computes the mean of the rows order[first] to order[first + n - 1] into sum[0..width), and the

@@ -186,8 +186,8 @@ bool spin_gs_glb_is_splats(const spin_json *primitive)
     return spin_json_get(spin_json_get(primitive, "extensions"), SPIN_GLB_SPLATS) != NULL;
 }
 
-/* Checks the value of `key` in an extension: it must be missing, `known` or, unless NULL, `also`.
- */
+/* Checks the value of `key` in an extension: it must be missing, or equal to `known` or `also`.
+ * `also` may be NULL. */
 static spin_status check_value(const spin_json *extension, const char *key, const char *known,
                                const char *also)
 {

@@ -6,9 +6,9 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit on two products: frames times mesh primitives, and times of key frames times animated
- * nodes. It protects against small files that expand to gigabytes. A clip with one node per frame
- * may have 4096 frames. */
+/* Limit on the number of pairs of a frame and a mesh primitive, and on the number of pairs of a
+ * time of the animation and an animated node. It protects against small files that expand to
+ * gigabytes. A clip with one node per frame may have 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
 /* A frame with SPZ data of n bytes may have n + PACKED_SLACK splats. */
@@ -22,7 +22,7 @@
 /* ---- Nodes ----------------------------------------------------------------------------------- */
 
 /* A node and its transform: rotation, then scale, then shift, then the parent's transform. All axes
- * must have the same scale, since other scales would skew the splats' ellipsoids, whose spherical
+ * must have the same scale: unequal scales would skew the ellipsoids of splats, and spherical
  * harmonics cannot be skewed. */
 struct node {
     double q[4], scale, shift[3];

@@ -29,7 +29,9 @@ struct spin_gs_glb_scene {
     /* [n_pieces] mesh primitives that are not permanently hidden. */
     struct spin_gs_glb_piece *piece;
     struct spin_gs_glb_frame *frame; /* [n_frames], at least one */
-    size_t *shown; /* indices in piece[] of what frame 0 shows, then frame 1, and so on */
+    /* Indices in piece[] of the primitives that frame 0 shows, then of those of frame 1, and so on.
+     */
+    size_t *shown;
     size_t n_pieces, n_frames;
     int sh_degree;  /* largest SH degree of all mesh primitives */
     bool linear;    /* true: a mesh primitive has linear colours instead of sRGB */

@@ -54,7 +54,7 @@ struct spin_sog_4d {
     /* Set only while reading. */
     struct spin_zip zip;
     spin_json *meta;
-    struct spin_sog_book opacity; /* logits of the opacities with the bytes 0..255 */
+    struct spin_sog_book opacity; /* logits of the opacities that bytes 0..255 encode */
     uint8_t *centroids;           /* pixels of the palette; NULL: not yet read */
 };
 
@@ -94,7 +94,7 @@ spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least);
 
 /* Reads the images of n splats into rows first to first + n - 1 of *out. folder: the folder of the
  * images in the zip; NULL: the root. Centres in time and sigmas are decoded with the codebooks
- * r->centre and r->sigma or, if r->centre.n is 0, with the range r->time. If there are no images of
- * time, the centres become 0 and the sigmas SPIN_FOREVER. */
+ * r->centre and r->sigma or, if r->centre.n is 0, with the range r->time. If the file has no images
+ * of times, all centres in time become 0, and all sigmas SPIN_FOREVER. */
 spin_status spin_sog_4d_rows(struct spin_sog_4d *r, const char *folder, size_t first, size_t n,
                              struct spin_splats_4d *out);

@@ -16,9 +16,9 @@
  *                        a stream of values, which contains all rows, though only the values of
  *                        static rows are used. The header of each stream directly precedes it.
  *     group of frames    Number of streams, 2 bytes; the headers of all streams; the data of all
- *                        streams. For each attribute a stream of kind "key", the codes of the
- *                        dynamic rows in the first frame; and a stream of kind "change", their
- *                        differences from frame to frame.
+ *                        streams. Each attribute has a stream of kind "key", with the codes of
+ *                        the dynamic rows in the first frame, and a stream of kind "change", with
+ *                        the differences of these codes from frame to frame.
  *
  * A stream header has 11 bytes: attribute, kind and bytes per symbol in one byte each, the number
  * of symbols and the compressed size in 4 bytes each. The data of a stream are byte planes
@@ -47,8 +47,8 @@ struct spin_splat4d {
     int frame;              /* index of the frame whose values are in `held` */
     struct spin_splat4d_attribute {
         double step, base_step; /* quantisation steps of dynamic and of static rows */
-        /* [n][width] values of all rows, which are used for static rows; units as in struct
-         * spin_splats. */
+        /* [n][width] values of all rows, of which only those of static rows are used; units as in
+         * struct spin_splats. */
         float *base;
         uint32_t *row; /* [n_moving] indices of the dynamic rows */
         size_t n_moving;

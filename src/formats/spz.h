@@ -60,8 +60,8 @@ enum { SPIN_SPZ_RIGHT_UP_BACK = 4, SPIN_SPZ_RIGHT_DOWN_FORWARD = 6, SPIN_SPZ_LEF
 
 /* Returns the number of bytes per splat in a stream. */
 size_t spin_spz_width(int stream, int sh_degree);
-/* Returns the size of a file in bytes before compression. The compressed file is at most larger by
- * the small overhead that gzip or zstd have for incompressible data. */
+/* Returns the size of a file in bytes before compression. The compressed file is smaller, or
+ * exceeds this size by the small overhead that gzip and zstd add to incompressible data. */
 uint64_t spin_spz_bytes(size_t n, int sh_degree);
 /* Returns the number of streams that are not empty, for the header of version 4. */
 int spin_spz_n_streams(const struct spin_spz_header *header);

@@ -2,8 +2,9 @@
  * with a meta.json, the images of SOG, the additional images for 4D splats (sog_4d.h) unless the
  * file is static, and optionally a sound file. There are three kinds of files:
  *
- *   continuous   Splats have Gaussian windows and straight paths. The time of a clip runs from 0 to
- *                1, also for velocities, which are stored without a logarithm.
+ *   continuous   Splats have Gaussian windows and straight paths. Times, and the unit of time of
+ *                velocities, are relative to the clip, which lasts from 0 to 1. Velocities are
+ *                stored without a logarithm.
  *   discrete     A splat is visible in one frame only, whose number is stored.
  *   static       Splats do not change over time.
  *

@@ -9,10 +9,10 @@
 spin_status spin_usd_open(const void *data, size_t size, struct spin_usd_layer *out);
 void spin_usd_close(struct spin_usd_layer *layer);
 
-/* These functions find a prim by its path, such as "/World/Splats"; a child of a prim by its name,
- * which has n characters; a field by its name in a list of fields; and the sample that is valid at
- * a time: the last one up to this time or, before the first sample, the first one. NULL: not found.
- */
+/* These functions return NULL if they find nothing. They search for a prim by its path, such as
+ * "/World/Splats"; for a child of a prim by its name of n characters; for a field by its name in a
+ * list; and for the sample that is valid at a time: the last sample up to this time or, if there is
+ * none, the first sample. */
 struct spin_usd_prim *spin_usd_prim_at(struct spin_usd_layer *layer, const char *path);
 struct spin_usd_prim *spin_usd_child(const struct spin_usd_prim *prim, const char *name, size_t n);
 struct spin_usd_field *spin_usd_field(struct spin_usd_field *list, const char *name);

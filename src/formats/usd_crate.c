@@ -139,8 +139,8 @@ static spin_status read_count(struct part *p, size_t size, size_t *out)
     return SPIN_OK;
 }
 
-/* Reads a distance, which is stored in 8 bytes, and moves *p by this distance from the position of
- * the distance itself. */
+/* Reads an offset of 8 bytes, and moves *p by this offset, counted from the position at which the
+ * offset is stored. */
 static spin_status follow(const struct spin_usd_crate *c, struct part *p)
 {
     uint64_t from = (uint64_t)(p->at - c->data), distance;
@@ -615,9 +615,9 @@ static double number_at(enum type component, const unsigned char *at)
     }
 }
 
-/* Returns number i of an inline value. In inline form, the numbers of a tuple are signed bytes, a
- * matrix has only its diagonal, as signed bytes, a double is stored as a float, and 64-bit integers
- * are stored in 32 bits. */
+/* Returns number i of an inline value. In inline form, the numbers of a tuple are signed bytes; a
+ * matrix has only its diagonal, also as signed bytes; a double is stored as a float; a 64-bit
+ * integer is stored in 32 bits. */
 static double inline_number(enum type component, unsigned width, bool matrix, uint64_t payload,
                             unsigned i)
 {

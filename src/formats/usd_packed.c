@@ -8,8 +8,8 @@
 #define MOST_YIELD 255
 
 /* Completes a length, of which the caller has read 4 bits. If all of them are set, further bytes
- * are added, up to and including the first that is not 255. Returns false if the block ends before.
- */
+ * are added, up to and including the first that is not 255. Returns false if the block ends before
+ * that byte. */
 static bool read_length(const unsigned char **in, const unsigned char *end, size_t *length)
 {
     unsigned char more = 255;

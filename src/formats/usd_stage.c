@@ -110,8 +110,8 @@ static spin_status add_clip(struct spin_usd_stage *s, const struct usd_node *nod
     return list->n > before ? SPIN_OK : add_time(list, from);
 }
 
-/* Adds the times at which a node has samples. splats: true if the node contains splats, false if it
- * is an ancestor of such a node, whose transforms apply to the splats. */
+/* Adds the times at which a node has samples. splats: true if the node contains splats; false if it
+ * is an ancestor of a node with splats, so that only its transforms matter. */
 static spin_status add_node(struct spin_usd_stage *s, const struct usd_node *node, bool splats,
                             struct times *list)
 {

@@ -3,8 +3,8 @@
 #include "base/base.h"
 #include "math/rng.h"
 
-/* A cell in which dynamic splats have less than this share of the opaque area only flickers, and
- * contains no motion. */
+/* A cell in which dynamic splats have less than this share of the opaque area is treated as
+ * flicker, not as motion. */
 #define LEAST_SHARE 0.3f
 
 enum {
@@ -54,7 +54,7 @@ static void position_of(const struct spin_voxels *v, size_t splat, double at[3])
 
 /* ---- The scene as a whole -------------------------------------------------------------------- */
 
-/* Sets `middle` to the point at the median of the opaque area along each axis. */
+/* Sets each coordinate of `middle` to the median of the opaque area along that axis. */
 static spin_status find_middle(const struct spin_voxels *v, double middle[3])
 {
     SPIN_FREED struct item *item = NULL;

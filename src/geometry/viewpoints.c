@@ -343,8 +343,8 @@ static int count_covered(const struct placing *p, double sine, double distance)
     return n;
 }
 
-/* Finds the circle with the fewest blocked positions. Among equal ones, chooses the first elevation
- * in `sines`, then the largest distance. */
+/* Finds the circle with the fewest blocked positions. Among circles with equally few, chooses the
+ * first elevation in `sines`, then the largest distance. */
 static void find_circle(struct placing *p)
 {
     static const double sines[] = {0.2, 0.35, 0.5, 0.05};

@@ -9,8 +9,8 @@
 struct spin_unpacked {
     char *folder; /* the temporary folder; NULL: nothing was unpacked */
     char *root;   /* the folder in `folder` that contains the members of the archive */
-    char *path;   /* the same as `root` or, if `root` has a single entry, that entry, and so on for
-                     folders below */
+    /* The first path, from `root` downwards, that is a file or a folder with several entries. */
+    char *path;
 };
 
 /* Whether the file begins like an archive that spin_archive_unpack() reads. False for checkpoints

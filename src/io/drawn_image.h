@@ -17,8 +17,8 @@ void spin_drawn_images_set(spin_draw_image_fn draw);
 bool spin_image_is_drawn(const char *path);
 spin_status spin_drawn_image_read(const char *path, const float background[3], int *width,
                                   int *height, uint8_t **rgb);
-/* Sets the size of the image, and a digest of its path and of the size of the bundle. Fails if the
- * bundle does not exist. */
+/* Sets the size of the image, and a digest that is computed from the path of the image and the size
+ * of the bundle file. Fails if the bundle does not exist. */
 struct spin_digest;
 spin_status spin_drawn_image_check(const char *path, int *width, int *height,
                                    struct spin_digest *digest);

@@ -248,8 +248,8 @@ spin_status spin_path_absolute(const char *path, char **out)
 }
 
 /* *out receives the path of `to` relative to `from`; both must be absolute and without links. The
- * result is "../" for each folder of `from` below their lowest common folder, followed by the part
- * of `to` below that folder. *out is NULL if the common folder is the root. */
+ * result is "../" for each folder of `from` below the lowest folder that contains both, followed by
+ * the part of `to` below that folder. *out is NULL if that folder is the root. */
 static spin_status make_relative(const char *from, const char *to, char **out)
 {
     size_t shared = 0, i = 0, ups = 0, n;

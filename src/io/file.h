@@ -24,8 +24,8 @@ spin_status spin_map_check(const struct spin_map *map);
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
 /* The same without checking whether the bytes belong to a map, which the caller must ensure. */
 void spin_map_release(const void *bytes, size_t n);
-/* Returns the CRC-32 of n bytes, as zip and gzip define it. crc: the CRC-32 of all bytes that
- * precede them, or 0 if there are none. */
+/* Returns the CRC-32 of n bytes, as zip and gzip define it. crc: the CRC-32 of all bytes before
+ * these n bytes; 0 if these are the first. */
 uint32_t spin_crc32(uint32_t crc, const void *data, size_t n);
 
 /* Digest that identifies a file by its contents, not by its name or time. */
@@ -97,9 +97,9 @@ spin_status spin_out_check(const char *path, bool force);
 
 /* ---- inputs.c: the input files of running calls, which outputs must not replace ---- */
 
-/* Record the files that are read from spin_inputs_begin() to spin_inputs_end(). Usage, at the start
- * of a call: SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin(). Nested calls share the
- * set of inputs. Thread-safe. */
+/* Record the files that are read between spin_inputs_begin() and spin_inputs_end(). Usage, at the
+ * start of a call: SPIN_LEAVES(spin_inputs_end) int inputs = spin_inputs_begin(). Nested calls
+ * share the set of inputs. Thread-safe. */
 int spin_inputs_begin(void);
 void spin_inputs_end(const int *begun);
 /* Record a file as an input. spin_map_open() and the readers of images and videos already do so;
@@ -124,7 +124,8 @@ void spin_unwatch_map(const void *data);
  * if the path was deleted or now names another file, since the mapped file still exists. */
 spin_status spin_watch_check(const void *data);
 
-/* Register a temporary file, or a new folder, so that it is removed if a truncated input file ends
- * the process. spin_unwatch_out() with the same pointer cancels the registration. */
+/* Register a temporary file, or a new folder, so that it is removed if the process ends because an
+ * input file was truncated while it was mapped (SIGBUS). spin_unwatch_out() with the same pointer
+ * cancels the registration. */
 void spin_watch_out(const char *path);
 void spin_unwatch_out(const char *path);

@@ -86,8 +86,9 @@ static bool png_ends(const struct spin_map *map)
     return false;
 }
 
-/* Return the offset of the next marker from `at` on, inside entropy-coded data, that is neither a
- * stuffed FF nor a restart marker; the size of the file if there is none. */
+/* Return the offset of the first marker at or after `at` that ends entropy-coded data: restart
+ * markers and stuffed FF bytes belong to these data. If there is none, return the size of the file.
+ */
 static size_t skip_scan(const struct spin_map *map, size_t at)
 {
     while (at + 1 < map->size) {
@@ -134,7 +135,7 @@ static bool jpeg_ends(const struct spin_map *map)
 /* ---- Frames of videos ----------------------------------------------------------------------- */
 
 /* Split a path such as "cam00.mp4#12" into the video's name, allocated, and the frame. *file is
- * NULL if the path does not have this form, or if a file with the whole path as its name exists. */
+ * NULL if the path does not have this form, or if the whole path is that of an existing file. */
 static spin_status find_video(const char *path, char **file, int64_t *frame)
 {
     size_t n;
@@ -423,8 +424,8 @@ void spin_image_name(const struct spin_views *views, size_t view, int number, co
     char twin[16] = "";
     size_t first = view;
 
-    /* A frame may have several cameras with the same number: count those before this view. Views
-     * are sorted by frame, then by camera. */
+    /* A frame may have several views with the same camera number: find the first of them. Views are
+     * sorted by frame, then by camera. */
     while (first > 0 && views->view[first - 1].dataset_frame == v->dataset_frame &&
            views->view[first - 1].camera_id == v->camera_id)
         first--;

@@ -96,8 +96,8 @@ static void read_jpeg(struct picture *p)
     end.base.error_exit = jpeg_fails;
     end.base.emit_message = jpeg_warns;
     if (setjmp(end.jump) == 0) {
-        /* This call fails if memory runs out, or if the installed library has another version than
-         * the one used for the build. */
+        /* This call fails if memory runs out, or if the version of the installed library differs
+         * from the one used for the build. */
         jpeg_create_decompress(&jpeg);
         jpeg_stdio_src(&jpeg, p->file);
         jpeg_read_header(&jpeg, TRUE);

@@ -12,16 +12,17 @@
 /* How regularly the distinct values of a number are spaced. The more regular, the more likely they
  * are frame numbers. */
 enum tier {
-    SCATTERED, /* irregular */
-    STEPS,     /* multiples of one step, at least half of them present; or evenly spaced decimals */
+    SCATTERED,  /* irregular */
+    STEPS,      /* multiples of one step, of which at least half occur; or evenly spaced decimals */
     CONSECUTIVE /* integers without gaps */
 };
 
-/* Number `index` of every name. */
+/* A column of numbers: number `index` of every name. */
 struct field {
     size_t index;
-    bool varies,
-        distinct; /* varies: two names of a group differ; distinct: all names of a group differ */
+    /* varies: this number differs between two names of a group; distinct: it differs between all
+     * names of every group. */
+    bool varies, distinct;
     bool decimal;
     bool even; /* nearly evenly spaced, as rounded times are */
     enum tier tier;
@@ -130,7 +131,7 @@ static bool word_shape(const struct spin_name_parts *parts, size_t j, char shape
 
 /* Returns whether word j is a hash. It must be hexadecimal in all names, and contain a digit in at
  * least one. If there are several names, its letters or their positions must differ between names;
- * in a single name, it must consist of at least four letters and runs of digits. */
+ * in a single name, its letters and runs of digits must be at least four in all. */
 static bool is_hash_word(const struct reader *r, size_t j)
 {
     char first[64], shape[64];
@@ -204,9 +205,10 @@ static uint64_t decimals_value(const struct spin_name_parts *parts, size_t index
     return strtoull(parts->name + x->at + x->n - count_decimals(parts, index), NULL, 10);
 }
 
-/* Whether the digits after the dot are a number of their own, as in "shot1.9" and "shot1.10", and
- * not decimals: the digits before the dot are equal in all names, and those after it are
- * consecutive, or differ in length and sometimes end with 0, which decimals seldom do. */
+/* Whether the digits after the dot are a separate number, as in "shot1.9" and "shot1.10", and not
+ * decimals. The digits before the dot must be equal in all names. The digits after the dot must be
+ * consecutive numbers, or numbers of different lengths some of which end with 0, as decimals seldom
+ * do. */
 static bool is_dotted(const struct reader *r, size_t index)
 {
     size_t n = r->names->n, digits = count_decimals(&r->parts[0], index);
@@ -456,8 +458,8 @@ static bool same_values(const struct reader *r, const struct field *a, const str
 
 /* Returns whether the irregular number a may be the frame number although number b is regular. For
  * example, in "x1_y1, x2_y2, x3_y9", the second number may count the frames of a sequence with
- * gaps. Numbers that begin at 1000 or above (counts of splats), rounded times, and numbers that
- * order the names differently than b are excluded. */
+ * gaps. Not accepted are numbers whose least value is 1000 or more, since they probably count
+ * splats; rounded times; and numbers that sort the names in another order than b. */
 static bool may_count(const struct reader *r, const struct field *a, const struct field *b)
 {
     const struct spin_name_value *first = value_of(r, a->order[0], a->index);
@@ -467,7 +469,8 @@ static bool may_count(const struct reader *r, const struct field *a, const struc
            (r->names->n == 2 || same_order(r, a, b));
 }
 
-/* Whether field a, which varies, cannot be the frame number if field b is a candidate. */
+/* Whether field b, if it may be the frame number, excludes the varying field a as the frame number.
+ */
 static bool yields(const struct reader *r, const struct field *a, const struct field *b)
 {
     if (a->rank < SPIN_RANK_PLAIN && b->rank >= SPIN_RANK_PLAIN)
@@ -486,7 +489,8 @@ static bool yields(const struct reader *r, const struct field *a, const struct f
            (a->tier < b->tier || (a->tier == b->tier && a->rank < b->rank));
 }
 
-/* Returns another varying field that could also be the frame number, or NULL. */
+/* Returns a varying field other than `of` that may be the frame number as well; NULL if there is
+ * none. */
 static const struct field *find_rival(const struct reader *r, const struct field *of)
 {
     for (size_t i = 0; i < r->n_fields; i++)
@@ -516,8 +520,8 @@ static spin_status choose_field(const struct reader *r, const struct field **out
     return best && best->rank == SPIN_RANK_NEVER ? fail_never(r, best) : SPIN_OK;
 }
 
-/* For groups of one name each, in which no number varies: returns the last number that may be a
- * frame number, or NULL. */
+/* Returns the last number that may be a frame number, or NULL. This is for groups that consist of
+ * one name, in which no number varies. */
 static const struct field *last_field(const struct reader *r)
 {
     const struct field *best = NULL;
@@ -581,7 +585,8 @@ static spin_status read_names(struct reader *r)
     return chosen ? use_field(r, chosen) : use_names(r);
 }
 
-/* Reduces a name to a single number: the one at `at`, where the name matches the pattern. */
+/* Splits a name, and keeps only one of its numbers: the one at `at`, which matches the number field
+ * of the pattern. */
 static spin_status take_number(const char *name, const char *at, struct spin_name_parts *out)
 {
     size_t first = 0;

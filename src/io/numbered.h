@@ -27,13 +27,13 @@ struct spin_numbers {
     int *number;
     size_t *order;   /* [n_frames] indices of the names that are frames, in the order of frames */
     size_t n_frames; /* n, or the number of names that match the pattern */
-    bool numbered;   /* frame numbers were found, although `number` may be -1 */
+    bool numbered;   /* frame numbers were found, even if they only define the order */
 };
 
 /* Finds the frame numbers of n names. Fails with SPIN_E_MALFORMED if two names of a group have the
  * same number, if a name lacks a number that other names have, or if two numbers could be the frame
- * number; the message then shows a pattern that selects each. Names without numbers are sorted by
- * spin_compare_names(). *out is allocated. */
+ * number; the message then shows a pattern for each of these two. Names without numbers are sorted
+ * by spin_compare_names(). *out is allocated. */
 spin_status spin_numbered_read(const struct spin_numbering *names, struct spin_numbers *out);
 void spin_numbers_free(struct spin_numbers *numbers);
 
@@ -43,8 +43,8 @@ bool spin_name_has_number(const char *name);
 /* Compares names such that "cam2" precedes "cam10". */
 int spin_compare_names(const char *a, const char *b);
 
-/* Returns the camera number in the last component of a path, or else in an earlier component: the
- * number after the word "cam" or "camera", such as 7 in "cam07_0001.png", "left-Cam_7" and "camera
- * 7/0001.png". In "webcam1" and "camping_1", the letters "cam" are part of another word and do not
- * count. Returns -1 if no component has a camera number. */
+/* Returns the camera number in a path: the number after the word "cam" or "camera", such as 7 in
+ * "cam07_0001.png", "left-Cam_7" and "camera 7/0001.png". The last component that contains such a
+ * number counts. In "webcam1" and "camping_1", the letters "cam" are part of another word and do
+ * not count. Returns -1 if no component has a camera number. */
 int spin_camera_number(const char *path);

@@ -48,7 +48,8 @@ static size_t stem_length(const char *name, bool folder)
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Adds n digits to the first two parts of a value. */
+/* Appends n decimal digits to the integer that part[0] (the high digits) and part[1] (the low 18
+ * digits) form together. */
 static void add_digits(struct spin_name_value *v, const char *digits, size_t n)
 {
     for (size_t i = 0; i < n; i++) {
@@ -191,9 +192,9 @@ static enum spin_name_rank rank_by_unit(const struct spin_name_parts *parts,
                                              : SPIN_RANK_PLAIN;
 }
 
-/* The letters directly after the number determine its rank, or else the letters directly before it.
- * If the number begins a word, these are the letters at the end of the previous word, unless they
- * follow another number, whose unit they are. */
+/* The letters directly after the number determine its rank; if they do not, the letters directly
+ * before it do. Before a number at the start of a word, these are the last letters of the previous
+ * word, unless they are the unit of a number that precedes them. */
 enum spin_name_rank spin_name_rank(const struct spin_name_parts *parts, size_t number)
 {
     const struct spin_name_number *of = &parts->number[number];
@@ -297,8 +298,7 @@ static bool all_equal(const struct spin_name_parts *parts, size_t n, size_t i)
     return true;
 }
 
-/* Whether the three numbers of a time are followed by '-', ':', '.', 'h' or 'm', or end the name.
- */
+/* Whether '-', ':', '.', 'h' or 'm' follows each of the first two numbers of a time. */
 static bool is_clock(const struct spin_name_parts *parts, size_t i)
 {
     for (size_t u = 0; u < 2; u++) {

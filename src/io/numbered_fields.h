@@ -3,8 +3,9 @@
 
 #include "spin.h"
 
-/* A number of up to 36 digits, compared part by part: digits above the last 18, the last 18 digits,
- * and the first 18 digits after the decimal point. */
+/* A number with up to 36 digits before the decimal point. Its parts are compared in this order:
+ * part[0], the digits above the last 18 before the point; part[1], these last 18 digits; part[2],
+ * the first 18 digits after the point. */
 struct spin_name_value {
     bool negative;
     uint64_t part[3];

@@ -246,8 +246,8 @@ static spin_status add_former(struct spin_output_folder *x, const char *name)
 }
 
 /* Returns the file name in an entry of sequence.json, or NULL if the name is not accepted. Since
- * anybody may have written sequence.json, only names of files in the folder itself that contain the
- * number of the frame are accepted. */
+ * anybody may have written sequence.json, a name is accepted only if it contains the number of the
+ * frame and no folder. */
 static const char *former_name(const spin_json *entry)
 {
     const char *name = spin_json_string(spin_json_get(entry, "file"));

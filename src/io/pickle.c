@@ -20,8 +20,8 @@ enum role {
     PLAIN,
     GLOBAL, /* a global; id: its index in globals[] */
     DTYPE,  /* a dtype of numpy: `tensor` contains its kind, item_size and big_endian */
-    /* A storage: `tensor` contains its kind, item_size and storage_count; `storage` or `data`; and
-     * `offset`, where the view of the storage begins. */
+    /* A storage. `tensor` describes it: its kind, item_size and storage_count; `offset`, the start
+     * of the view of the storage; and either its key in `storage` or its elements in `data`. */
     STORAGE,
     ORDERED,  /* a dict created as an OrderedDict */
     UNFILLED, /* a numpy array whose elements a BUILD will set */
@@ -471,9 +471,9 @@ enum global {
     G_ENCODE,
     G_LOAD_FROM_BYTES,
     G_OBJECT,
-    /* The following are accepted only if the model was saved as an object, and only after its class
-       was loaded: this class, the classes of its parts, whose states are read as data, constants,
-       and set(). */
+    /* The following globals are accepted only after the class of a model that was saved as an
+     * object: that class itself; the classes of its parts, whose states are read as data;
+     * constants; and set(). */
     G_MODEL,
     G_PART,
     G_CONSTANT,

@@ -30,7 +30,8 @@ static bool has_at(const unsigned char *data, size_t size, size_t at, const char
 /* Position and layout of the samples in a WAV file. */
 struct wav {
     size_t data, n_data; /* offset and size of the samples */
-    /* bytes per sample of all channels; samples per second; bits per sample */
+    /* block: bytes of one sample of all channels; rate: samples per second; depth: bits of one
+     * sample of one channel */
     uint32_t block, rate, depth;
     uint32_t coding; /* 1: integers; 3: floats; 0xfffe: see the extension of the header */
 };
@@ -137,8 +138,9 @@ static size_t mp3_frame(const unsigned char *d, size_t size)
                     (d[2] >> 1 & 1));
 }
 
-/* Returns whether the file begins, after an ID3 tag, with a frame that is followed by another one
- * or by the end of the file. The sync word of a single frame is too short to identify a format. */
+/* Returns whether the file begins, after an optional ID3 tag, with an audio frame that is followed
+ * by a second one or by the end of the file. The sync word of a single frame is too short to
+ * identify a format. */
 static bool has_frames(const unsigned char *data, size_t size,
                        size_t (*frame)(const unsigned char *d, size_t size))
 {

@@ -14,13 +14,13 @@ spin_status spin_sound_set(struct spin_sound *s, const char *name, const void *d
 const char *spin_sound_formats(void);
 /* Returns the media type, such as "audio/wav". */
 const char *spin_sound_mime(const struct spin_sound *s);
-/* Returns the extension of such files, such as ".wav". */
+/* Returns the file extension for the format of the sound, such as ".wav". */
 const char *spin_sound_ending(const struct spin_sound *s);
 /* Returns the duration in seconds of a WAV or Opus file; 0 if it is unknown. */
 double spin_sound_seconds(const struct spin_sound *s);
-/* Makes a copy of a WAV file that starts with the clip, so that out->start is 0: the samples before
- * the first frame are removed, or silence is inserted at the beginning. *out refers to *owned,
- * which the caller frees. If this is impossible, as for all compressed formats, *out is a copy of
- * *s, and *owned is NULL. */
+/* Copies a WAV sound, and shifts its samples so that the copy starts with the clip (out->start is
+ * 0): the samples before the first frame are removed, or silence is inserted at the beginning. *out
+ * refers to *owned, which the caller frees. If this is impossible, as for all compressed formats,
+ * *out is a copy of *s, and *owned is NULL. */
 spin_status spin_sound_align(const struct spin_sound *s, struct spin_sound *out,
                              unsigned char **owned);

@@ -3,8 +3,8 @@
 
 #include "base/base.h"
 
-/* A scope: the value of a section in which names are looked up, and its key. Names that the value
- * lacks are looked up in the enclosing scope `up`. */
+/* A scope: the value of a section, in which names are looked up, and the key of this value. Names
+ * that the value lacks are looked up in the enclosing scope `up`. */
 struct scope {
     const json_t *value;
     const char *key;

@@ -161,9 +161,10 @@ static int sign_of(int32_t value, double largest)
     return fabs((double)value) < 0.01 * largest ? 0 : value < 0 ? -1 : 1;
 }
 
-/* Sets the size of the frames as players show them, and how to turn stored frames for it. The rows
- * of the display matrix are (a, b, u), (c, d, v) and (tx, ty, w); it maps a stored position (x, y)
- * to (a x + c y, b x + d y), plus a translation that is ignored. */
+/* Sets the size of the frames as players show them, and the rotation and mirroring that players
+ * apply to stored frames. The rows of the display matrix are (a, b, u), (c, d, v) and (tx, ty, w).
+ * The matrix maps a stored position (x, y) to (a x + c y, b x + d y), plus a translation that is
+ * ignored. */
 static enum spin_video_result read_rotation(const AVStream *stream, struct spin_video_index *out)
 {
     static const int32_t none[9] = {1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30};
@@ -390,7 +391,7 @@ static int colour_matrix(const AVFrame *frame)
     }
 }
 
-/* Converts the decoded frame to RGB, as it is stored. */
+/* Converts the decoded frame to RGB, in its stored orientation. */
 static enum spin_video_result stored_rgb(struct spin_video_stream *s, uint8_t *out)
 {
     const AVFrame *frame = s->frame;

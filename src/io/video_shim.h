@@ -40,8 +40,8 @@ struct spin_video_writer;
 struct spin_video_sound {
     const uint8_t *data;
     size_t size;
-    /* time of the video in seconds at which the sound starts; -t: the first t seconds of the sound
-     * are cut off */
+    /* Time of the video, in seconds, at which the sound starts. If start is negative, the first
+     * -start seconds of the sound are cut off. */
     double start;
     double gain; /* factor of the amplitude */
 };
@@ -79,7 +79,7 @@ struct spin_video_shim {
     enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key);
     /* Decode one more frame; *frame receives its index. */
     enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame);
-    /* Convert the frame that next() decoded to interleaved 8-bit RGB [height][width][3]. */
+    /* Write the frame that next() decoded to `out`, as interleaved 8-bit RGB [height][width][3]. */
     enum spin_video_result (*rgb)(struct spin_video_stream *stream, uint8_t *out);
     void (*close)(struct spin_video_stream *stream);
     const struct spin_video_encoder *encoder;

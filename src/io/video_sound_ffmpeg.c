@@ -37,7 +37,7 @@ struct spin_video_track {
     int64_t next; /* samples encoded so far */
     float gain;
     bool ended;     /* the file has no more samples */
-    bool finishing; /* the video has ended, so that the last, shorter frame is encoded, too */
+    bool finishing; /* the video has ended: encode the last audio frame even if it is shorter */
 };
 
 static int read_memory(void *opaque, uint8_t *to, int n)
@@ -304,8 +304,8 @@ static int write_packets(struct spin_video_track *t)
     }
 }
 
-/* Fills a frame of n samples, planar floats: first the silence to insert at the beginning, then
- * samples of the FIFO, then silence. */
+/* Fills an audio frame with n samples, as planar floats: first the silence to insert at the
+ * beginning, then samples of the FIFO, then silence. */
 static int fill_frame(struct spin_video_track *t, AVFrame *frame, int n)
 {
     int channels = t->encoder->ch_layout.nb_channels;
@@ -320,8 +320,8 @@ static int fill_frame(struct spin_video_track *t, AVFrame *frame, int n)
     return had < 0 ? had : 0;
 }
 
-/* Copies the frame, converted to the sample format of the encoder: interleaved floats for libopus.
- */
+/* Copies an audio frame, and converts it to the sample format of the encoder: interleaved floats
+ * for libopus. */
 static int convert_frame(const AVFrame *from, AVFrame *to)
 {
     int channels = from->ch_layout.nb_channels, bytes = av_get_bytes_per_sample(to->format);
@@ -382,7 +382,7 @@ int spin_video_track_write(struct spin_video_track *t, double seconds)
     while (t->next < end && error >= 0) {
         int n = end - t->next < most ? (int)(end - t->next) : most;
 
-        /* Only the last frame may be shorter: leave these samples to the next call. */
+        /* Only the last audio frame may be shorter: leave these samples to the next call. */
         if (n < most && !t->finishing)
             return 0;
         while (!t->ended && av_audio_fifo_size(t->samples) + t->silence < n && error >= 0)

@@ -1,7 +1,7 @@
 /* Reads zip and zip64 archives through the central directory.
  *
  * The file is not trusted. Every offset and size is compared with the bytes of the file before it
- * is used; members must not overlap each other or the directory (by overlaps, small files can
+ * is used; members must not overlap each other or the directory (overlaps would let a small file
  * appear to contain petabytes). Deflate yields at most 1032 times its input, so larger sizes are
  * refused before memory is allocated. Sizes in local headers are ignored: they may be zero (data
  * descriptor) or saturated (numpy always requests zip64 headers). */

@@ -15,9 +15,10 @@ struct keyframes {
     double time; /* in units of key frames: key + part */
 };
 
-/* The derivative of a curve at a key frame, per key frame interval. before: value minus that of the
- * previous key frame; after: value of the next key frame minus this one. CUBE: the mean of both.
- * PCHIP (Fritsch and Butland, 1984): their harmonic mean, or 0 if their signs differ. */
+/* The derivative of a curve at a key frame, per key frame interval. before: the value at this key
+ * frame minus that at the previous one; after: the value at the next key frame minus that at this
+ * one. CUBE: the mean of `before` and `after`. PCHIP (Fritsch and Butland, 1984): the harmonic mean
+ * of both, or 0 if their signs differ. */
 SPIN_FN double spin_keyframes_slope(enum keyframes_kind kind, double before, double after)
 {
     if (kind == KEYFRAMES_CUBE)

@@ -36,10 +36,10 @@ SPIN_FN double spin_path_adj(const float *path, int degree, double d, const doub
     return g_time;
 }
 
-/* The window in time of a splat. It is 1 from lo to hi. With the distance from lo it decreases to
- * the minimum `gate` like a Gaussian with standard deviation sigma; with the distance from hi, like
- * a Gaussian with standard deviation sigma2. Outside [first, end) it is 0. A Gaussian window has lo
- * = hi, sigma = sigma2 and gate = 0. */
+/* The window in time of a splat. It is 1 from lo to hi. Before lo, it falls towards the minimum
+ * `gate` like a Gaussian with standard deviation sigma; after hi, like a Gaussian with standard
+ * deviation sigma2. Outside [first, end) it is 0. A Gaussian window has lo = hi, sigma = sigma2 and
+ * gate = 0. */
 struct spin_window {
     double lo, hi, sigma, sigma2, gate, first, end;
 };
