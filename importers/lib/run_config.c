@@ -224,7 +224,9 @@ spin_status spin_cfg_open(const char *path, struct cfg_args *out)
     SPIN_TRY(spin_text_file_open(path, &out->file));
     SPIN_TRY(spin_strdup(path, &out->path));
     text = trim((struct cfg_span){out->file.text, out->file.text + out->file.n});
-    if (out->file.n > CFG_MAX_BYTES || (size_t)(text.end - text.at) < sizeof head - 1 ||
+    if (out->file.n > CFG_MAX_BYTES)
+        return spin_unsupported("'%s' has more than 1 MiB", path);
+    if ((size_t)(text.end - text.at) < sizeof head - 1 ||
         memcmp(text.at, head, sizeof head - 1) != 0)
         return spin_malformed("'%s' does not begin with 'Namespace('", path);
     out->all = (struct cfg_span){text.at + sizeof head - 1, text.end};

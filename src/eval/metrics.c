@@ -120,6 +120,19 @@ struct pictures {
     uint8_t *rgb8, *mask; /* ground truth [h][w][3]; dynamic mask, one bit per pixel */
 };
 
+/* Announces the images of the next pairs of this rank, so that they are decoded while the current
+ * pair is measured. */
+static void announce_next(struct spin_metrics *m, size_t i)
+{
+    size_t left = spin_image_cache_ahead(m->pixels);
+
+    for (i++; i < m->n_pairs && left > 0; i++)
+        if (spin_metrics_rank(m->pairs[i].frame) == spin_rank()) {
+            spin_image_cache_announce(m->pixels, m->pairs[i].view);
+            left--;
+        }
+}
+
 /* Loads the ground truth of a view and, if `regions` is true, its dynamic mask. */
 static spin_status load_ground_truth(struct spin_metrics *m, size_t view, size_t plane,
                                      bool regions, struct pictures *p, size_t *n_dynamic)
@@ -409,6 +422,7 @@ spin_status spin_metrics_run(struct spin_metrics *m, struct spin_quality *mean)
     for (size_t i = 0; i < m->n_pairs && status == SPIN_OK; i++) {
         if (spin_metrics_rank(m->pairs[i].frame) != spin_rank())
             continue;
+        announce_next(m, i);
         status = spin_cancelled() ? spin_fail_cancelled() : measure_one(m, i, &p, &view[i]);
         spin_progress_set(&progress, ++done, "%.2f dB", view[i].view.q.psnr);
     }

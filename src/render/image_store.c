@@ -73,6 +73,14 @@ void spin_image_store_put_matte(struct spin_image_store *s, uint32_t number, siz
 
 void spin_image_store_begin_batch(struct spin_image_store *s) { s->turn++; }
 
+bool spin_image_store_has(const struct spin_image_store *s, size_t key)
+{
+    for (size_t i = 0; i < s->n; i++)
+        if (s->key[i] == key)
+            return true;
+    return false;
+}
+
 bool spin_image_store_find(struct spin_image_store *s, size_t key, uint32_t *number)
 {
     for (size_t i = 0; i < s->n; i++)

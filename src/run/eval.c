@@ -64,6 +64,8 @@ static spin_status open_clip(struct eval *e)
             "the data set has no views in this split: choose another with --split");
     SPIN_TRY(spin_image_cache_open(&e->clip.views, spin_memory_available() / 4, o->background,
                                    &e->pixels));
+    if (o->n_threads != 1)
+        SPIN_TRY(spin_image_cache_read_ahead(&e->pixels));
     if (o->mask)
         SPIN_TRY(
             spin_subject_mask_open(&e->clip.views, &e->pixels, e->pairs, e->n_pairs, &e->subject));

@@ -252,7 +252,7 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
     SPIN_TRY(read_number(root, "fps", &meta->fps));
     SPIN_TRY(read_shift(meta, root));
     if (meta->fps < 0)
-        return spin_meta_fail("fps", "a number above 0");
+        return spin_meta_fail("fps", "a number of at least 0");
     SPIN_TRY(read_data(meta, root));
     SPIN_TRY(spin_kept_cameras_read(spin_json_get(root, "cameras"), &meta->cameras));
     return read_frames(meta, root);

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/mem.h"
+#include "io/drawn_image.h"
 #include "io/file.h"
 #include "io/image.h"
 #include "io/video.h"
@@ -152,6 +153,7 @@ spin_status spin_image_cache_open(const struct spin_views *views, size_t budget,
 
 void spin_image_cache_close(struct spin_image_cache *pixels)
 {
+    spin_read_ahead_free(pixels->ahead);
     for (size_t i = 0; pixels->rgb && i < pixels->views->n; i++)
         free(pixels->rgb[i]);
     free(pixels->rgb);
@@ -196,7 +198,7 @@ static size_t bytes_of(const struct spin_view *view)
 
 static bool has_room(const struct spin_image_cache *pixels, size_t view)
 {
-    return bytes_of(&pixels->views->view[view]) <= pixels->budget - pixels->held;
+    return pixels->held + pixels->reserved + bytes_of(&pixels->views->view[view]) <= pixels->budget;
 }
 
 static void cache_image(struct spin_image_cache *pixels, size_t view, uint8_t *rgb)
@@ -286,6 +288,57 @@ static spin_status decode_view(struct spin_image_cache *pixels, const struct spi
     return resize_to_camera(view, width, height, out);
 }
 
+/* ---- Reading ahead --------------------------------------------------------------------------- */
+
+enum {
+    READERS = 4,    /* number of background threads */
+    MOST_AHEAD = 16 /* maximum number of images decoded ahead */
+};
+
+static spin_status decode_file(void *context, size_t view, uint8_t **rgb)
+{
+    const struct spin_image_cache *pixels = context;
+    const struct spin_view *of = &pixels->views->view[view];
+    int width, height;
+
+    SPIN_TRY(spin_image_read(of->path, pixels->background, &width, &height, rgb));
+    return resize_to_camera(of, width, height, rgb);
+}
+
+spin_status spin_image_cache_read_ahead(struct spin_image_cache *pixels)
+{
+    size_t largest = 1, n;
+
+    for (size_t i = 0; i < pixels->views->n; i++)
+        largest = bytes_of(&pixels->views->view[i]) > largest ? bytes_of(&pixels->views->view[i])
+                                                              : largest;
+    n = pixels->budget / 4 / largest;
+    n = n < MOST_AHEAD ? n : MOST_AHEAD;
+    if (n == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_read_ahead_start(READERS, n, decode_file, pixels, &pixels->ahead));
+    pixels->reserved = n * largest;
+    return SPIN_OK;
+}
+
+size_t spin_image_cache_ahead(const struct spin_image_cache *pixels)
+{
+    return pixels->ahead ? spin_read_ahead_capacity(pixels->ahead) : 0;
+}
+
+void spin_image_cache_announce(struct spin_image_cache *pixels, size_t view)
+{
+    const char *path = pixels->views->view[view].path;
+    int64_t frame;
+    size_t n;
+
+    /* Neither decoders of videos nor the player that draws renders can be used by several threads.
+     */
+    if (pixels->ahead && !pixels->rgb[view] && !spin_image_is_drawn(path) &&
+        !spin_video_path(path, &n, &frame))
+        spin_read_ahead_announce(pixels->ahead, view);
+}
+
 /* Sets *out to the image of a view, from the cache or decoded. If a decoded image does not fit into
  * the cache, *owned is that image, and the caller frees it; otherwise *owned is NULL. */
 static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, const uint8_t **out,
@@ -295,7 +348,9 @@ static spin_status find_bytes(struct spin_image_cache *pixels, size_t view, cons
 
     *owned = NULL;
     if (!rgb) {
-        SPIN_TRY(decode_view(pixels, &pixels->views->view[view], &rgb));
+        rgb = pixels->ahead ? spin_read_ahead_take(pixels->ahead, view) : NULL;
+        if (!rgb)
+            SPIN_TRY(decode_view(pixels, &pixels->views->view[view], &rgb));
         if (has_room(pixels, view))
             cache_image(pixels, view, rgb);
         else

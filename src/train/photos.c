@@ -9,6 +9,8 @@ spin_status spin_photos_open(struct spin_photos *photos, const struct spin_plan 
 {
     SPIN_TRY(spin_image_cache_open(&plan->clip.views, plan->pixels_budget, plan->o->background,
                                    &photos->cache));
+    if (plan->o->n_threads != 1)
+        SPIN_TRY(spin_image_cache_read_ahead(&photos->cache));
     SPIN_TRY(spin_alloc(plan->max_pixels, 4, (void **)&photos->image));
     if (!spin_plan_is_weighted(plan))
         return SPIN_OK;
@@ -266,6 +268,25 @@ static void change_background(struct spin_sampler *s, int64_t iteration, size_t 
             spin_rng_uniform(s->seed, STREAM_BACKGROUND, at + c) - s->plan->o->background[c];
 }
 
+/* Announces the images of the next iterations of the same epoch that this rank will load, so that
+ * they are decoded during this iteration. */
+static void announce_next(struct spin_sampler *s, int64_t iteration, int64_t per_epoch)
+{
+    const struct spin_plan *plan = s->plan;
+    size_t batch = (size_t)plan->o->batch, left = spin_image_cache_ahead(&s->photos->cache);
+    size_t at = (size_t)(iteration % per_epoch + 1) * batch, end = (size_t)per_epoch * batch;
+
+    for (; at < end && at < plan->n_train && left > 0; at++) {
+        size_t view = plan->train[s->sequence[at]].view;
+
+        if (spin_step_rank((int)(at % batch), (int)batch, spin_n_ranks()) != spin_rank() ||
+            spin_image_store_has(&s->images, view))
+            continue;
+        spin_image_cache_announce(&s->photos->cache, view);
+        left--;
+    }
+}
+
 spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
 {
     const struct spin_plan *plan = s->plan;
@@ -294,6 +315,8 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
             SPIN_TRY(find_image(s, s->pairs[k]->view, &s->items[k].image));
             change_background(s, iteration, k);
         }
+    if (!is_single_frame(plan))
+        announce_next(s, iteration, per_epoch);
     return SPIN_OK;
 }
 

@@ -459,22 +459,40 @@ static int examined_index(const struct appearance *l, int frame)
     return (k * all + l->n_frames - 1) / l->n_frames == frame ? (int)k : -1;
 }
 
+/* Returns the first training pair from index v on whose image shows an examined frame of a camera;
+ * n_train if there is none. */
+static size_t find_examined(const struct appearance *l, int camera_id, size_t v)
+{
+    const struct spin_plan *plan = l->plan;
+
+    while (v < plan->n_train &&
+           (plan->clip.views.view[plan->train[v].view].camera_id != camera_id ||
+            examined_index(l, plan->train[v].frame) < 0))
+        v++;
+    return v;
+}
+
 /* Adds a camera to the counts `seen` and `changed` of all points and frames. */
 static spin_status count_camera(struct appearance *l, int camera_id)
 {
-    size_t n_frames = (size_t)l->n_frames;
+    struct spin_image_cache *cache = &l->photos->cache;
+    size_t n_frames = (size_t)l->n_frames, n_announced = 0, n_read = 0;
+    size_t next = find_examined(l, camera_id, 0); /* the next pair to announce */
 
     memset(l->bright, NONE, l->n * n_frames);
-    for (size_t v = 0; v < l->plan->n_train; v++) {
+    for (size_t v = find_examined(l, camera_id, 0); v < l->plan->n_train;
+         v = find_examined(l, camera_id, v + 1)) {
         const struct spin_pair *pair = &l->plan->train[v];
         const struct spin_view *view = &l->plan->clip.views.view[pair->view];
         int f = examined_index(l, pair->frame);
 
-        if (view->camera_id != camera_id || f < 0)
-            continue;
         if (spin_cancelled())
             return spin_fail_cancelled();
-        SPIN_TRY(spin_image_cache_get_rgb8(&l->photos->cache, pair->view, l->image));
+        for (n_read++;
+             n_announced < n_read + spin_image_cache_ahead(cache) && next < l->plan->n_train;
+             next = find_examined(l, camera_id, next + 1), n_announced++)
+            spin_image_cache_announce(cache, l->plan->train[next].view);
+        SPIN_TRY(spin_image_cache_get_rgb8(cache, pair->view, l->image));
         for (size_t i = 0; i < l->n; i++)
             l->bright[i * n_frames + (size_t)f] =
                 brightness(&view->camera, l->image, l->place + 3 * i);

@@ -271,7 +271,7 @@ run "$bin/spin-import" fixtures/court-mini --data fixtures/court-mini -o "$work/
 run "$bin/spin-retrain" "$work/mini.spin" -o "$work/outer.spin" --device cpu --iterations 2 --test-outer 2
 is "$code" 0 "holds two outer cameras out"
 err_has " 24 training and 24 test views" "four of the six training cameras are left"
-run "$bin/spin-eval" "$work/outer.spin" --split outer --json
+run "$bin/spin-eval" "$work/outer.spin" --split outer --json --report "$work/outer.html"
 is "$code $(member split)" "0 outer" "the outer views are measured"
 [ "$(grep -c '^ *"camera": ' "$work/out")" -ge 12 ]
 ok $? "those of both cameras in six frames"

@@ -352,6 +352,109 @@ static void test_pixels(void)
     spin_views_free(&views);
 }
 
+/* ---- Reading ahead --------------------------------------------------------------------------- */
+
+enum { N_AHEAD = 40, ROUNDS = 20 };
+
+/* Writes an image whose bytes depend on k, and adds its view. */
+static void add_numbered(struct spin_views *views, int k)
+{
+    struct spin_view v = {.camera = camera};
+    uint8_t rgb[W * H * 3];
+    char path[300];
+
+    for (int i = 0; i < W * H * 3; i++)
+        rgb[i] = (uint8_t)(31 * k + 7 * i);
+    snprintf(path, sizeof path, "%s/ahead-%d.png", check_folder(), k);
+    v.path = path;
+    v.camera.width = W;
+    v.camera.height = H;
+    if (spin_image_write(path, W, H, rgb, false) != SPIN_OK || spin_views_add(views, &v) != SPIN_OK)
+        exit(1);
+}
+
+/* Reads all images in steps of `stride`, each announced `ahead` views before. Returns the number of
+ * images with wrong bytes. */
+static int read_announced(struct spin_image_cache *cache, size_t stride, size_t ahead)
+{
+    uint8_t rgb[W * H * 3];
+    int wrong = 0;
+
+    for (size_t i = 0; i < N_AHEAD; i++) {
+        size_t view = i * stride % N_AHEAD;
+
+        for (size_t k = 0; k < ahead; k++)
+            spin_image_cache_announce(cache, (i + k) * stride % N_AHEAD);
+        wrong += spin_image_cache_get_rgb8(cache, view, rgb) != SPIN_OK;
+        for (size_t b = 0; b < sizeof rgb; b++)
+            if (rgb[b] != (uint8_t)(31 * view + 7 * b)) {
+                wrong++;
+                break;
+            }
+    }
+    return wrong;
+}
+
+static void test_ahead(void)
+{
+    const size_t image = W * H * 3, budgets[] = {4 * image, 7 * image, 100 * 4 * image};
+    const size_t expected[] = {1, 1, 16};
+    struct spin_views views = {0};
+    struct spin_image_cache cache;
+
+    if (spin_image_start() != SPIN_OK) {
+        skip("ahead", spin_last_error());
+        return;
+    }
+    for (int k = 0; k < N_AHEAD; k++)
+        add_numbered(&views, k);
+    for (int k = 0; k < 3; k++) {
+        int wrong = 0;
+
+        if (spin_image_cache_open(&views, budgets[k], NULL, &cache) != SPIN_OK ||
+            spin_image_cache_read_ahead(&cache) != SPIN_OK)
+            exit(1);
+        ok(spin_image_cache_ahead(&cache) == expected[k], "%zu images are decoded ahead",
+           expected[k]);
+        for (int round = 0; round < ROUNDS; round++)
+            wrong += read_announced(&cache, round % 2 ? 7 : 1, (size_t)(round % 5) * 5);
+        ok(wrong == 0, "images decoded ahead are those that were requested");
+        ok(cache.held + expected[k] * image <= cache.budget, "the budget includes them");
+        spin_image_cache_announce(&cache, 3);
+        spin_image_cache_close(&cache); /* while an image may be being decoded */
+    }
+    ok(spin_image_cache_open(&views, 3 * image, NULL, &cache) == SPIN_OK &&
+           spin_image_cache_read_ahead(&cache) == SPIN_OK && spin_image_cache_ahead(&cache) == 0,
+       "a budget of three images is too small to decode ahead");
+    spin_image_cache_announce(&cache, 0);
+    spin_image_cache_close(&cache);
+    spin_views_free(&views);
+}
+
+/* An image that cannot be decoded ahead is reported when it is requested. */
+static void test_ahead_missing(void)
+{
+    struct spin_views views = {0};
+    struct spin_image_cache cache;
+    uint8_t rgb[W * H * 3];
+
+    if (spin_image_start() != SPIN_OK)
+        return;
+    add_numbered(&views, 0);
+    add_numbered(&views, 1);
+    views.view[1].path[0] = '?';
+    if (spin_image_cache_open(&views, 1 << 20, NULL, &cache) != SPIN_OK ||
+        spin_image_cache_read_ahead(&cache) != SPIN_OK)
+        exit(1);
+    spin_image_cache_announce(&cache, 1);
+    spin_image_cache_announce(&cache, 0);
+    ok(spin_image_cache_get_rgb8(&cache, 0, rgb) == SPIN_OK, "the other image is read");
+    error_is(spin_image_cache_get_rgb8(&cache, 1, rgb), SPIN_E_NOT_FOUND, "does not exist",
+             "a missing image is reported when it is requested");
+    spin_image_cache_close(&cache);
+    spin_views_free(&views);
+}
+
 static void test_options(void)
 {
     struct spin_views views;
@@ -373,4 +476,6 @@ TAP_MAIN
     test_near();
     test_find();
     test_pixels();
+    test_ahead();
+    test_ahead_missing();
 }

@@ -434,7 +434,7 @@ static void add_storage(spin_json *page, const spin_json *after)
 
 static spin_status fill_page(const struct spin_report *r, spin_json *page)
 {
-    static const char *const split[] = {"test ", "training ", " "};
+    static const char *const split[] = {"test ", "training ", "", "outer test "};
     const spin_json *report[2] = {spin_eval_json(r->after, r->split),
                                   r->before ? spin_eval_json(r->before, r->split) : NULL};
     /* Trained 4D splats are stored as the source of their bundle. */
