@@ -275,6 +275,8 @@ run "$bin/spin-eval" "$work/outer.spin" --split outer --json --report "$work/out
 is "$code $(member split)" "0 outer" "the outer views are measured"
 [ "$(grep -c '^ *"camera": ' "$work/out")" -ge 12 ]
 ok $? "those of both cameras in six frames"
+grep -q '[0-9] outer test views of' "$work/outer.html"
+ok $? "the report names the split"
 run "$bin/spin-eval" "$work/mini.spin" --test-cams 3 --split outer
 fails 1 spin-eval "camera 3 is between the others"
 err_has "no held-out camera is outside the range of directions of the training cameras" "and is not measured as an outer one"
