@@ -130,8 +130,9 @@ struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera);
 /* A projected splat, in 64 bytes. If radius_px is 0, the splat is not drawn, and all other members
  * are undefined. */
 struct spin_splat2d {
-    float u_px, v_px; /* centre; integer coordinates are pixel centres */
-    float conic[3];   /* elements a, b, c of the inverse covariance [a b; b c] */
+    /* Screen position of the splat's centre; integer coordinates are pixel centres. */
+    float u_px, v_px;
+    float conic[3]; /* elements a, b, c of the inverse covariance [a b; b c] */
     float opacity;
     float colour[3];
     float depth;

@@ -37,9 +37,9 @@ struct spin_mattes {
  * alpha. If the subject is surrounded by the background colour of `images`, the mattes are computed
  * from colours: pixels are empty (alpha 0) if they have the background colour, up to noise, are
  * connected to the border of the image by such pixels, and are more than two pixels away from any
- * other pixel; the alpha of all other pixels is unknown. In all other cases, m->views remains NULL.
- * A quarter of the memory budget of `images` is assigned to the mattes. Sets *surroundings to the
- * result of spin_surroundings_find(). */
+ * pixel that does not meet these two conditions; the alpha of all remaining pixels is unknown. In
+ * all other cases, m->views remains NULL. A quarter of the memory budget of `images` is assigned to
+ * the mattes. Sets *surroundings to the result of spin_surroundings_find(). */
 spin_status spin_mattes_open(const struct spin_views *views, struct spin_image_cache *images,
                              const struct spin_pair *pairs, size_t n, struct spin_mattes *m,
                              enum spin_surroundings *surroundings);

@@ -25,8 +25,8 @@ struct spin_antialias_bake {
     int n_images;
 };
 
-/* Checks the option. Fails unless the splats of the clip were trained with antialiasing and the
- * clip has views. */
+/* Checks the option. Fails if the splats of the clip were trained without antialiasing, or if the
+ * clip has no views. */
 spin_status spin_antialias_bake_open(struct spin_antialias_bake *b,
                                      const struct spin_export_options *o,
                                      const struct spin_clip *clip, enum spin_splat_source from,

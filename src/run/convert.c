@@ -57,7 +57,8 @@ struct convert {
     /* true: `import` was trained with tracks, so that 4D splats can be made of its frames */
     bool is_tracks;
     bool renders; /* true: the clip is retrained on renders of itself */
-    /* true: before that, the static splats are stored once, since the frames share no rows */
+    /* true: before this retraining, static splats are stored once, since the frames share no
+     * rows */
     bool settles;
     spin_json *report;
 };
@@ -125,8 +126,8 @@ static spin_status name_output(struct convert *c)
     return o->target ? name_for_target(c) : SPIN_OK;
 }
 
-/* Returns whether an exporter receives 4D splats: if it accepts nothing else, or if it is 'tsog' or
- * '4dgs', since files of these two formats are far larger if they store frames. */
+/* Returns whether an exporter receives 4D splats. An exporter that accepts nothing else receives
+ * them, and so do 'tsog' and '4dgs', whose files are far larger if they store frames. */
 static bool stores_4d(const char *name)
 {
     for (const struct spin_exporter *const *e = spin_exporter_list(); *e; e++)
@@ -427,7 +428,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     status = spin_retrain(&retrain, &text);
     if (status == SPIN_E_USAGE && retrain.resume && o->force) {
         retrain.resume = false;
-        spin_inputs_own(part); /* may be overwritten, though the resume has read it */
+        spin_inputs_own(part); /* allow the checkpoint to be overwritten, though it was an input */
         status = spin_retrain(&retrain, &text);
     }
     return status == SPIN_OK ? add_report(c, rows ? "rows" : "retrain", text) : status;
@@ -487,8 +488,9 @@ static spin_status measure_clip(struct convert *c)
     return add_report(c, "eval", text);
 }
 
-/* Renames the imported clip to the final bundle if it was not retrained. Otherwise removes it,
- * since the retrained clip includes it, unless renders are drawn from it. */
+/* Renames the imported clip to the final bundle if it was not retrained. If it was retrained,
+ * removes the imported clip, which the retrained clip includes, but keeps it if the retraining
+ * renders images from it. */
 static spin_status keep_or_remove_import(struct convert *c, bool retrained)
 {
     if (spin_rank() > 0)

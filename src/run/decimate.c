@@ -362,8 +362,8 @@ static size_t most_of(const struct spin_decimate_set *set, enum spin_decimate_un
     return n < (double)set->n_counted ? (size_t)n : set->n_counted;
 }
 
-/* Visits the splats by descending weight, and keeps a splat if no frame that contains it has
- * reached its maximum number of splats, which follows from `unit` and `amount`. */
+/* Visits the splats by descending weight, and keeps a splat if none of the frames that contain it
+ * has reached the maximum number of splats per frame, which follows from `unit` and `amount`. */
 static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t n,
                           enum spin_decimate_unit unit, double amount)
 {

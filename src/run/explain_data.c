@@ -46,8 +46,9 @@ static const char *quote(const char *path, char *out, size_t n)
     return out;
 }
 
-/* Whether the points make a still of the first frame. If there is only one training image of each
- * frame, as from one moving camera, they make a clip instead. */
+/* Returns whether to suggest a still of the first frame, made from the points of the data set. If
+ * each frame has only one training image, as from one moving camera, a clip is suggested
+ * instead. */
 static bool makes_still(const struct spin_views *views)
 {
     size_t n = 0;
@@ -60,7 +61,8 @@ static bool makes_still(const struct spin_views *views)
     return n > 1;
 }
 
-/* Describes the command that starts from the points of the data set; "" if it has none. */
+/* Writes to out [n] a suggestion to import the points of the data set, with the command for this;
+ * "" if the data set has no points. */
 static spin_status offer_points(const char *path, const struct spin_views *views, char *out,
                                 size_t n)
 {

@@ -106,8 +106,8 @@ static bool is_antialiased(const struct export *x)
                                           : x->clip.bundle.meta.antialias;
 }
 
-/* Finds out whether row i is the same splat in all frames. In retrained frames, it is if each row
- * has the same track in all frames. */
+/* Finds out whether row i is the same splat in all frames. Retrained frames meet this condition if
+ * each row has the same track in all frames. */
 static spin_status find_identity(struct export *x)
 {
     struct spin_bundle_tracks *tracks = &x->player.tracks;
@@ -270,8 +270,8 @@ static spin_status make_final_4d(struct export *x)
     return spin_splats_4d_counts(x->final_4d, x->times, (size_t)x->clip.n_frames, x->counts);
 }
 
-/* Sets *psnr to what the middle frame loses in programs that draw it without antialiasing, see
- * spin_antialias_cost(), or to 0 if the cameras of the data set are not known. */
+/* Sets *psnr to the PSNR of the middle frame in programs that draw it without antialiasing
+ * (spin_antialias_cost()), or to 0 if the cameras of the data set are not known. */
 static spin_status find_antialias_cost(struct export *x, double *psnr)
 {
     SPIN_LEAVES(spin_clip_close) struct spin_clip clip = {0};

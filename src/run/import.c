@@ -29,8 +29,8 @@
 /* A description, which is an import without output, reads this many frames, evenly spaced, unless
  * the user requests all. */
 #define DESCRIBED_FRAMES 16
-/* If a file states its number of frames, at most this many are sampled by default, 36 minutes at 30
- * frames per second, since the number in the file may be wrong. */
+/* If a file states its number of frames, at most this many are sampled by default, since the number
+ * in the file may be wrong. The limit is 36 minutes at 30 frames per second. */
 #define MOST_OWN 65536
 /* --check-cameras draws CHECKED_VIEWS views of each of CHECKED_FRAMES frames. */
 #define CHECKED_FRAMES 3
@@ -205,11 +205,11 @@ static spin_status open_data(struct import *im)
 }
 
 /* Chooses the frames of a continuous run if the user did not choose any. If the run states its
- * number of frames, that many are sampled. Otherwise, if the run's times are frame numbers, one
- * frame is sampled for each number. Otherwise, if exactly one data set is beside the run, the times
- * of its frames are used, but not its images. Otherwise, 4D splats get 30 frames per unit of time,
- * as if the unit were a second; but 61 frames if the range is at most 2 or at least 10,000 units
- * long; other runs get the default of the caller, if it has one. */
+ * number of frames, this number of frames is sampled. Otherwise, if the run's times are frame
+ * numbers, one frame is sampled for each number. Otherwise, if exactly one data set is beside the
+ * run, the times of its frames are used, but not its images. Otherwise, 4D splats get 30 frames per
+ * unit of time, as if the unit were a second; but 61 frames if the range is at most 2 or at least
+ * 10,000 units long; other runs get the default of the caller, if it has one. */
 static void choose_default_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -293,8 +293,8 @@ static spin_status keep_cameras(struct import *im)
     return spin_kept_cameras_choose(&im->views, im->rows[f], &im->meta.cameras);
 }
 
-/* Whether the run is a static scene that can be sampled at any time, such as the initial points of
- * a data set. */
+/* Returns whether the run is a static scene that can be sampled at any time, such as the initial
+ * points of a data set. */
 static bool is_static(const struct spin_sequence_info *t)
 {
     return t->continuous && t->n_clip_frames == 1 && t->static_columns == t->columns;
@@ -311,7 +311,7 @@ static spin_status attach_data(struct import *im)
         return SPIN_OK;
     SPIN_TRY(spin_alloc((size_t)im->meta.n_frames, sizeof(int), (void **)&im->rows));
     if (!o->pair && is_static(&im->sequence) && im->meta.n_source_frames == 1)
-        strcpy(im->meta.pair, "order"); /* a still: the first frame of the data set */
+        strcpy(im->meta.pair, "order"); /* a still is paired with the first frame of the data set */
     if (o->pair)
         snprintf(im->meta.pair, sizeof im->meta.pair, "%s", o->pair);
     status = spin_views_pair(&im->views, &im->meta, im->meta.pair, im->rows);
@@ -1083,7 +1083,7 @@ static spin_status find_packed_run(struct import *im)
     return SPIN_OK;
 }
 
-/* Whether the run that was found consists of the initial points of a data set. */
+/* Returns whether the run that was found consists of the initial points of a data set. */
 static bool is_points(const struct import *im)
 {
     const char *input = im->o->input;

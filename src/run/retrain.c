@@ -94,9 +94,9 @@ static spin_status check_output(const struct run *r, bool *done)
     return SPIN_OK;
 }
 
-/* Returns the least number of bytes of checkpoint and output of a training of the clip. With
- * tracks, the number of splats to store is not known yet, but it is at least that of the largest
- * frame. */
+/* Returns a lower bound, in bytes, of the total size of the checkpoint and the output of a training
+ * of the clip. With tracks, the number of splats to store is not known yet, but it is at least that
+ * of the largest frame. */
 static uint64_t clip_bytes(const struct run *r)
 {
     const struct spin_plan *p = &r->plan;
@@ -119,7 +119,7 @@ static uint64_t clip_bytes(const struct run *r)
     return 4 * (uint64_t)floats * sizeof(float);
 }
 
-/* Returns the least number of bytes that all refined frames occupy together. */
+/* Returns a lower bound, in bytes, of the total size of all refined frames. */
 static uint64_t refined_bytes(const struct spin_plan *p)
 {
     int degree = spin_plan_frame_sh_degree(p);
@@ -709,7 +709,7 @@ static spin_status prepare_outputs(struct run *r, bool *done)
     spin_status status = spin_rank() == 0 ? check_output(r, &found[0]) : SPIN_OK;
 
     if (status == SPIN_OK && !found[0] && spin_plan_is_short(&r->plan))
-        status = find_tracks(r); /* which may show that less memory is needed */
+        status = find_tracks(r); /* a clip with tracks may need less memory */
     if (status == SPIN_OK && !found[0])
         status = spin_plan_check_memory(&r->plan);
     if (status == SPIN_OK && !found[0] && spin_rank() == 0)

@@ -85,8 +85,8 @@ spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
  * dropped ones. */
 spin_status spin_row_filter_4d(struct spin_row_filter *f, const struct spin_splats_4d **splats_4d);
 
-/* These return the number of rows that options other than --decimate have dropped, and the number
- * of rows that were dropped because they cannot be drawn. */
+/* These functions return the number of rows that options other than --decimate have dropped, and
+ * the number of rows that were dropped because they cannot be drawn. */
 uint64_t spin_row_filter_n_filtered(const struct spin_row_filter *f);
 uint64_t spin_row_filter_n_undrawable(const struct spin_row_filter *f);
 /* Logs how many rows each option dropped, and warns if no row remains. */

@@ -20,7 +20,7 @@ struct spin_settled {
  * flicker below a threshold. The static rows are taken from the middle frame; rows of other frames
  * fill its holes.
  *
- * keep: the shares of static and of dynamic rows to keep, chosen at random and enlarged to cover
- * the same area; NULL keeps all. */
+ * keep: the shares, 0..1, of static and of dynamic rows to keep; NULL keeps all. The kept rows are
+ * chosen at random, and enlarged so that they cover the same area as all rows. */
 spin_status spin_settle(const char *input, const char *data_from, const double keep[2],
                         const char *output, bool force, struct spin_settled *settled);

@@ -6,7 +6,7 @@
 
 #include "base/base.h"
 
-/* number of floats per row of trained/residual: those of a track without its displacement */
+/* number of floats per row of trained/residual: a row of a track without the displacement */
 enum { ROW = SPIN_TRACK_WIDTH - 3 };
 
 spin_status spin_bundle_tracks_open(struct spin_bundle *bundle, struct spin_bundle_tracks *out)

@@ -27,7 +27,7 @@ struct spin_clip_options {
      * If `data` or `data_from` is given, the data set is always opened, and it is an error if that
      * fails. */
     bool wants_views;
-    bool quiet; /* true: omits that warning */
+    bool quiet; /* true: omits the warning of `wants_views` */
 };
 
 struct spin_clip {

@@ -65,8 +65,8 @@ static size_t frame_word(const char *name)
     return 0;
 }
 
-/* The first folder of a frame that has points, and the number of those whose points have the same
- * path below the folder. */
+/* The first frame folder that has points, and the number of frame folders whose points have the
+ * same path below the folder. */
 struct frames {
     char *first;
     const char *name, *rest; /* the folder's name; the path below it */

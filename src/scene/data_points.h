@@ -1,4 +1,4 @@
-/* The points that a data set contains, with which trainings on it start. */
+/* Finds the points in a data set from which a training on this data set starts. */
 #pragma once
 
 #include "spin.h"
@@ -8,5 +8,6 @@
  * the number of the frame, and *per_frame is true. */
 spin_status spin_data_points(const char *folder, char **path, bool *per_frame);
 
-/* Whether the folder contains PLY files, all of which have names that data sets use for points. */
+/* Returns whether the folder contains PLY files, all of which have names that data sets use for
+ * points. */
 bool spin_holds_only_points(const char *folder);

@@ -321,8 +321,8 @@ static spin_status pair_by_order(const struct spin_views *views,
     return SPIN_OK;
 }
 
-/* Sets *out to whether every frame of the data set has one image, each of another camera, as in a
- * COLMAP model without frame folders. */
+/* Sets *out to whether every frame of the data set has one image, each from a different camera, as
+ * in a COLMAP model without frame folders. */
 static spin_status has_one_view_each(const struct spin_views *views, bool *out)
 {
     SPIN_FREED int *camera = NULL;

@@ -29,8 +29,8 @@ spin_status spin_views_scale(struct spin_views *views, double image_scale);
 void spin_views_shift(struct spin_views *views, const double shift[3]);
 
 /* Finds the row of the data set for each frame of the clip, and stores these rows in
- * dataset_frame_of [meta->n_frames]. If every row has one view, each of another camera, and the
- * source clip has one frame, all views become views of row 0, unless `pair` is "number".
+ * dataset_frame_of [meta->n_frames]. If every row has one view, each from a different camera, and
+ * the source clip has one frame, all views become views of row 0, unless `pair` is "number".
  *
  * `pair` is "number", "order" or "auto"; "" means "auto". "auto" pairs by number if both the clip
  * and the data set have frame numbers. Otherwise it pairs by order if the source clip has as many
@@ -38,8 +38,8 @@ void spin_views_shift(struct spin_views *views, const double shift[3]);
 spin_status spin_views_pair(struct spin_views *views, const struct spin_bundle_meta *meta,
                             const char *pair, int *dataset_frame_of);
 
-/* Warns if every row has one view, each of another camera. To be called when views are paired with
- * a clip of several frames: the images may be those of a rig, taken at the same time. */
+/* Warns if every row has one view, each from a different camera. To be called when views are paired
+ * with a clip of several frames: the images may be those of a rig, taken at the same time. */
 spin_status spin_views_warn_single(const struct spin_views *views);
 
 /* Returns the extent of the cameras, spatial_lr_scale of 3DGS: 1.1 times the largest distance of a

@@ -5,7 +5,7 @@
 
 /* A cache of 8-bit images. Decoded images are cached until they fill `budget` bytes; further images
  * are decoded on every request. Images are resized to the size of their camera by a box filter. An
- * image with another aspect ratio than its camera is an error. */
+ * image whose aspect ratio differs from that of its camera is an error. */
 struct spin_image_cache {
     const struct spin_views *views;
     uint8_t **rgb;                 /* [views->n], decoded image of each view; NULL: not cached */

@@ -65,10 +65,10 @@ static spin_status peek_members(const char *path, char **out)
 }
 
 /* Reads part of the file `name` in a folder if the file helps to distinguish related methods. From
- * params.npz (Dynamic 3D Gaussians and its descendants), the names of the members are read.
- * Besides, the first bytes of one file are read, the first that exists of: cfg_args (descendants of
- * 3DGS); a checkpoint, which begins with the names of the optimiser's groups; deformation.pth,
- * which begins with the keys of the network; point_cloud.ply. */
+ * params.npz (Dynamic 3D Gaussians and its descendants), the names of the members are read. In
+ * addition, the first bytes of one file are read, namely of the first that exists in this list:
+ * cfg_args (descendants of 3DGS); a checkpoint, which begins with the names of the optimiser's
+ * groups; deformation.pth, which begins with the keys of the network; point_cloud.ply. */
 static spin_status peek_inside(const char *folder, const char *name, struct spin_peek *out,
                                char **members)
 {

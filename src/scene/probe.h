@@ -3,8 +3,9 @@
 
 #include "spin.h"
 
-/* Reads what probe() of importers gets: the first bytes of `path`, the entries if it is a folder,
- * and the names of the members if it is a zip. The caller frees *out with spin_peek_free(). */
+/* Reads the data that probe() of an importer receives: the first bytes of `path`, the entries if it
+ * is a folder, and the names of the members if it is a zip. The caller frees *out with
+ * spin_peek_free(). */
 spin_status spin_peek_open(const char *path, struct spin_peek *out);
 void spin_peek_free(struct spin_peek *peek);
 

@@ -52,7 +52,7 @@ static const float logit_opacity = 5; /* opacity 0.993 */
 struct cell {
     bool known;
     double log_depth, colour[3];
-    double at[3]; /* centre of the cell on the surface, in world units */
+    double at[3]; /* world position of the surface at the centre of the cell */
 };
 
 struct view {

@@ -37,8 +37,9 @@ struct colours {
     struct spin_splats splats; /* splats of the current frame */
     size_t step, n_points;     /* the compared points are every step-th splat of the frame */
     uint8_t *image;            /* [h][w][3] image of the current view */
-    /* [points][cameras] samples of the current frame: colour r g b in 0..1, and r^2 of the pixel
-     * (spin_lens_r2()). The colour is NaN if the point is not visible. */
+    /* [points][cameras] samples of the current frame: the colour (red, green, blue, in 0..1), and
+     * the squared distance of the pixel from the image centre (spin_lens_r2()). The colour is NaN
+     * if the point is not visible. */
     float (*seen)[4];
     int *lens; /* [cameras] index of the lens of each camera */
     /* For each channel, [cameras][FRAMES * POINTS] deviations: colour of a point in a camera, 0..1,
@@ -116,7 +117,7 @@ static spin_status sample_view(struct colours *c, size_t view)
     return SPIN_OK;
 }
 
-/* Adds the deviations of all cameras in the points of the current frame to c->difference. */
+/* For each point of the current frame, adds the deviations of all cameras to c->difference. */
 static void add_deviations(struct colours *c)
 {
     size_t n = (size_t)c->plan->n_cameras;

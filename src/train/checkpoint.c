@@ -33,8 +33,8 @@ static spin_status check_values(const struct spin_trainer *t, const char *name, 
                           name, first + i, (long long)t->iteration);
 }
 
-/* Compares the hashes of the parameters of all ranks, and fails if they differ: all ranks update
- * their parameters identically. */
+/* Compares the hashes of the parameters of all ranks, and fails if they differ, since the updates
+ * on all ranks must be identical. */
 static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
 {
     SPIN_FREED uint64_t *all = NULL;
@@ -303,9 +303,9 @@ spin_status spin_checkpoint_bytes(const struct spin_checkpoint *c, struct spin_t
     return SPIN_OK;
 }
 
-/* Checks the array "table/last" of lazy Adam, the last step of each line: its values are used as
- * indices into a table of the learning rates of all steps so far, so they must not exceed
- * `iteration`. */
+/* Checks the array "table/last" of lazy Adam, the last step of each line of the table: its values
+ * are used as indices into a table of the learning rates of all steps so far, so they must not
+ * exceed `iteration`. */
 static spin_status check_last(const float *last, size_t n, int64_t iteration)
 {
     for (size_t i = 0; i < n; i++)

@@ -34,7 +34,8 @@ struct spin_state_array {
 };
 
 /* Sets *out [*n] to the list of all arrays, which the caller frees. permutation [frames][splats]
- * becomes the arrays of kind SPIN_STATE_PLACE; it may be NULL if the caller does not use these. */
+ * becomes the arrays of kind SPIN_STATE_PLACE; it may be NULL if the caller does not use these
+ * arrays. */
 spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
                               struct spin_state_array **out, size_t *n);
 /* True if the array contains parameters, which the training optimises, false if it contains
@@ -68,8 +69,8 @@ struct spin_checkpoint {
     int64_t saved;
     /* Disk space that is reserved for the next checkpoint or for the output. */
     struct spin_reserve reserve;
-    /* Size of the checkpoint when disk space was last reserved, and growth since the reservation
-     * before it, in bytes. */
+    /* Size of the checkpoint when disk space was last reserved, and growth of this size since the
+     * previous reservation, in bytes. */
     uint64_t bytes, growth;
     bool failed; /* true if the last attempt to save a checkpoint failed */
     bool warned; /* true if a failure to save has been reported; later failures are not reported */
@@ -112,11 +113,11 @@ bool spin_fingerprint_equal(const char *recorded, const char *own);
  * learning rates. Their mean over many iterations fluctuates far less, so learning rates need not
  * decay to zero. The methods "tracks" and "4d" use the average. */
 
-/* Plans an average over the last iterations, a share 0..1 of all `iterations`. Iterations up to
- * `until` are excluded from it. */
+/* Plans an average over the last iterations: `share` (0..1) of all `iterations`, excluding those up
+ * to `until`. */
 struct spin_average spin_average_of(double share, int64_t until, int64_t iterations);
-/* All ranks must call it after each iteration. Every few iterations, it adds the parameters to the
- * mean; after the last iteration, it replaces the parameters by their mean. */
+/* All ranks must call this function after each iteration. Every few iterations, it adds the
+ * parameters to the mean; after the last iteration, it replaces the parameters by their mean. */
 spin_status spin_average_step(struct spin_trainer *t);
 /* For a resume: derives the number of iterations averaged so far from the trainer's iteration, and
  * allocates the mean, which the caller then loads from the checkpoint. */

@@ -38,8 +38,8 @@ struct row {
 #define C_DOUBLE double
 #define C(type) C_##type
 #define FIELD(field) (((struct spin_retrain_options *)NULL)->field)
-/* Number of values of a field. Does not compile if the field is neither of type c nor an array of
- * it. */
+/* Number of values of a field. Compiles only if the field has the type c, or is an array of this
+ * type. */
 #define COUNT(c, field) sizeof FIELD(field) / sizeof(_Generic(FIELD(field), c : (c)0, c * : (c)0))
 
 #define NEVER .when = 0

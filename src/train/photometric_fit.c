@@ -27,8 +27,7 @@ static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
  * difference. */
 static const double least_errors = 3;
 /* Second condition for gains: they reduce the loss of held-out points by at least this share. If
- * views differ for other reasons, such as smoke, there is always a gain that reduces it slightly.
- */
+ * views differ for other reasons, such as smoke, some gains always reduce this loss slightly. */
 static const double least_explained = 0.05;
 
 struct fit {

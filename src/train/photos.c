@@ -256,7 +256,7 @@ static void plan_epoch(struct spin_sampler *s, int64_t epoch)
     }
 }
 
-/* Draws the random background of item k, if the image has a matte. */
+/* Chooses a random background for item k if its image has a matte. */
 static void change_background(struct spin_sampler *s, int64_t iteration, size_t k)
 {
     struct spin_train_item *item = &s->items[k];

@@ -17,7 +17,7 @@ struct spin_photos {
     struct spin_mattes mattes; /* used if --learn-alpha is auto and the images show a subject */
     /* Scratch for an image [max pixels][3], followed by a mask of one bit per pixel. */
     uint8_t *image;
-    uint64_t *digest; /* [views] digest of each view; 0 if it is not used */
+    uint64_t *digest; /* [views] digest of each view; 0 for views that are not used */
 };
 
 /* Zero the struct before the call, and close it also after a failure. */

@@ -30,7 +30,7 @@ static int rank_of(const struct spin_trainer *t, const struct batch *b, int item
 /* Computes the losses of the images that the raster has just rendered, one row of t->values per
  * view (spin_device_ops.loss). Sets t->raster.d_image to the gradient of the weighted losses with
  * respect to the rendered images, and adds the gradient with respect to the exposure parameters to
- * theirs. */
+ * t->exposures.param.g. */
 static void add_loss(struct spin_trainer *t, const struct spin_images *images,
                      const struct spin_view_batch *views)
 {
@@ -185,8 +185,8 @@ static void step_frames(struct spin_trainer *t, const struct batch *b, const int
     t->device->op->adam(t->device, n_groups, group);
 }
 
-/* Copies the gradients of the values that a frame owns between the frame's buffers and `at`, its
- * part of the buffer t->own_grad of the all-reduce: from the frame to `at` if `put` is true,
+/* Copies the gradients of the values that a frame owns between the frame's buffers and `at`, the
+ * frame's part of the all-reduce buffer t->own_grad: from the frame to `at` if `put` is true,
  * otherwise from `at` to the frame. Returns the number of floats copied. */
 static size_t copy_own_gradients(struct spin_trainer *t, const struct spin_frame_of_batch *frame,
                                  const struct spin_frame_size *size, float SPIN_DEV *at, bool put)
@@ -230,7 +230,7 @@ static size_t own_floats(const struct spin_trainer *t, const struct spin_frame_s
     return 3 * size->n_pos + SPIN_RESIDUAL * size->n_residual + t->sh_width * size->n;
 }
 
-/* Returns the begin of the part of t->own_grad that belongs to an item's frame. Parts are in the
+/* Returns the start of the part of t->own_grad that belongs to an item's frame. Parts are in the
  * order in which items first show the frames. */
 static float SPIN_DEV *own_grad_of(const struct spin_trainer *t, const struct batch *b, int item)
 {
@@ -291,8 +291,8 @@ static spin_status process_frames(struct spin_trainer *t, const struct batch *b,
     spin_field_forward(&t->field_eval, network, t->table.p, t->heads.p, &frames);
     d->op->zero(d, t->field_eval.d_attr, frames.n * spin_attr_width(&frames) * sizeof(float));
     d->op->zero(d, t->d_pos, frames.n * 3 * sizeof(float));
-    /* An Adam step clears the gradients that it reads. With tracks it reads only a part of them,
-     * and with several ranks it reads copies, so they must be cleared here. */
+    /* An Adam step clears the gradients that it reads. With tracks it reads only a part of the
+     * gradients, and with several ranks it reads copies, so the originals must be cleared here. */
     if (t->n_tracks > 0 || (t->n_ranks > 1 && t->residuals))
         d->op->zero(d, t->d_residual, frames.n * SPIN_RESIDUAL * sizeof(float));
     if (t->n_ranks > 1 && t->sh_width > 0)

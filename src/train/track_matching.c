@@ -203,10 +203,11 @@ void spin_track_matching_close(struct spin_track_matching *chains)
 
 enum { CHUNK = 256, MOST_ROUNDS = 100 };
 
-/* A match of a splat; the owner of the struct is one splat of the pair. */
+/* The cost and the second splat of a pair. Its first splat is known from the context, such as the
+ * index in `held` or `wanted` below. */
 struct link {
     float cost;     /* INFINITY: no match */
-    uint32_t splat; /* the other splat of the pair */
+    uint32_t splat; /* the second splat */
 };
 
 struct round {
@@ -325,8 +326,8 @@ out:
 /* ---- Rotation of tracks ---------------------------------------------------------------------- */
 
 /* A turn is fitted to the NEIGHBOURS nearest neighbours of a splat within rotation_reach times the
- * median spacing of splats. With fewer than FEWEST neighbours, it is not determined. Tuned on the
- * clip "court" (docs/results.md). */
+ * median spacing of splats. With fewer than FEWEST neighbours, the turn is not determined. Tuned on
+ * the clip "court" (docs/results.md). */
 enum { NEIGHBOURS = 24, FEWEST = 4, TURNS_CHUNK = 64 };
 static const float rotation_reach = 8;
 /* The fit is repeated PASSES times, with lower weights for neighbours with large errors, such as

@@ -12,7 +12,8 @@ static const double UNSEEN = 1e-4, NOISE = 1e-2;
 enum { NOISE_FRAMES = 8 }; /* with fewer frames, noise cannot be distinguished from motion */
 
 /* A candidate for a track: a row of a source with persistent ids, a position that splats of several
- * frames may share, or a track built by matching. The position is that of its first splat. */
+ * frames may share, or a track built by matching. The position of a candidate is that of its first
+ * splat. */
 struct place {
     float at[3];
     uint32_t n_frames; /* number of frames in which it has a splat */

@@ -146,7 +146,7 @@ spin_status spin_refine_init_from_splats(const struct spin_splats *splats,
                                          struct spin_refine_cloud *out);
 /* Adds SH coefficients beyond the first, up to sh_degree > 0, to a cloud that one of the functions
  * above has initialised. They are copied from `splats`, which has one splat for each point;
- * coefficients that `splats` lacks are zero, as are all of them if `splats` is NULL. */
+ * coefficients that `splats` lacks are zero. If `splats` is NULL, all are zero. */
 spin_status spin_refine_add_sh(int sh_degree, const struct spin_splats *splats,
                                struct spin_refine_cloud *cloud);
 

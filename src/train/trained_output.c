@@ -428,9 +428,9 @@ static const char *precision_name(const struct spin_retrain_options *o)
     return name[o->precision];
 }
 
-/* Stores the cameras of the data set in *meta, as they are in the first frame of the clip that has
- * a frame of the data set. Cameras of renders (scene/renders.h) are not stored, since they belong
- * to no data set. */
+/* Stores the cameras of the data set in *meta, as they are in the first frame of the clip that is
+ * paired with a frame of the data set. Cameras of renders (scene/renders.h) are not stored, since
+ * they belong to no data set. */
 static spin_status keep_cameras(const struct spin_plan *plan, struct spin_bundle_meta *meta)
 {
     const struct spin_clip *clip = &plan->clip;

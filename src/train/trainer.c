@@ -152,7 +152,8 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
         n = t->frame[f].size.n > n ? t->frame[f].size.n : n;
     if (n <= t->n_max) {
         /* Clear all gradients of residual values: if no tracks remain, iterations clear only the
-         * gradients of values that splats own, so the others would remain nonzero. */
+         * gradients of values that splats own, so all other gradients would keep their old
+         * values. */
         if (t->d_residual)
             t->device->op->zero(t->device, t->d_residual,
                                 splats_at_once(t) * SPIN_RESIDUAL * sizeof(float));
@@ -456,7 +457,7 @@ size_t spin_lazy_pad(const struct spin_field *field)
 }
 
 /* A splat reads 16 rows of a level, one for each corner of a 4D cell. Corners that are adjacent
- * along x are often in the same line, so these rows are in about 9 lines. */
+ * along x are often in the same line, so the 16 rows are in about 9 lines. */
 bool spin_lazy_pays(const struct spin_field *field, double splats, int64_t steps)
 {
     const struct spin_grid *grid = &field->grid;

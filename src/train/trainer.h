@@ -19,7 +19,7 @@ struct spin_param {
     size_t n, pad;                 /* pad: number of unused floats before each array */
 };
 
-/* Allocates the four arrays and sets them to zero. Each array starts `pad` floats after the begin
+/* Allocates the four arrays and sets them to zero. Each array starts `pad` floats after the start
  * of its allocation, see spin_lazy_pad(). Close *param also after a failure. */
 spin_status spin_param_open(struct spin_param *param, struct spin_device *d, size_t n, size_t pad);
 void spin_param_close(struct spin_param *param, struct spin_device *d);

@@ -159,7 +159,7 @@ static spin_status send_first_tracks(const struct first_tracks *first, struct sp
 }
 
 /* Zeroes the residual values of splats with a track: their initial values are stored in the track,
- * and the sum of both is rendered. */
+ * and the sum of the values of the splat and of its track is rendered. */
 static void clear_tracked(const struct spin_tracks *tracks, int frame,
                           struct spin_refine_cloud *cloud)
 {

@@ -2,11 +2,11 @@
  * front. The formulas are those of math/blend.h, rewritten to process a vector of pixels of a row
  * at a time; tests/device/t-blend.c compares both implementations.
  *
- * The (splat, tile) pairs of a tile are prepared in batches. A splat is blended only in the rows
- * where its alpha is large enough to contribute and, on SIMD paths with short vectors, only in the
- * columns where it is. In the backward pass, each pair writes its sums to its own slot, and the
- * slots of a splat are added in order. This needs no atomics and gives the same bits for any number
- * of threads. */
+ * The (splat, tile) pairs of a tile are prepared in batches. A splat is blended only in rows where
+ * its alpha is large enough to contribute. SIMD paths with short vectors also skip the columns
+ * where alpha is too small. In the backward pass, each pair writes its sums to its own slot, and
+ * the slots of a splat are added in order. This needs no atomics and gives the same bits for any
+ * number of threads. */
 #include <string.h>
 
 #include "device/cpu/cpu.h"

@@ -302,7 +302,7 @@ void SPIN_CPU(grid)(struct spin_device *d, const struct spin_grid *grid, const f
 /* ---- Forward, with lazy Adam ----------------------------------------------------------------- */
 
 /* Applies the Adam steps that a line has missed. `from` is the last step that the line took, and
- * `at` the index of its first value. */
+ * `at` the index of the line's first value. */
 static void catch_up_line(const struct grid_job *job, float from, size_t at)
 {
     const struct spin_cpu_lazy_adam *lazy = job->lazy;

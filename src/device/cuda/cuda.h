@@ -50,8 +50,8 @@ static inline struct gpu *gpu_of(struct spin_device *d) { return &cuda_of(d)->gp
 /* Returns a scratch buffer with undefined contents (cuda.cu). Returns NULL if out of memory; the
  * calling verb then leaves its results unchanged, and the next wait() returns the error. */
 void *cuda_scratch(struct spin_device *d, enum cuda_scratch_of which, size_t bytes);
-/* These set the error message and return the status, like spin_fail() (cuda.cu). cuda_no_memory()
- * is for a host that is out of memory, cuda_fail() for any other failure. */
+/* These functions of cuda.cu set the error message and return the status, like spin_fail().
+ * cuda_no_memory() is for a host that is out of memory, cuda_fail() for any other failure. */
 spin_status cuda_no_memory(void);
 spin_status cuda_fail(spin_status status, const char *what, const char *why);
 /* Scope guard: measures the time of the operation `op`, and checks for launch errors when its scope

@@ -5,8 +5,8 @@
 
 struct spin_device_ops;
 
-/* A number that depends on the sizes of the shared structs, so that a spin-cuda.so with other
- * structs is rejected. A file that uses this macro must include device/device.h. */
+/* A number that depends on the sizes of the shared structs, so that a spin-cuda.so whose structs
+ * differ in size is rejected. A file that uses this macro must include device/device.h. */
 #define SPIN_CUDA_SHIM_ABI                                                                         \
     (int)(1 + 16 * (sizeof(struct spin_device_ops) + sizeof(struct spin_frame_batch) +             \
                     sizeof(struct spin_view_batch) + sizeof(struct spin_images) +                  \

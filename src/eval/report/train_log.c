@@ -71,7 +71,8 @@ static spin_status read_lines(const char *path, const struct spin_map *map,
     return SPIN_OK;
 }
 
-/* Averages the loss over intervals of equally many entries, except the last one. */
+/* Averages the loss over intervals with the same number of entries; the last interval may have
+ * fewer. */
 static void average_loss(struct spin_train_log *h, size_t most)
 {
     size_t each = (h->n_steps + most - 1) / most, k = 0;
