@@ -6,8 +6,8 @@
  * node is shown, 0 otherwise. An additional key frame at the end repeats the last value, so that
  * players show the last frame for its whole duration. Values of an attribute that are the same in
  * several frames are stored once. --still-apart moves the splats that are equal in all frames
- * (lib/static_rows.h) to a separate node without animation. This node is the first of the scene, so
- * that players that draw one mesh after another draw the static splats first.
+ * (lib/static_rows.h) to a separate node without animation. This node is the first of the scene:
+ * players that draw meshes one by one then draw the static splats first.
  *
  * Differences from the PLY of 3D Gaussian Splatting: quaternions are x y z w, scales and opacities
  * are stored after their activation (exp, sigmoid), and each SH coefficient has its own accessor.
@@ -326,8 +326,8 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     n = x->still.n;
     for (int f = 0; f < job->n_frames && job->counts; f++)
         n += job->counts[f] - x->still.n;
-    /* The size is exact unless there are several frames, which may share columns, or options drop
-     * splats. */
+    /* The size is only an upper bound if options drop splats, or if there are several frames, which
+     * may share columns. */
     if (job->counts)
         spin_frames_log_size(job->output, job->n_frames, gltf_bytes(x, n),
                              job->n_frames > 1 || job->counts_are_bounds);

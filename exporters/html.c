@@ -542,8 +542,8 @@ static spin_status open_beside(const struct export *x, const char *ending, struc
     return SPIN_OK;
 }
 
-/* Opens the page and the files beside it: with --split those of the blocks and of the sound, with
- * --poster that of the poster. */
+/* Opens the page and the files beside it: with --split, a file for the blocks and a file for the
+ * sound; with --poster, a file for the image. */
 static spin_status open_files(struct export *x)
 {
     SPIN_TRY(spin_out_open(x->job->output, x->job->force, &x->out));

@@ -203,7 +203,8 @@ static spin_status parse_names(struct export *x)
     return pattern ? spin_pattern_parse(pattern, &x->pattern) : SPIN_OK;
 }
 
-/* Sets the file format to that of --format or, without this option, of the pattern. */
+/* Sets the file format to the value of --format or, without this option, to the format of the
+ * pattern's extension. */
 static spin_status parse_format(struct export *x)
 {
     const char *given = spin_plugin_value(x->job->values, "format", NULL);

@@ -12,7 +12,8 @@
 #include "io/webp.h"
 #include "math/sh.h"
 
-/* A codebook is reused if its squared error is at most this multiple of that of a new codebook. */
+/* A codebook is reused if its squared error is at most this multiple of the squared error of a new
+ * codebook. */
 #define KEEP_BOOK 1.1
 
 static const struct spin_plugin_option options[] = {

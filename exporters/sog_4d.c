@@ -74,8 +74,8 @@ struct export
      * [n_palette][n_rest]. */
     float *rest, *palette;
     uint32_t *label; /* [n] palette index of each row */
-    /* If the clip has segments: 1 + their number; group 0 contains the persistent splats, group g
-     * those of segment g - 1. Otherwise 1. */
+    /* 1 if the clip has no segments, else 1 + the number of segments: group 0 contains the
+     * persistent splats, group g the splats of segment g - 1. */
     size_t n_groups;
     size_t *end;  /* [n_groups] index of the group's last row, plus 1 */
     double *span; /* [n_groups][2] first and last time at which the group is drawn */
@@ -947,7 +947,7 @@ static spin_status write_all(struct export *x)
 }
 
 /* In both formats, a sound starts with the clip. A WAV file is therefore padded with silence or cut
- * at its beginning. name: that of the format, for messages. */
+ * at its beginning. name: the format's name in messages. */
 static spin_status choose_sound(struct export *x, const struct spin_sound *s, const char *name)
 {
     if (!s)

@@ -4,7 +4,7 @@
  * samples (lib/usd_file.c).
  *
  * With value clips, a reader opens only the layer of the frame that it shows, whereas a single text
- * file must be parsed as a whole, which is gigabytes for a clip of a minute. Since the prim has the
+ * file, gigabytes large for a clip of a minute, must be parsed as a whole. Since the prim has the
  * same path in each layer as in the stage, a layer can also be opened on its own.
  *
  * The layout follows OpenUSD's schema and its guide to value clips: scales are standard deviations,

@@ -49,8 +49,8 @@ const up = unit(clip.up);
 const side = unit(cross(up, Math.abs(up[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), front = cross(side, up);
 const orbit = { tall: Infinity };
 
-// Sets the camera to a view in world units. The page starts with the view of its address or, if
-// there is none, with that of the clip; Reset returns to this view.
+// Sets the camera to a view in world units. The page starts with the view in its address or, if
+// the address contains none, with the view in the clip; Reset returns to this view.
 const start = asked.view ?? { eye: clip.eye, target: clip.target };
 function look(view) {
     const target = inside(view.target), from = add(inside(view.eye), target, -1);
@@ -232,7 +232,7 @@ const between = clip.versions.every((v) => v.rows || v.moves); // splats exist a
 // Some members of `state`. moves: the camera has moved since the last draw. Draws are then faster
 // but coarser: splats are cut off where they are still faintly visible. A full draw follows when
 // the camera stops. drawn: indices of the versions that are drawn; null before the first frame.
-// wipe: both versions are requested, with a line between them at the share `cut` of the width.
+// wipe: true if both versions are shown, with a line between them at the share `cut` of the width.
 const state = { version: 0, wipe: false, cut: 0.5, frame: 0, playing: false, speed: 1, clock: 0, last: 0, touched: 0, asked: '', waiting: false, dirty: true, drawn: null, view: '', moves: false };
 const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f) => {
     const element = $(`v${i}f${f}`), text = element.textContent;

@@ -136,7 +136,8 @@ static void match_rows(struct spin_4dgs_frames *x, bool key)
     }
 }
 
-/* Hashes all values of a splat except the centre in time, which each keyframe sets anew. */
+/* Hashes all values of a splat except the centre of its time window, which each keyframe sets anew.
+ */
 static struct spin_static_row hash_row(const struct spin_4dgs_splat *splat, uint32_t row)
 {
     struct spin_static_row out = {{0, 0}, row};

@@ -4,7 +4,7 @@
 
 #define NONE UINT32_MAX
 
-/* A column of floats, `width` per row, of which the first n are written. */
+/* A column with `width` floats per row; the first n floats of each row are written. */
 struct column {
     const float *at;
     size_t width, n;

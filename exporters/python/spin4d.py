@@ -298,7 +298,7 @@ class Clip:
             return self._finished(means, quats, log_scales, logits, sh, torch, relative)
 
     def slice(self, time, torch=False, relative=False):
-        """Returns the source's 4D splats at a time, which has the unit of `times`; see
+        """Returns the frame of the source's 4D splats at `time`, in the unit of `times`; see
         spin-bundle(5). relative: the means are relative to `shift`."""
         if not self.splats_4d:
             raise ValueError(f"{self._path}: the source is frames, not 4D splats")
