@@ -290,8 +290,8 @@ static spin_status check_sound(const struct spin_sound *s)
     if (!s)
         return SPIN_OK;
     if (spin_sound_seconds(s) <= 0)
-        return spin_malformed("the duration of the sound '%s', which the file must state, cannot "
-                              "be read: convert it to WAV, or use --sound none",
+        return spin_malformed("a .4dgs must state the duration of the sound '%s', which cannot be "
+                              "read: convert the sound to WAV, or use --sound none",
                               s->name);
     if (s->start < 0)
         spin_warn("a .4dgs cannot omit the beginning of a sound, so players other than spin4d "

@@ -243,9 +243,10 @@ static spin_status add_to_file(void *self, const struct spin_frame_info *info,
     all = (double)x->clip.row *
           ((double)x->still.n + (double)rows->n_kept * (double)x->clip.n_frames);
     if (x->n_done == 0 && all > (double)UINT32_MAX) /* warn early: writing may take hours */
-        spin_warn("%d frames of the size of the first need up to %.1f GB, but a .glb cannot exceed "
-                  "4.3 GB: reduce the clip with --range, --sh or --min-opacity, or write a folder",
-                  x->clip.n_frames, all / 1e9);
+        spin_warn(
+            "%d frames as large as the first need up to %.1f GB, but a .glb cannot exceed 4.3 GB: "
+            "reduce the clip with --range, --sh or --min-opacity, or write a folder",
+            x->clip.n_frames, all / 1e9);
     SPIN_TRY(write_rows(x, info, &x->frame[x->n_done]));
     if (x->n_done == 0 && x->still.n > 0) {
         spin_static_rows_only(&x->still, rows);
@@ -318,7 +319,7 @@ static spin_status open_single(void *self, const struct spin_export_job *job)
     SPIN_TRY(spin_alloc((size_t)job->n_frames + 1, sizeof *x->frame, (void **)&x->frame));
     if (job->n_frames > 1 && spin_plugin_value(job->values, "still-apart", NULL)) {
         SPIN_TRY(spin_static_rows_find(&x->still, &x->frames.rows, job));
-        spin_log(0, "identical in all frames, so written only once: %s",
+        spin_log(0, "written only once, since identical in all frames: %s",
                  spin_text_count((long long)x->still.n, "splat", count));
     }
     SPIN_TRY(spin_out_open(job->output, job->force, &x->out));

@@ -123,8 +123,8 @@ static spin_status parse_camera(struct spin_camera_path *d)
         return check_view(d, turns || (d->path == SPIN_PATH_CAMERA && !d->job->views));
     if (text[strspn(text, "0123456789")] == '\0') {
         if (!d->job->views)
-            return spin_misuse("--camera %s: there is no data set; give --data DIR, or a file",
-                               text);
+            return spin_misuse(
+                "--camera %s: there is no data set; give --data DIR, or a file of cameras", text);
         SPIN_TRY(spin_option_count(d->job->values, "camera", 0, 1000000000, &d->camera_id));
         return check_view(d, false);
     }

@@ -464,7 +464,7 @@ static void test_too_large(void)
        "a frame by itself");
     snprintf(
         want, sizeof want,
-        "4000 frames of the size of the first need up to %.1f GB, but a .glb cannot exceed 4.3 GB: "
+        "4000 frames as large as the first need up to %.1f GB, but a .glb cannot exceed 4.3 GB: "
         "reduce the clip with --range, --sh or --min-opacity, or write a folder",
         4000 * (double)map.size / 1e9);
     spin_map_close(&map);
