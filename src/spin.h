@@ -199,8 +199,8 @@ struct spin_splats_4d {
     int degree;           /* degree of the paths, which are polynomials: 0..3 */
     int sh_degree;        /* 0..3 */
     bool antialias;       /* true: render the splats with antialiasing */
-    double least_weight;  /* at times when w of a row is below this, the row is not drawn */
-    double least_opacity; /* the same for the opacity of a row, including w */
+    double least_weight;  /* a row is not drawn at times at which its w is below this */
+    double least_opacity; /* the same for the product of w and the opacity */
     double period;        /* period of the cosines of sh_cos */
     /* Factors on the screen-space covariance with which the splats were trained; {0, 0}: none. */
     double cov2d[2];
@@ -343,8 +343,8 @@ struct spin_peek {
     const char *const *names; /* entries of a folder, sorted, at most 4096; NULL-terminated */
 };
 
-/* What an importer's open() reports about a run. The importer owns the arrays and frees them in
- * close(). */
+/* The data that an importer's open() reports about a run. The importer owns the arrays and frees
+ * them in close(). */
 struct spin_sequence_info {
     int n_frames;
     const double *times;     /* [n_frames] in the method's unit of time; NULL: 0, 1, 2, ... */
@@ -454,8 +454,8 @@ struct spin_decimated {
  */
 enum spin_row_reason {
     SPIN_ROW_KEPT,
-    /* The next four reasons are options of spin-export. The first three options do not apply to a
-     * splat with a NaN or infinite position, which is dropped as SPIN_ROW_NOT_FINITE. */
+    /* The next four reasons are options of spin-export. The first three options do not apply to
+     * splats with a NaN or infinite position: these are dropped as SPIN_ROW_NOT_FINITE. */
     SPIN_ROW_CROP,
     SPIN_ROW_MIN_VIEWS,
     SPIN_ROW_FLOATERS,
@@ -487,8 +487,8 @@ struct spin_export_report {
     uint64_t images; /* images that the exporter rendered and wrote; 0 for most exporters */
 };
 
-/* What an exporter's begin() receives. All pointers stay valid until end() or abort() returns; the
- * caller owns the memory. */
+/* The arguments of an exporter's begin(). All pointers stay valid until end() or abort() returns;
+ * the caller owns the memory. */
 struct spin_export_job {
     const char *output; /* as given by the user */
     bool force;         /* overwrite existing files */

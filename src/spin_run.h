@@ -154,9 +154,9 @@ spin_status spin_export(const struct spin_export_options *o, char **report);
  * "clip.html"; NULL if there is none. In all these functions, names of formats and extensions are
  * case-insensitive. */
 const char *spin_exporter_for(const char *output);
-/* Suggests a supported extension in place of `ending`, an extension with its dot that no exporter
- * supports: one for the same kind of file, or else one that is spelled similarly. NULL if there is
- * none. */
+/* Suggests a supported extension for `ending`, an unsupported extension with its dot: one for the
+ * same kind of file or, if there is none, one that is spelled similarly. NULL if there is neither.
+ */
 const char *spin_exporter_nearest(const char *ending);
 /* The name of the exporter for a format, or for the most similar supported format: "video" for
  * "mp4" and also for "mov". NULL if there is none. */

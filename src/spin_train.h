@@ -172,10 +172,10 @@ void spin_retrain_defaults(struct spin_retrain_options *o);
  * "quick" with three times as many iterations and adapted learning rates of tracks. "paper": the
  * method NETWORK with the settings of the paper, which takes hours on a GPU. "short": the method
  * NETWORK in minutes on a CPU. Since "short" trains each frame in about a hundred iterations
- * instead of thousands, it has higher learning rates, all images of an iteration show the same
- * frame, which the field evaluates once, and scales and colours are initialised from the source's
- * points. SPIN_E_USAGE if there is no preset of this name; the options are then those of "quick".
- */
+ * instead of thousands, it differs in three ways: learning rates are higher; all images of an
+ * iteration show the same frame, so that the field is evaluated for one frame only; scales and
+ * colours are initialised from the points of the source. SPIN_E_USAGE if there is no preset of this
+ * name; the options are then those of "quick". */
 spin_status spin_retrain_preset(const char *name, struct spin_retrain_options *o);
 
 #ifdef __cplusplus

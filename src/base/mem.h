@@ -54,7 +54,7 @@ spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes);
 void spin_scratch_free(struct spin_scratch *scratch);
 
 /* Returns how many bytes this process can still allocate: the minimum of the machine's available
- * memory and of what the process's control groups and `ulimit -v` still allow. */
+ * memory and of the amounts that the process's control groups and `ulimit -v` still allow. */
 size_t spin_memory_available(void);
 /* Returns how many more bytes the control groups (versions 1 and 2) of this process allow: the
  * minimum for its own group and all ancestors of that group; UINT64_MAX if there is no limit. root:

@@ -230,7 +230,7 @@ static void free_steps(struct reader *r)
     }
 }
 
-/* Reads the streams of a chunk, which may be in any order. Skips unknown attributes. */
+/* Reads the streams of a chunk, in any order. Skips streams of unknown attributes. */
 static spin_status read_streams(struct reader *r, struct spin_4dgs_cursor *c,
                                 const double interval[2])
 {

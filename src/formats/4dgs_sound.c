@@ -22,8 +22,8 @@ static struct spin_4dgs_source *find_source(const struct spin_4dgs_sounds *sound
     return NULL;
 }
 
-/* Reads a position and a rotation. Returns true if they are valid or the record is too short, which
- * the caller reports. */
+/* Reads a position and a rotation. Returns false if they are invalid. Returns true if the record is
+ * too short, since the caller checks the length itself. */
 static bool read_pose(struct spin_4dgs_cursor *c)
 {
     double place = 0, length = 0;

@@ -24,7 +24,8 @@ void spin_glb_attribute_name(int attribute, char name[SPIN_GLB_NAME])
 /* ---- The container --------------------------------------------------------------------------- */
 
 /* Finds the JSON chunk and the binary chunk of a GLB, and checks their lengths. *chunk and *n_chunk
- * receive the content of the binary chunk and its length, which is 0 if there is none. */
+ * receive the content of the binary chunk and its length; without a binary chunk, the length is 0.
+ */
 static spin_status find_chunks(const unsigned char *file, size_t size, uint64_t *n_json,
                                const unsigned char **chunk, uint64_t *n_chunk)
 {

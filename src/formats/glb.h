@@ -38,9 +38,9 @@ struct spin_glb_file {
     uint64_t n_bytes;
 };
 
-/* Opens a file in memory, which must stay valid until spin_glb_close(). Set *out to zero before the
- * call, and close it even after a failure. Error messages of the functions in this header do not
- * contain the path. */
+/* Opens a file in memory. The memory must stay valid until spin_glb_close(). Set *out to zero
+ * before the call, and close it even after a failure. Error messages of the functions in this
+ * header do not contain the path. */
 spin_status spin_glb_open(const unsigned char *file, size_t size, struct spin_glb_file *out);
 void spin_glb_close(struct spin_glb_file *glb);
 
@@ -82,7 +82,7 @@ struct spin_gs_glb_points {
     size_t n;
     int sh_degree;
     bool linear; /* true: the colours are linear; false: sRGB */
-    /* SPZ data, with the axes of SPZ, which are read instead of the attributes; NULL: none. */
+    /* SPZ data, which are read instead of the attributes, and have the axes of SPZ; NULL: none. */
     const unsigned char *packed;
     size_t n_packed;
     struct spin_spz_header spz;

@@ -40,12 +40,13 @@ struct spin_gs_glb_scene {
     /* True: the file contains animations that are ignored: those after the first one, or channels
      * of the first one that do more than show and hide nodes. */
     bool moves;
-    bool others;            /* true: the scene has meshes without splats, which are skipped */
+    bool others;            /* true: meshes without splats were skipped */
     struct spin_splats raw; /* private: splats of a mesh primitive before the transform */
 };
 
-/* Opens a file in memory, which must stay valid until spin_gs_glb_scene_close(). Set *out to zero
- * before the call, and close it even after a failure. Error messages do not contain the path. */
+/* Opens a file in memory. The memory must stay valid until spin_gs_glb_scene_close(). Set *out to
+ * zero before the call, and close it even after a failure. Error messages do not contain the path.
+ */
 spin_status spin_gs_glb_scene_open(const unsigned char *file, size_t size,
                                    struct spin_gs_glb_scene *out);
 void spin_gs_glb_scene_close(struct spin_gs_glb_scene *scene);

@@ -30,8 +30,8 @@ static struct column *add_columns(struct column *c, const char *const *names, co
     return c;
 }
 
-/* Adds the properties f_rest_* up to sh_degree, for a file with n_rest properties f_rest_*, which
- * may be more. */
+/* Adds the properties f_rest_* of the degrees up to sh_degree. n_rest: number of properties
+ * f_rest_* in the file, which may have a higher degree. */
 static struct column *add_rest(struct column *c, int n_rest, int sh_degree)
 {
     int kept = spin_sh_count(sh_degree) - 1;

@@ -85,8 +85,8 @@ static spin_status check_buckets(const struct section *s, uint32_t index)
     return SPIN_OK;
 }
 
-/* Reads the header of section `index`. *at: offset of the section's data, which the function
- * advances to the end of these data. */
+/* Reads the header of section `index`. *at: offset of the section's data; the function advances *at
+ * to the end of these data. */
 static spin_status read_section(const unsigned char *file, size_t size, const struct file *f,
                                 uint32_t index, uint64_t *at, struct section *out)
 {

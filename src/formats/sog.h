@@ -88,7 +88,8 @@ float spin_sog_number(const struct spin_sog_range *range, bool linear, size_t c,
 void spin_sog_code_rotation(const float q[4], uint8_t out[4], float shown[4]);
 /* Decodes a pixel of quats.webp; returns false if its mode byte is invalid. */
 bool spin_sog_rotation(const uint8_t pixel[4], float q[4]);
-/* Sets *text to the content of meta.json, which the caller frees, and *n to its length. */
+/* Sets *text, which the caller frees, to the content of meta.json, and *n to the length of the
+ * text. */
 spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n);
 
 /* ---- Reading --------------------------------------------------------------------------------- */

@@ -208,8 +208,8 @@ static void dequantise_row(int attribute, const int32_t *steps, double step, flo
 
 /* ---- The static section ---------------------------------------------------------------------- */
 
-/* Reads the stream at offset *at of the static section, which must be of the given attribute, and
- * advances *at to the end of the stream. */
+/* Reads the stream at offset *at of the static section, and advances *at to the end of the stream.
+ * Fails if the stream is not of the given attribute. */
 static spin_status read_static_stream(const struct spin_splat4d *clip, size_t *at, int attribute,
                                       uint64_t n, struct stream *s, unsigned char **planes)
 {

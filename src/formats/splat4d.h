@@ -59,8 +59,9 @@ struct spin_splat4d {
     } attribute[SPIN_SPLAT4D_ATTRIBUTES];
 };
 
-/* Opens a file in memory, which must stay valid until spin_splat4d_close(). Checks all lengths, and
- * refuses decompression bombs. Error messages of these functions do not contain the path. */
+/* Opens a file in memory. The memory must stay valid until spin_splat4d_close(). Checks all
+ * lengths, and refuses decompression bombs. Error messages of these functions do not contain the
+ * path. */
 spin_status spin_splat4d_open(const unsigned char *file, size_t size, struct spin_splat4d *out);
 void spin_splat4d_close(struct spin_splat4d *clip);
 /* Reads a frame, 0..n_frames - 1. Frames can be read in any order; ascending order is fastest.

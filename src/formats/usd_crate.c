@@ -842,8 +842,8 @@ spin_status spin_usd_crate_entry(const struct spin_usd_value *dictionary, const 
     return SPIN_OK;
 }
 
-/* Sets *out to item i of an array of texts, which is stored as the number of items and an index of
- * 4 bytes for each. Returns false if there is no such item. */
+/* Sets *out to item i of an array of texts. The array is stored as the number of items, followed by
+ * a 4-byte index for each item. Returns false if there is no such item. */
 static bool text_item(const struct spin_usd_value *of, enum type type, size_t i,
                       struct spin_usd_value *out)
 {

@@ -11,7 +11,7 @@
 
 struct spin_usd_layer;
 
-/* A value in a layer, which has not been read yet. */
+/* An unread value in a layer. */
 struct spin_usd_value {
     const struct spin_usd_layer *layer; /* NULL: no value, or a blocked one (None) */
     const char *text;                   /* layers in text form: characters of the value */

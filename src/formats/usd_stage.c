@@ -160,8 +160,8 @@ struct arrays {
     int sh_degree;
 };
 
-/* Finds the SH degree from the attribute with the degree or, if there is none, from the number of
- * coefficients, which must match the degree. */
+/* Finds the SH degree: that of the degree attribute or, if this is missing, the degree for the
+ * number of coefficients. Fails if the number of coefficients does not match the degree. */
 static spin_status find_degree(struct spin_usd_stage *s, const struct usd_node *node, double time,
                                struct arrays *out)
 {

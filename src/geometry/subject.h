@@ -1,5 +1,5 @@
-/* Finds the subject of a clip, which is the part that moves or, in a static clip, the densest part.
- * The subject is described by its splats and by a ball around most of them. */
+/* Finds the subject of a clip: the part that moves or, in a static clip, the densest part. The
+ * subject is described by its splats and by a ball around most of them. */
 #pragma once
 
 #include "geometry/voxels.h"

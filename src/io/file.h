@@ -22,7 +22,7 @@ spin_status spin_map_check(const struct spin_map *map);
  * and are mapped again on access, so that large files can be read in little memory. Bytes outside
  * the map are ignored. */
 void spin_map_forget(const struct spin_map *map, const void *bytes, size_t n);
-/* The same without checking whether the bytes belong to a map, which the caller must ensure. */
+/* Do the same without a check: the caller must ensure that the bytes belong to a map. */
 void spin_map_release(const void *bytes, size_t n);
 /* Returns the CRC-32 of n bytes, as zip and gzip define it. crc: the CRC-32 of all bytes before
  * these n bytes; 0 if these are the first. */

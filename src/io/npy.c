@@ -34,7 +34,7 @@ static void skip_space(struct text *t)
         t->p++;
 }
 
-/* Consume white space, then the character c. Returns false if another character follows. */
+/* Consume white space, then the character c. Returns false if the next character is not c. */
 static bool consume_char(struct text *t, char c)
 {
     skip_space(t);

@@ -30,9 +30,8 @@ static size_t count_digits(const char *at, const char *end)
     return n;
 }
 
-/* Returns the length of the name without its extension, which is the last dot and up to 8
- * characters. Digits after the dot, with or without the unit "s" ("0.25s"), are decimals instead.
- */
+/* Returns the length of the name without its extension: the last dot and up to 8 characters after
+ * it. Digits after the dot, with or without the unit "s" ("0.25s"), are decimals instead. */
 static size_t stem_length(const char *name, bool folder)
 {
     const char *dot = strrchr(name, '.');

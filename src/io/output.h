@@ -28,8 +28,8 @@ struct spin_reserve {
 bool spin_reserve_set(struct spin_reserve *reserve, const char *path, uint64_t bytes);
 
 /* A lock that allows only one process at a time to write an output. It is a lock on the file
- * OUTPUT.lock, which the system releases when the process ends: a lock file left behind by a killed
- * process is not locked. */
+ * OUTPUT.lock. The system releases the lock when the process ends: a lock file left behind by a
+ * killed process is not locked. */
 struct spin_output_lock {
     char *path; /* path of the lock file; NULL: the lock is not held */
     int fd;

@@ -899,7 +899,7 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
         return push_int(m, integer);
     if (t.kind == 'b')
         return push_constant(m, integer ? &m->yes : &m->no, SPIN_VALUE_BOOL, integer != 0);
-    /* Let spin_value_number() convert the float, which may be of any type, as a tensor. */
+    /* spin_value_number() converts floats of all sizes, but only those in a tensor. */
     SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     node->v.tensor = t;
     spin_value_number(&node->v, &number);

@@ -75,8 +75,9 @@ void spin_pickle_free(struct spin_pickle *pickle);
 /* Returns the storage with this key, or NULL if there is none. */
 const struct spin_storage *spin_pickle_storage(const struct spin_pickle *pickle, const char *key);
 
-/* Look up an item by key or by index. These functions return NULL if the first argument is NULL, is
- * not a dict (spin_value_get()) or a list or tuple (spin_value_at()), or has no such item. */
+/* Look up an item by key or by index. These functions return NULL if there is no such item, or if
+ * the first argument is NULL or of the wrong kind: spin_value_get() requires a dict,
+ * spin_value_at() a list or a tuple. */
 const struct spin_value *spin_value_get(const struct spin_value *dict, const char *key);
 const struct spin_value *spin_value_at(const struct spin_value *list_or_tuple, size_t index);
 /* Read a number from a value of kind BOOL, INT or FLOAT, or from a tensor of one element; returns

@@ -401,8 +401,8 @@ static bool next_number(struct text *t, double *out)
     return stop == text + w.n;
 }
 
-/* Read one record, which is one line. For a list, `value` receives the number of its items, which
- * are skipped. */
+/* Read one record, which is one line. For a list, `value` receives the number of items, and the
+ * items are skipped. */
 static bool read_text_record(struct text *t, const struct spin_ply_element *e, double *value)
 {
     double ignored;

@@ -52,8 +52,8 @@ struct spin_ply {
 
 /* Read the header, and check that the file is as long as the header requires. */
 spin_status spin_ply_open(const char *path, struct spin_ply *out);
-/* Do the same for bytes in memory, which must stay valid until spin_ply_close(). Messages call them
- * `what`. */
+/* Do the same for a file in memory. The memory must stay valid until spin_ply_close(). what: name
+ * of the file in messages. */
 spin_status spin_ply_parse(const char *what, const unsigned char *bytes, size_t n_bytes,
                            struct spin_ply *out);
 void spin_ply_close(struct spin_ply *ply);

@@ -24,8 +24,8 @@ enum { SPIN_SUM_F32, SPIN_SUM_U32, SPIN_SUM_F64 };
 
 struct spin_ranks_shim {
     int abi;
-    /* Join the other processes; *rank and *n receive the own rank and the number of ranks. Returns
-     * 1; on failure 0, with the reason in `why`. */
+    /* Join the other processes; *rank and *n receive the rank of this process and the number of
+     * ranks. Returns 1; on failure 0, with the reason in `why`. */
     int (*start)(int *rank, int *n, char *why, size_t n_why);
     /* Send and receive all messages concurrently. Returns SPIN_RANKS_DONE if that succeeded;
      * SPIN_RANKS_NOTICE if another rank has sent a notice, in which case pending messages are

@@ -21,7 +21,7 @@ enum spin_video_result {
 /* One frame in the index of a video. */
 struct spin_video_entry {
     int64_t pts, dts; /* presentation and decoding time, in units of the stream's time base */
-    int key;          /* 1: a key frame, at which decoding can start; 0: another frame */
+    int key;          /* 1: a key frame, at which decoding can start; 0: any other frame */
 };
 
 struct spin_video_index {
@@ -75,7 +75,7 @@ struct spin_video_shim {
     enum spin_video_result (*open)(const char *path, const struct spin_video_index *index,
                                    struct spin_video_stream **out);
     /* Seek to the key frame with index `key`. The following calls of next() return this frame,
-     * possibly after frames that are displayed before it, which may be damaged. */
+     * possibly preceded by frames that are displayed earlier and may be damaged. */
     enum spin_video_result (*seek)(struct spin_video_stream *stream, int64_t key);
     /* Decode one more frame; *frame receives its index. */
     enum spin_video_result (*next)(struct spin_video_stream *stream, int64_t *frame);

@@ -66,7 +66,7 @@ static bool is_memory(WebPEncodingError error)
            error == VP8_ENC_ERROR_BAD_WRITE;
 }
 
-/* The installed library may have another version than the header used for the build, so verify that
+/* The installed library may differ in version from the header used for the build, so verify that
  * its output decodes to the image. */
 static spin_status check_written(const struct sink *sink, const uint8_t *rgba, int width,
                                  int height)

@@ -17,9 +17,9 @@ spin_status spin_webp_write(const uint8_t *rgba, int width, int height, int effo
                             unsigned char **out, size_t *n_out);
 /* Read the size of an image; SPIN_E_MALFORMED if the data are not a WebP image. */
 spin_status spin_webp_size(const void *data, size_t size, int *width, int *height);
-/* Read the size of the image in a whole file, which must be a lossless still image: it must contain
- * one VP8L chunk, and may also contain a VP8X chunk that states the same size, and chunks without
- * pixels. Errors state what is wrong. This function does not need the library. */
+/* Read the size of a lossless still image from a whole file. The file must contain one VP8L chunk;
+ * it may also contain a VP8X chunk with the same size, and chunks without pixels. Errors state what
+ * is wrong. This function does not need the library. */
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height);
 /* Decode an image into rgba [height][width][4]. width and height must be those that
  * spin_webp_size() or spin_webp_lossless() returned for it. */

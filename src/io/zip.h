@@ -29,8 +29,8 @@ struct spin_zip {
 
 bool spin_zip_detect(const unsigned char *head, size_t n_head);
 spin_status spin_zip_open(const char *path, struct spin_zip *out);
-/* Open an archive in memory, which must stay valid until spin_zip_close(); `what` is its name in
- * messages. */
+/* Open an archive in memory. The memory must stay valid until spin_zip_close(). what: name of the
+ * archive in messages. */
 spin_status spin_zip_parse(const char *what, const void *data, size_t size, struct spin_zip *out);
 void spin_zip_close(struct spin_zip *zip);
 /* Returns the member of this name, or NULL if there is none. If there are several, returns the last

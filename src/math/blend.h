@@ -54,9 +54,9 @@ SPIN_FN void spin_blend_reach(float a, float b, float c, float log2_opacity, flo
     *reach_y = !(level > 0) ? -1 : usable ? sqrtf(-a * by) * 1.0005f + 0.01f : 1e30f;
 }
 
-/* Converts a conic in place to the coefficients a, b, c of struct spin_blend_splat. Returns log2 of
- * the opacity, which must be at most 1. For an opacity of 0, a denormal or NaN, the result is so
- * low that the Gaussian is not drawn. */
+/* Converts a conic in place to the coefficients a, b, c of struct spin_blend_splat. The opacity
+ * must be at most 1. Returns log2 of the opacity. For an opacity of 0, a denormal or NaN, the
+ * result is so low that the Gaussian is not drawn. */
 SPIN_FN float spin_blend_scale(float *a, float *b, float *c, float opacity)
 {
     float log2_opacity = spin_blend_log2(spin_maxf(opacity, 1e-30f));
