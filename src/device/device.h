@@ -279,7 +279,7 @@ enum { SPIN_LOSS, SPIN_LOSS_L1, SPIN_LOSS_SSIM, SPIN_LOSS_VALUES };
 /* The values that measure() computes for one view. */
 enum {
     SPIN_MEASURE_SQUARES,  /* sum of squared differences over all pixels and channels */
-    SPIN_MEASURE_RED,      /* the same sum for the red channel; the next two: green and blue */
+    SPIN_MEASURE_RED,      /* the same sum for red; green and blue follow */
     SPIN_MEASURE_SSIM = 4, /* mean SSIM */
     SPIN_MEASURE_OUTSIDE,  /* sum of squared differences over pixels whose mask bit is 0 */
     SPIN_MEASURE_INSIDE,   /* sum of squared differences over pixels whose mask bit is 1 */

@@ -44,7 +44,7 @@ void spin_image_store_put_matte(struct spin_image_store *s, uint32_t number, siz
  * requests: images that are found or inserted during a batch stay in the store until the next batch
  * begins. */
 void spin_image_store_begin_batch(struct spin_image_store *s);
-/* Whether the image with this key is in the store. */
+/* Returns whether the image with this key is in the store. */
 bool spin_image_store_has(const struct spin_image_store *s, size_t key);
 /* Sets *number to the slot of the image with this key. Returns false if the image is missing: the
  * caller must then upload it to slot *number. At most n images may be requested in one batch. */

@@ -41,7 +41,7 @@ struct export
     struct spin_decimation decimation; /* set if --decimate is given */
     /* path of the current output: the final path, or a temporary one of --decimate */
     const char *output;
-    bool checks; /* true: the current output is read back and compared */
+    bool checks; /* true: the current output is read back and compared with the exported splats */
     enum spin_splat_source from;
     size_t *counts; /* [n_frames] */
     int *source_index, *numbers;

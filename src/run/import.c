@@ -45,7 +45,7 @@ struct import {
     /* Path of the run: o->input, a folder inside o->input, the folder of a pattern, or a path in
      * the temporary folder of an archive. */
     const char *input;
-    char *below; /* allocated memory of `input`; NULL: `input` is o->input */
+    char *below; /* `input` if it was allocated; NULL if it is o->input */
     struct spin_plugin_values values;
     const char **pairs;            /* the pairs of `values` if o->input is a pattern; else NULL */
     struct spin_unpacked unpacked; /* the contents of o->input if that is an archive */

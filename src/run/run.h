@@ -11,6 +11,6 @@ spin_status spin_export_clip(const struct spin_export_options *o,
                              struct spin_export_report *report);
 /* Measures the clip like spin_eval(). The caller frees the report with spin_eval_report_free(). */
 spin_status spin_evaluate(const struct spin_eval_options *o, struct spin_eval_report *report);
-/* Like spin_evaluate(), but rank 0 also adds images of the measured views to *compare. */
+/* Like spin_evaluate(), except that rank 0 also adds images of the measured views to *compare. */
 spin_status spin_evaluate_for(const struct spin_eval_options *o, struct spin_compare *compare,
                               struct spin_eval_report *report);

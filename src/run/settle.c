@@ -60,8 +60,8 @@ static spin_status list_views(struct settling *s)
     return spin_alloc((size_t)n * (size_t)s->n_frames, s->plane, (void **)&s->change);
 }
 
-/* Applies a box filter to n lines of `length` values. The values of a line are `step` bytes apart,
- * and the lines line_step bytes. */
+/* Applies a box filter to n lines of `length` values. Consecutive values of a line are `step` bytes
+ * apart, consecutive lines line_step bytes. */
 static void blur_lines(const uint8_t *from, int n, size_t line_step, int length, size_t step,
                        uint8_t *out)
 {

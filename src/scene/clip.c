@@ -249,8 +249,8 @@ static spin_status open_kept(struct spin_clip *clip)
     return SPIN_OK;
 }
 
-/* Logs that the data set cannot be used, with the last error as the reason. This is a warning
- * unless the data set no longer exists and the bundle keeps its cameras. */
+/* Logs that the data set cannot be used, with the last error as the reason. This is a warning, or
+ * only a log line if the data set no longer exists but the bundle keeps its cameras. */
 static void log_kept(const struct spin_clip_options *o, const struct spin_clip *clip)
 {
     bool keeps = clip->bundle.meta.cameras.n > 0;

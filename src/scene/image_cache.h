@@ -19,14 +19,14 @@ struct spin_image_cache {
 spin_status spin_image_cache_open(const struct spin_views *views, size_t budget,
                                   const float background[3], struct spin_image_cache *out);
 void spin_image_cache_close(struct spin_image_cache *pixels);
-/* Decodes announced images in background threads from now on. A fraction of the budget is
- * reserved for them; if it is too small for an image, nothing is started. The struct must not be
- * moved afterwards. */
+/* Decodes announced images in background threads from now on. A fraction of the budget is reserved
+ * for the images of these threads; if this fraction is too small for one image, no thread is
+ * started. The struct must not be moved afterwards. */
 spin_status spin_image_cache_read_ahead(struct spin_image_cache *pixels);
-/* Maximum number of views to announce; 0 without background threads. */
+/* Returns the maximum number of views to announce; 0 without background threads. */
 size_t spin_image_cache_ahead(const struct spin_image_cache *pixels);
-/* Announces that the image of a view will be requested soon, after those announced before. Frames
- * of videos and renders (--data renders) are only decoded on request. */
+/* Announces that the image of a view will be requested soon, after those announced before. Video
+ * frames, and images rendered from the clip (--data renders), are decoded only on request. */
 void spin_image_cache_announce(struct spin_image_cache *pixels, size_t view);
 /* Reads the image of a view as planar floats 0..1, [3][h][w]. If the image is a frame of a video,
  * the frames that must be decoded before it are cached too if the budget allows. */

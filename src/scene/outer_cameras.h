@@ -25,6 +25,6 @@ bool spin_camera_cone_excludes(const struct spin_camera_cone *cone,
 /* Turns the views of the n outermost training cameras into test views: n times, the camera is held
  * out that is farthest outside the cone of the remaining training cameras. A moving camera counts
  * at its mean position. Fails with SPIN_E_USAGE if fewer than two training cameras would remain or
- * if no camera is outside the cone of the others, and with SPIN_E_UNSUPPORTED like
+ * if no camera is outside the cone of the other cameras, and with SPIN_E_UNSUPPORTED like
  * spin_camera_cone_open(). */
 spin_status spin_outer_cameras_hold(struct spin_views *views, int n);

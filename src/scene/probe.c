@@ -93,9 +93,9 @@ static spin_status peek_inside(const char *folder, const char *name, struct spin
     return status;
 }
 
-/* Reads the first bytes of a checkpoint ckpt_*.pt: of the file `name` itself, or of the first one
- * in `name` if that is the folder "ckpts". Several methods use these names, so the importers need
- * the contents to distinguish them. */
+/* Reads the first bytes of a checkpoint ckpt_*.pt: of the file `name` itself or, if `name` is the
+ * folder "ckpts", of the first such file in it. Several methods use these names, so the importers
+ * need the contents to distinguish them. */
 static void peek_ckpts(const char *folder, const char *name, struct spin_peek *out)
 {
     SPIN_FREED char *path = NULL;

@@ -73,7 +73,8 @@ static void fit_row(const struct cut *c, const struct piece *p, float row[SPIN_T
     motion[3] = (float)middle;
 }
 
-/* True if the deviations of all splats of a segment from its row are within the tolerances. */
+/* True if the deviations of all splats of a segment from the segment's row are within the
+ * tolerances. */
 static bool fits_row(const struct cut *c, const struct piece *p)
 {
     float row[SPIN_TRACK], motion[SPIN_MOTION];

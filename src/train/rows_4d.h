@@ -1,8 +1,8 @@
 /* Converts a trained clip to 4D splats (--method 4d). Each track is divided into segments of
  * consecutive frames in which its splat moves on a straight line and its other values are constant,
- * up to a tolerance; a splat without a track is a segment of one frame. Each segment becomes a row,
- * that is, one 4D splat: a splat with a velocity, and with a Gaussian window over the times of the
- * segment. The trainer treats each row as a track with motion (device.h). */
+ * within a tolerance; a splat without a track is a segment of one frame. Each segment becomes a
+ * row, that is, one 4D splat: a splat with a velocity, and with a Gaussian window over the times of
+ * the segment. The trainer treats each row as a track with motion (device.h). */
 #pragma once
 
 #include "train/training_frames.h"

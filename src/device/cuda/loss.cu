@@ -162,7 +162,7 @@ static __device__ bool value_of(const struct photo &p, struct value *v)
     return i < p.plane;
 }
 
-/* Returns the sum of the values of `map` to the left and right of v, weighted by the horizontal
+/* Returns the sum of the values of `map` at v and to its left and right, weighted by the horizontal
  * window. */
 static __device__ float window_along(const float *map, const struct value &v, int width)
 {
