@@ -347,8 +347,8 @@ static spin_status inspect_base(struct clip *clip, size_t i)
     SPIN_TRY(spin_model_cloud(&clip->base, step->cloud, &cloud));
     n = (size_t)cloud.vertex->count;
     if (i > 0 && n != clip->n)
-        return spin_malformed("'%s' has %zu Gaussians, but '%s' has %zu", step->cloud, n,
-                              clip->step[i - 1].cloud, clip->n);
+        return spin_malformed("'%s' has %zu Gaussians, but '%s' has %zu, expected the same number",
+                              step->cloud, n, clip->step[i - 1].cloud, clip->n);
     if (i > 0 && cloud.sh_degree != clip->sh_degree)
         return spin_malformed("'%s' has SH degree %d, but '%s' has %d", step->cloud,
                               cloud.sh_degree, clip->step[i - 1].cloud, clip->sh_degree);

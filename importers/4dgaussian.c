@@ -254,7 +254,7 @@ static spin_status open_model(void *self, const char *path)
              model->hex.n_scales, model->hex.width);
     spin_note(m->sequence,
               "times run from 0 to 1 and are not stored: frame i of n is at i/(n-1) for D-NeRF and "
-              "HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view ones");
+              "HyperNeRF scenes, i/300 for DyNeRF, i/n for multi-view scenes");
     return spin_mlp_team_create(spin_hex_scratch(&model->hex) + 48 * MLP_BLOCK, &m->team);
 }
 

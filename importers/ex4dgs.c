@@ -638,7 +638,7 @@ static spin_status read_parts(struct model *m)
                               n_all);
     if (n_dropped > 0)
         spin_note(m->base.sequence,
-                  "%s dropped: values that are not finite, or rotations of length 0",
+                  "%s dropped because of values that are not finite, or rotations of length 0",
                   spin_text_share(n_dropped, n_all, "Gaussian", "is", "are", (char[96]){0}));
     return SPIN_OK;
 }
@@ -676,8 +676,9 @@ static spin_status open_model(void *self, const char *path)
                   "4D splats are segments between key frames, with rotations within %g degrees of "
                   "the method's; segments fainter than 1/255 are left out",
                   NEAR);
-    spin_note(sequence, "the method's low-pass filter of 0.1 square pixels dims thin splats: they "
-                        "are drawn antialiased instead, which is similar");
+    spin_note(sequence,
+              "the method dims thin splats with a low-pass filter of 0.1 square pixels; the "
+              "imported splats are drawn antialiased instead, which has a similar effect");
     return SPIN_OK;
 }
 
@@ -1012,9 +1013,9 @@ static spin_status fill_splats(struct model *m, const struct pieces *all)
     }
     SPIN_TRY(spin_splats_4d_finish(s, &n_dropped, NULL));
     if (n_dropped > 0)
-        spin_warn(
-            "'%s': %zu of %zu 4D splats dropped: values of their paths are too large for floats",
-            m->base.path, n_dropped, n);
+        spin_warn("'%s': %zu of %zu 4D splats dropped, since values of their paths are too large "
+                  "for floats",
+                  m->base.path, n_dropped, n);
     return SPIN_OK;
 }
 

@@ -179,7 +179,7 @@ static spin_status check_spec(const struct spin_value *spec)
         if (!ours)
             return spin_unsupported("'model_spec' has the key '%.40s', which FreeTimeGS does not "
                                     "define: the checkpoint may be of another model",
-                                    key ? key : "a key that is not a string");
+                                    key ? key : "(not a string)");
     }
     return check_said(spec);
 }
@@ -201,7 +201,7 @@ static spin_status check_names(const struct spin_value *splats)
         if (!known)
             return spin_unsupported("'splats' has the key '%.40s', which FreeTimeGS does not "
                                     "define: this is another model",
-                                    key ? key : "a key that is not a string");
+                                    key ? key : "(not a string)");
     }
     return SPIN_OK;
 }

@@ -255,7 +255,8 @@ static spin_status drop_rows(struct model *m)
         return spin_malformed("'%s': none of the %zu anchors has finite values", m->base.path,
                               m->n);
     if (n < m->n)
-        spin_note(m->base.sequence, "%s dropped, with %zu splats each: values that are not finite",
+        spin_note(m->base.sequence,
+                  "%s dropped, with %zu splats each, because of values that are not finite",
                   spin_text_share(m->n - n, m->n, "anchor", "is", "are", share), m->k);
     m->n = n;
     return SPIN_OK;

@@ -335,7 +335,7 @@ static spin_status read_storage(struct model *model, const struct spin_zip *zip,
             m = &zip->member[i];
     }
     if (!m || m->size % 4 != 0 || m->size == 0 || (*count && m->size != 4 * (uint64_t)*count))
-        return spin_malformed("member 'data/%d' is missing, or its size does not match its layer",
+        return spin_malformed("member 'data/%d' is missing, or does not have the size of the layer",
                               index);
     SPIN_TRY(spin_zip_read(zip, m, true, 1u << 24, &data, &owned));
     *count = (size_t)m->size / 4;
@@ -459,8 +459,10 @@ static spin_status open_model(void *self, const char *path)
         sequence,
         "positions only, since opacity, shape and colour depend on the position of the camera");
     if (model->cameras.n == 0)
-        spin_note(sequence, "all offsets are imported, including those that no camera shows: "
-                            "select by camera positions with --camera");
+        spin_note(
+            sequence,
+            "the points at all offsets are imported, including invisible ones: to import only "
+            "points that some cameras show, give the positions of the cameras with --camera");
     spin_note(sequence, "times run from 0 to 1 and are not stored");
     return spin_mlp_team_create(split_scratch(model, NULL, NULL), &base->team);
 }

@@ -107,7 +107,7 @@ static spin_status add_code(struct huffman *tree, int bits, uint64_t code, int64
         uint32_t next = tree->node[at].child[side];
 
         if (tree->node[at].label != INNER)
-            return spin_malformed("a Huffman code is a prefix of another");
+            return spin_malformed("a Huffman code is a prefix of another code");
         if (next == 0) {
             SPIN_TRY(new_node(tree, &next));
             tree->node[at].child[side] = next;

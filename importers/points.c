@@ -217,8 +217,7 @@ static spin_status points_frame(void *self, int frame, double time, unsigned col
     SPIN_TRY(load(m, i));
     columns &= SPIN_COL_MEANS | SPIN_COL_RGB;
     if ((columns & SPIN_COL_RGB) && !s->rgb)
-        return spin_malformed("'%s' has no colours, but the first file has",
-                              m->files.frame[i].path);
+        return spin_malformed("'%s' has no colours, unlike the first file", m->files.frame[i].path);
     SPIN_TRY(spin_splats_reserve(out, s->n, columns, 0));
     if (columns & SPIN_COL_MEANS)
         memcpy(out->means, s->means, 3 * s->n * sizeof *s->means);

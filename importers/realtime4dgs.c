@@ -607,7 +607,8 @@ static spin_status realtime_open_checkpoint(struct realtime_model *m)
     SPIN_TRY(spin_gaussian4d_check(&m->gaussians, m->rows.n, m->stale ? 0 : n_faint,
                                    "values that are not finite", base->sequence));
     if (m->reading.transposed)
-        spin_note(base->sequence, "'%s' has compute_cov3D_python, so rotations are transposed",
+        spin_note(base->sequence,
+                  "'%s' sets compute_cov3D_python: rotations are transposed, as in the method",
                   settings->yaml_path);
     return SPIN_OK;
 }
@@ -764,13 +765,13 @@ static spin_status add_rows(struct hybrid_model *m)
     n_faint += r4_add(&m->base, &m->half[STILL], n_moving, &reading, &m->gaussians);
     if (n_dropped > 0)
         spin_note(
-            sequence, "%s dropped: values that are not finite",
+            sequence, "%s dropped because of values that are not finite",
             spin_text_share(n_dropped, n_moving, "dynamic Gaussian", "is", "are", (char[96]){0}));
     if (m->gaussians.n_dropped > n_dropped)
         spin_note(
             sequence,
-            "%s dropped: values that are not finite; the method's own conversion produces such "
-            "rotations, and its renderer skips these Gaussians",
+            "%s dropped because of values that are not finite; the method's own conversion "
+            "produces rotations with such values, and the method's renderer skips these Gaussians",
             spin_text_share(m->gaussians.n_dropped - n_dropped, n_still, "static Gaussian", "is",
                             "are", (char[96]){0}));
     return spin_gaussian4d_check(&m->gaussians, n_moving + n_still, n_faint, NULL, sequence);

@@ -173,8 +173,8 @@ static spin_status check_basis(const struct model *m, const char *name, const fl
 {
     for (size_t i = 0; i < m->n_bases * m->n_frames * width; i++)
         if (!isfinite(values[i]))
-            return spin_malformed("tensor '%s' is not finite in basis %zu, frame %zu, which would "
-                                  "affect all splats of the foreground",
+            return spin_malformed("tensor '%s' has a value that is not finite for basis %zu in "
+                                  "frame %zu, which would affect all splats of the foreground",
                                   name, i / width / m->n_frames, i / width % m->n_frames);
     return SPIN_OK;
 }
@@ -331,7 +331,7 @@ static spin_status keep_rows(struct model *m)
                               m->n_all);
     if (m->n < m->n_all)
         spin_note(m->base.sequence,
-                  "%s dropped: values that are not finite, or no rotation in some frame",
+                  "%s dropped because of values that are not finite, or frames without a rotation",
                   spin_text_share(m->n_all - m->n, m->n_all, "Gaussian", "is", "are", share));
     return SPIN_OK;
 }

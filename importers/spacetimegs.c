@@ -438,10 +438,10 @@ static void describe(const struct model *m)
         spin_note(sequence, "no cfg_args contains the number of frames (usually 50): frame i of n "
                             "is at time i/n; set n with --duration");
     if (m->n_dropped > 0) {
-        spin_note(sequence, "%zu of %zu Gaussians dropped: values that are not finite",
+        spin_note(sequence, "%zu of %zu Gaussians dropped because of values that are not finite",
                   m->n_dropped, m->n + m->n_dropped);
-        spin_warn("'%s': %zu of %zu Gaussians dropped: values that are not finite", m->base.path,
-                  m->n_dropped, m->n + m->n_dropped);
+        spin_warn("'%s': %zu of %zu Gaussians dropped because of values that are not finite",
+                  m->base.path, m->n_dropped, m->n + m->n_dropped);
     }
     if (spin_cfg_is(spin_cfg_get(cfg, "loader"), "'immersivess'"))
         spin_note(sequence,

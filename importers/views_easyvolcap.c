@@ -128,7 +128,7 @@ static spin_status take_key(struct reader *r, char *line)
     double number;
 
     if (!value)
-        return spin_malformed("'%.40s' is not a key with a value", line);
+        return spin_malformed("'%.40s' is not of the form 'key: value'", line);
     *value++ = '\0';
     value += strspn(value, " ");
     r->value = NULL;
@@ -340,8 +340,9 @@ static spin_status read_names(const struct pair *p, const spin_json **names, siz
     if (!spin_json_is_array(*names) || *n == 0)
         return spin_malformed("list 'names' of '%s' is missing or empty", p->intri.path);
     if (other && spin_json_length(other) != *n)
-        return spin_malformed("'%s' has %zu entries in 'names', but '%s' has %zu", p->intri.path,
-                              *n, p->extri.path, spin_json_length(other));
+        return spin_malformed(
+            "'%s' has %zu entries in 'names', but '%s' has %zu, expected the same number",
+            p->intri.path, *n, p->extri.path, spin_json_length(other));
     return SPIN_OK;
 }
 

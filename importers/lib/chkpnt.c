@@ -100,8 +100,8 @@ spin_status spin_chkpnt_model(const struct spin_value *root, size_t n_items, con
     *model = NULL;
     if (!root || root->kind != SPIN_VALUE_TUPLE || root->n != 2 || !m ||
         m->kind != SPIN_VALUE_TUPLE || !number || number->kind != SPIN_VALUE_INT)
-        return spin_malformed("the checkpoint contains %s with %s and %s, expected a tuple of the "
-                              "model, which is a tuple, and the iteration, an int",
+        return spin_malformed("the checkpoint contains %s with %s and %s, expected (model, "
+                              "iteration), where the model is a tuple and the iteration an int",
                               spin_chkpnt_kind(root), spin_chkpnt_kind(m),
                               spin_chkpnt_kind(number));
     if (m->n != n_items)

@@ -164,12 +164,14 @@ static spin_status fill_lens(struct spin_colmap *m, int id, int kind, double wid
     }
     SPIN_TRY(spin_views_check_size(width, height));
     if (models[kind].distortion < 0)
-        return spin_unsupported("its model %s is not a pinhole camera: undistort the images",
-                                models[kind].name);
+        return spin_unsupported(
+            "the camera model %s is not that of a pinhole camera: undistort the images",
+            models[kind].name);
     for (int i = models[kind].distortion; i < models[kind].n; i++) {
         if (p[i] != 0)
-            return spin_unsupported("its model %s has a distortion of %g: undistort the images",
-                                    models[kind].name, p[i]);
+            return spin_unsupported(
+                "the camera model %s has a distortion of %g: undistort the images",
+                models[kind].name, p[i]);
     }
     c->width = (int)width;
     c->height = (int)height;
@@ -190,7 +192,7 @@ static spin_status take_kind(struct source *s, int *kind)
     if (s->binary) {
         SPIN_TRY(take_integer(s, "", kind));
         if (*kind < 0 || *kind >= N_MODELS)
-            return spin_unsupported("its camera model has number %d, which COLMAP does not define",
+            return spin_unsupported("the camera model has number %d, which COLMAP does not define",
                                     *kind);
         return SPIN_OK;
     }
@@ -199,7 +201,7 @@ static spin_status take_kind(struct source *s, int *kind)
         if (strcmp(models[*kind].name, name) == 0)
             return SPIN_OK;
     }
-    return spin_unsupported("its camera model '%.40s' is not one of COLMAP", name);
+    return spin_unsupported("COLMAP does not define the camera model '%.40s'", name);
 }
 
 static spin_status read_lens(struct spin_colmap *m, struct source *s, int *id)
@@ -236,7 +238,7 @@ static spin_status fill_pose(const double q[4], const double t[3], double m[12])
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];
 
     if (!(norm > 1e-12) || !isfinite(norm))
-        return spin_malformed("its quaternion %g %g %g %g is not a rotation", q[0], q[1], q[2],
+        return spin_malformed("the quaternion %g %g %g %g is not a rotation", q[0], q[1], q[2],
                               q[3]);
     spin_matrix_of_quat(q, r);
     for (int i = 0; i < 3; i++) {
@@ -259,7 +261,7 @@ static spin_status take_name(struct source *s, const char **name)
     }
     end = memchr(s->at, '\0', (size_t)(s->end - s->at));
     if (!end || end - s->at > MAX_NAME)
-        return spin_malformed("its name is not terminated by a NUL byte");
+        return spin_malformed("the name of the image is not terminated by a NUL byte");
     SPIN_TRY(read_bytes(s, (size_t)(end - s->at) + 1, name));
     SPIN_TRY(take_count(s, 24, "points of the image", &n_points));
     s->at += 24 * n_points;
@@ -280,10 +282,10 @@ static spin_status read_image(struct spin_colmap *m, struct source *s, int *id)
     SPIN_TRY(take_name(s, &name));
     lens = find_lens(m, image.lens_id);
     if (!lens)
-        return spin_malformed("it refers to camera %d, which does not exist", image.lens_id);
+        return spin_malformed("the image refers to camera %d, which does not exist", image.lens_id);
     if (!spin_views_is_safe_name(name))
-        return spin_malformed("its name is '%.80s', expected a path below the folder of images",
-                              name);
+        return spin_malformed(
+            "the name of the image is '%.80s', expected a path below the folder of images", name);
     image.camera = lens->camera;
     SPIN_TRY(fill_pose(image.q, image.t, image.camera.w2c));
     SPIN_TRY(spin_model_text(m->base, &image.name, "%s", name));

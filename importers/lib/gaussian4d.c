@@ -64,7 +64,7 @@ spin_status spin_gaussian4d_check(const struct gaussian4d *g, size_t n, size_t n
     if (g->n == 0)
         return spin_malformed("none of the %zu Gaussians has finite values", n);
     if (g->n_dropped > 0 && why)
-        spin_note(sequence, "%s dropped: %s",
+        spin_note(sequence, "%s dropped because of %s",
                   spin_text_share(g->n_dropped, n, "Gaussian", "is", "are", (char[96]){0}), why);
     if (n_faint > 0.99 * (double)n)
         spin_note(sequence,

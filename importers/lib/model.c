@@ -224,7 +224,7 @@ spin_status spin_model_finish_4d(struct spin_model *m)
     if (n_dropped == n)
         return spin_malformed("none of the %zu Gaussians has finite values", n);
     if (n_dropped > 0)
-        spin_note(m->sequence, "%s dropped: values that are not finite",
+        spin_note(m->sequence, "%s dropped because of values that are not finite",
                   spin_text_share(n_dropped, n, "Gaussian", "is", "are", (char[96]){0}));
     spin_model_describe(m, NULL, m->splats_4d.sh_degree, ~0u);
     m->sequence->antialias = m->splats_4d.antialias;

@@ -234,7 +234,7 @@ warns "a fork's columns" "'$work/fork/$cloud': property 'mine_0' does not belong
     "'$work/fork/$cloud': $base"
 of nan --times 0.5,1,1.5,2
 warns "values that are not finite, times outside" "'$work/nan/$cloud': $base" \
-    "'$work/nan/$cloud': 3 of $n_stg Gaussians dropped: values that are not finite" \
+    "'$work/nan/$cloud': 3 of $n_stg Gaussians dropped because of values that are not finite" \
     "2 of 4 times are outside the time range of the run, 0 to 0.95, such as 1.5"
 of bare --times 0,1 --colour auto
 warns "no network" \
