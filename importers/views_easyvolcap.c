@@ -128,7 +128,7 @@ static spin_status take_key(struct reader *r, char *line)
     double number;
 
     if (!value)
-        return spin_malformed("'%.40s' is not of the form 'key: value'", line);
+        return spin_malformed("'%.40s' is not a key with a value, expected 'key: value'", line);
     *value++ = '\0';
     value += strspn(value, " ");
     r->value = NULL;

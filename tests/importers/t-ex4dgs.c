@@ -470,7 +470,7 @@ static void test_checkpoints(void)
     write_items(path, none, 28, 0);
     fails(FROM, folder, "Hybrid 3D-4DGS (--from hybrid4dgs)", "a checkpoint of another method");
     write_items(path, none, 27, 0);
-    fails(FROM, folder, "the model has 27 items, but that of Ex4DGS has 40",
+    fails(FROM, folder, "the model is a tuple of 27 items, but that of Ex4DGS has 40",
           "or of none that is known");
     fails(FROM, "no/such.pth", "no/such.pth", "a missing file");
     spin_splats_free(&s);
