@@ -22,8 +22,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.compressed.ply"),
     SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
-    {"order", "morton|source", "order of the splats; source: that of the bundle, less precise",
-     "morton"},
+    {"order", "morton|source",
+     "order of the splats; source: as in the bundle, with less precise values", "morton"},
     {0},
 };
 

@@ -33,7 +33,7 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.glb"),
     SPIN_ROWS_OPTION_SH,
     {"axes", "gltf|source",
-     "axes to write without --up; gltf: x left, y up, z forward, half a turn about z", "gltf"},
+     "axes to write without --up; gltf: half a turn about z, to x left, y up, z forward", "gltf"},
     {"fps", "F", "frames per second of a clip in one file; default: the bundle's, else 30", NULL},
     {"still-apart", NULL,
      "for a clip in one file: store splats that are the same in all frames once, in a node of "

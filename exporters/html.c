@@ -48,7 +48,7 @@ static const struct spin_plugin_option options[] = {
      NULL},
     {"title", "TEXT", "title above the clip; default: the name of the file; empty: none", NULL},
     {"only", "after|before", "write only this version, if there are two", NULL},
-    {"camera", "N|FILE", "first view: camera N of the data set, or the first of a camera path",
+    {"camera", "N|FILE", "first view: camera N of the data set, or the first camera in a file",
      NULL},
     {"up", "AXIS", "axis of the source that points up in the page: x, y, z, -x, -y or -z", NULL},
     {"poster", NULL, "write an image of the first view beside the page, for previews of links",

@@ -17,7 +17,7 @@ static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},
     {"pattern", "PATTERN",
      "file names of one camera, such as shot.%04d.exr; default: by camera and frame", NULL},
-    {"start", "N", "number of the first image in its name; the others follow",
+    {"start", "N", "number in the name of the first image; the others follow",
      "the clip's numbers"},
     SPIN_DRAWING_OPTION_PATH,
     SPIN_DRAWING_OPTIONS,
@@ -30,7 +30,7 @@ static const struct spin_plugin_option options[] = {
      "values in EXR: linear light, as compositing programs expect, or srgb, as splats are blended",
      "linear"},
     {"clamp", NULL, "limit the colours of EXR files to those of a display, 0 to 1", NULL},
-    {"depth", NULL, "write depth to EXR files: the expected one as Z, the median as ZMedian", NULL},
+    {"depth", NULL, "write depth to EXR files: the mean as Z, the median as ZMedian", NULL},
     {0},
 };
 

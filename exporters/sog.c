@@ -295,5 +295,6 @@ static const struct spin_frames_format format = {
 };
 
 SPIN_FRAMES_EXPORTER(
-    sog, "sog", .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat: small",
+    sog, "sog",
+    .summary = "a folder with one SOG per frame, for PlayCanvas and SuperSplat; small files",
     .options = options, .checks = true, .antialias = true);

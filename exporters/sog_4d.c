@@ -1001,11 +1001,12 @@ static const struct spin_plugin_option sogst_options[] = {
      NULL},
     {0}};
 
-SPIN_OWN_EXPORTER(tsog, "tsog", prepare_tsog, write_all, free_export,
-                  .summary = "4D splats, or frames, as one TSOG, which plays in browsers: small",
-                  .options = tsog_options, .checks = true, .splats_4d = true, .sound = "all",
-                  .frame = take_frame);
+SPIN_OWN_EXPORTER(
+    tsog, "tsog", prepare_tsog, write_all, free_export,
+    .summary = "4D splats, or frames, as one TSOG, which plays in browsers; small files",
+    .options = tsog_options, .checks = true, .splats_4d = true, .sound = "all",
+    .frame = take_frame);
 
 SPIN_OWN_EXPORTER(sogst, "sogst", prepare_sogst, write_all, free_export,
-                  .summary = "4D splats as one .sogst, which players load in segments: small",
+                  .summary = "4D splats as one .sogst, which players load in segments; small files",
                   .options = sogst_options, .checks = true, .splats_4d = true, .sound = "all");

@@ -28,7 +28,7 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.usda"),
     SPIN_ROWS_OPTION_SH,
     SPIN_FRAMES_OPTION_FPS,
-    {"axes", "usd|source", "axes to write without --up; usd: x right, y up, half a turn about x",
+    {"axes", "usd|source", "axes to write without --up; usd: half a turn about x, to x right, y up",
      "usd"},
     {"half", NULL, "write half floats, except for positions: smaller, but not read by all programs",
      NULL},

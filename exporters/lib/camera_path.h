@@ -19,7 +19,7 @@
 /* Options of the view, of the moving camera and of panels. */
 #define SPIN_DRAWING_OPTIONS                                                                       \
     {"camera", "N|FILE",                                                                           \
-     "camera N of the data set, or the first of a camera path; a moving camera starts there",      \
+     "camera N of the data set, or the first camera in a file; a moving camera starts there",      \
      NULL},                                                                                        \
         {"up", "AXIS", "axis of the source that points up: x, y, z, -x, -y or -z", NULL},          \
         {"rotate", "X,Y,Z", "show the scene rotated about x, then y, then z, in degrees", NULL},   \

@@ -54,7 +54,7 @@
     }
 #define SPIN_ROWS_OPTIONS                                                                          \
     {"up", "AXIS",                                                                                 \
-     "axis of the source that points up, x, y, z, -x, -y or -z: rotate the scene so that it is y", \
+     "rotate the scene so that this axis of the source points up, along y: x, y, z, -x, -y or -z", \
      NULL},                                                                                        \
     {                                                                                              \
         "rotate", "X,Y,Z", "rotate the scene about x, then y, then z, in degrees; after --up",     \
