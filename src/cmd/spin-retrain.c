@@ -88,7 +88,7 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("range", 0, "A:B[:STEP]", RANGE, options.range,
              "use only frames numbered A to B-1 (all)"),
     SPIN_ARG("test-cams", 0, "LIST", INTS, test_cameras,
-             "numbers of the held-out cameras (as in the input's training, or the data set's own)",
+             "numbers of the held-out cameras (those of the input's training, or of the data set)",
              .min = 0, .max = 1e9),
     SPIN_ARG("test-outer", 0, "N", INT, options.test_outer,
              "hold out the N outermost cameras as well, for spin-eval --split outer (0)", .min = 0,

@@ -334,7 +334,7 @@ static spin_status add_channel(struct build *b, const spin_json *animation,
         return SPIN_OK;
     }
     if ((size_t)node >= b->nodes.n || b->nodes.node[node].key >= 0)
-        return spin_malformed("node %lld does not exist, or is animated by another channel",
+        return spin_malformed("node %lld does not exist, or two channels animate it",
                               (long long)node);
     SPIN_TRY(spin_glb_find(&s->file,
                            spin_glb_item(&s->file, "accessors", spin_json_get(sampler, "input")), 1,

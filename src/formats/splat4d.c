@@ -235,7 +235,7 @@ static spin_status read_mask(struct spin_splat4d *clip, int attribute, const str
     struct spin_splat4d_attribute *a = &clip->attribute[attribute];
 
     if (s->symbol != 1)
-        return spin_malformed("stream '%s' of bits has symbols of %d bytes, expected 1",
+        return spin_malformed("the bit stream of '%s' has symbols of %d bytes, expected 1",
                               attributes[attribute].name, s->symbol);
     for (int store = 0; store < 2; store++) {
         a->n_moving = 0;

@@ -200,7 +200,7 @@ static spin_status read_sound(const struct spin_sog_4d *r, struct spin_tsog *out
     const spin_json *audio = spin_json_get(r->meta, "audio");
 
     if (audio && out->time == SPIN_TSOG_STATIC && out->duration == 0)
-        return fail_meta("playback.duration", "a duration, since a static file has sound");
+        return fail_meta("playback.duration", "a duration, which a static file with sound needs");
     return spin_sog_4d_sound(r, audio, &out->sound);
 }
 

@@ -374,9 +374,9 @@ static spin_status read_clips(struct spin_usd_stage *s, const struct spin_usd_va
     SPIN_TRY(copy_text(s, path, &node->clip_path));
     for (size_t i = 0; i < out->n_active; i++)
         if (!(out->active[2 * i + 1] >= 0 && out->active[2 * i + 1] < (double)out->n_assets))
-            return spin_malformed(
-                "the clips of '%s' refer to file %g, but there are only %zu files", node->path,
-                out->active[2 * i + 1], out->n_assets);
+            return spin_malformed("the clips of '%s' use file number %g, counted from 0, but there "
+                                  "are only %zu files",
+                                  node->path, out->active[2 * i + 1], out->n_assets);
     node->clips = out->n_active > 0 ? out : NULL;
     return SPIN_OK;
 }

@@ -52,7 +52,7 @@ struct times {
 static spin_status add_time(struct times *list, double time)
 {
     if (list->n == MAX_FRAMES || !isfinite(time))
-        return spin_malformed("too many time samples, or one at a time that is not finite");
+        return spin_malformed("too many time samples, or a sample whose time is not finite");
     SPIN_TRY(spin_array_grow(list->n, &list->capacity, sizeof *list->at, (void **)&list->at));
     list->at[list->n++] = time;
     return SPIN_OK;
@@ -177,8 +177,8 @@ static spin_status find_degree(struct spin_usd_stage *s, const struct usd_node *
         degree = stated >= 0 && stated < 16 ? (size_t)stated : SIZE_MAX / 4;
     out->n_sh = (degree + 1) * (degree + 1);
     if (degree > 15 || out->n_sh * out->n != n)
-        return spin_malformed("%zu SH coefficients, but %zu positions and SH degree %g", n, out->n,
-                              value ? stated : (double)degree);
+        return spin_malformed("%zu SH coefficients do not match %zu positions of SH degree %g", n,
+                              out->n, value ? stated : (double)degree);
     out->sh_degree = degree < 3 ? (int)degree : 3;
     s->cut = s->cut || degree > 3;
     return SPIN_OK;
@@ -429,7 +429,7 @@ static spin_status fail_empty(const struct spin_usd_stage *s, const char *path)
 {
     if (*s->other)
         return spin_unsupported("'%s': no prim of type " SPIN_USD_TYPE
-                                ", but of type %s, which is not supported",
+                                "; prims of type %s are not supported",
                                 path, s->other);
     return spin_malformed("'%s': no prim of type " SPIN_USD_TYPE "%s%s", path,
                           *s->missing ? "; not found: " : "", s->missing);

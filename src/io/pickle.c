@@ -100,7 +100,7 @@ static const char *printable(const char *text, size_t n, char out[100])
 static spin_status spend_budget(struct machine *m, size_t bytes)
 {
     if (bytes > m->budget)
-        return fail_malformed(m, "its values need more memory than those of any checkpoint");
+        return fail_malformed(m, "its values need too much memory for a checkpoint");
     m->budget -= bytes;
     return SPIN_OK;
 }
@@ -312,7 +312,7 @@ static spin_status update_depth(struct machine *m, struct node *parent, struct s
     unsigned depth = node_of(child)->depth + 1u;
 
     if (depth > MAX_DEPTH)
-        return fail_malformed(m, "values nested deeper than in any checkpoint");
+        return fail_malformed(m, "values nested too deeply for a checkpoint");
     if (depth > parent->depth)
         parent->depth = (uint16_t)depth;
     return SPIN_OK;

@@ -145,8 +145,8 @@ spin_status spin_ranks_begin(void)
     if (n_ranks == 1)
         return spin_unsupported(
             "cannot join the other processes: MPI reports a single process, because "
-            "spin-mpi.so was built with another MPI than that of mpirun; use "
-            "the same one for both");
+            "spin-mpi.so was built with an MPI that differs from that of mpirun; "
+            "use the same MPI for both");
     if (own_rank > 0)
         spin_log_set_level(-1);
     spin_log_set_sink(record_warning);

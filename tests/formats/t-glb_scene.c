@@ -532,7 +532,7 @@ static void test_clips(void)
                clip_of("{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}},"
                        "{\"sampler\":0,\"target\":{\"node\":0,\"path\":\"scale\"}}",
                        samplers),
-               "another channel", "a node that is switched twice");
+               "two channels animate it", "a node that is switched twice");
     is_refused(plain(),
                clip_of("{\"sampler\":0,\"target\":{\"node\":3,\"path\":\"scale\"}}", samplers),
                "does not exist", "a switched node that is not there");
