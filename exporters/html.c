@@ -573,7 +573,8 @@ static spin_status write_title(struct export *x)
     return SPIN_OK;
 }
 
-/* Writes the elements with the URL of the poster, relative to the page, and its size. */
+/* Writes the elements with the URL of the poster, relative to the page, and with the size of its
+ * image. */
 static spin_status write_poster_tags(struct export *x)
 {
     char text[160];

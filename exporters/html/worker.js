@@ -225,7 +225,7 @@ function keysFrom(read, keys, n) {
     }
 }
 
-// Decodes a frame of a version. The frames of its group are decoded in order, beginning after the
+// Decodes a frame of a version. The frames of a group are decoded in order, beginning after the
 // frame that was decoded last, or at the key frame. The result contains the values of the key
 // frame, the differences of the dynamic splats between `frame` and the key frame, and the texels of
 // the static splats.

@@ -508,7 +508,7 @@ static void move_into_rig(struct spin_camera_path *d, int row)
     }
 }
 
-/* Sets the view from which a moving camera starts, and its near plane. */
+/* Sets the view from which a moving camera starts, and the camera's near plane. */
 static spin_status set_first_view(struct spin_camera_path *d, const struct spin_splats *splats)
 {
     const struct spin_views *views = d->job->views;
