@@ -227,7 +227,8 @@ static void write_as_frames(struct export *x)
     spin_log(0,
              "writing %d frames as keyframes and deltas: a .4dgs stores Gaussian windows in time, "
              "which cannot represent splats that %s",
-             x->clip.n_frames, s->plateaus ? "do not fade for some time" : "do not fade to 0");
+             x->clip.n_frames,
+             s->plateaus ? "keep their full opacity for some time" : "do not fade to 0");
     x->splats_4d = NULL;
 }
 

@@ -359,7 +359,7 @@ static spin_status filter_rows(struct spin_row_filter *f, int frame, const struc
     struct rows rows = {s->n, s->means, s->log_scales, NULL};
 
     if (s->n > UINT32_MAX)
-        return spin_unsupported("frame %d: %zu splats, at most %u are supported",
+        return spin_unsupported("frame %d has %zu splats, but at most %u are supported",
                                 number_of(f, frame), s->n, UINT32_MAX);
     SPIN_TRY(spin_grow(s->n + 1, 1, (void **)&f->reason));
     rows.reason = f->reason;

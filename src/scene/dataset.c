@@ -127,8 +127,9 @@ static spin_status keep_spec(const char *from, const struct spin_importer *impor
     size_t n = strlen(importer->name) + strlen(options);
 
     if (used && n >= n_used)
-        return spin_misuse("'%s%s' has %zu characters, expected fewer than %zu", importer->name,
-                           options, n, n_used);
+        return spin_misuse(
+            "the importer with its options, '%s%s', has %zu characters, expected fewer than %zu",
+            importer->name, options, n, n_used);
     if (used)
         snprintf(used, n_used, "%s%s", importer->name, options);
     return SPIN_OK;

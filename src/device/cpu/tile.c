@@ -325,7 +325,7 @@ static spin_status count_view(struct spin_device *d, const struct spin_view_of_b
         return spin_fail(
             SPIN_E_MEMORY,
             "cannot render this many views at once: %llu pairs of splats and tiles exceed "
-            "2^32: render fewer at once",
+            "2^32: render fewer views at once",
             (unsigned long long)(*first + intersections));
     spin_pool_run(spin_cpu_pool(d), job.parts, list_task, &job);
     sort_by_depth(d, &job, job.n_sorted ? highest - job.lowest : 0);

@@ -287,7 +287,7 @@ spin_status cuda_pairs_fit(uint64_t pairs, uint64_t before)
     if (before + pairs > UINT32_MAX)
         return fail(SPIN_E_MEMORY,
                     "cannot render this many views at once: %llu pairs of splats and tiles exceed "
-                    "2^32: render fewer at once",
+                    "2^32: render fewer views at once",
                     (unsigned long long)(before + pairs));
     return SPIN_OK;
 }
