@@ -27,7 +27,7 @@ struct spin_flicker {
 };
 struct spin_flicker spin_flicker_mean(const struct spin_flicker_sums *sums, size_t n);
 
-/* One row of the images of one camera in all frames, as an image whose vertical axis is time:
+/* One pixel row of the images of a camera, in all frames, as an image whose vertical axis is time:
  * static content appears as vertical lines, flicker as horizontal lines. */
 struct spin_flicker_strip {
     int camera, row; /* camera_id, and row of its images */

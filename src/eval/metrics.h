@@ -81,7 +81,7 @@ struct spin_metrics {
     struct spin_lpips *lpips[SPIN_N_LPIPS]; /* NULL: not measured */
     /* Folder for PNGs with ground truth and rendered image side by side; NULL: write none. */
     const char *images;
-    /* If not NULL, the PNGs also show the source, between these images. */
+    /* If not NULL, the PNGs also show the source, between ground truth and rendered image. */
     struct spin_player *source;
     const char *what; /* text of the progress line */
 

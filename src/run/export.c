@@ -48,7 +48,7 @@ struct export
     char *data;                             /* path of the data set recorded in the bundle */
     double *times;                          /* [n_frames] */
     const struct spin_splats_4d *splats_4d; /* 4D splats to write instead of frames, or NULL */
-    /* those of splats_4d that remain after the row filter, scaled and translated */
+    /* the 4D splats that remain of splats_4d after the row filter, scaled and translated */
     const struct spin_splats_4d *final_4d;
     bool identity;    /* row i is the same splat in all frames, unless the row filter drops rows */
     double n_written; /* splats written so far, in all frames */

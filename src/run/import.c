@@ -330,8 +330,8 @@ static spin_status attach_data(struct import *im)
 /* ---- Which frames ---------------------------------------------------------------------------- */
 
 /* Warns if the sample times lie outside the time range of the training by more than a tenth of this
- * range. A continuous method extrapolates there without an error. The margin allows for one or two
- * frames after the last one. */
+ * range. A continuous method extrapolates beyond its time range without an error. The margin allows
+ * for one or two frames after the last frame of the training. */
 static void warn_outside(const struct spin_sequence_info *t, const struct spin_frame_info *frame,
                          int n)
 {

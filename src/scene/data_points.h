@@ -3,7 +3,7 @@
 
 #include "spin.h"
 
-/* Sets *path to the file of points in the data set `folder`, which the caller frees, or to NULL if
+/* Sets *path, which the caller frees, to the file of points in the data set `folder`, or to NULL if
  * there is none. If several frames of the data set have points, *path is a pattern with "%d" for
  * the number of the frame, and *per_frame is true. */
 spin_status spin_data_points(const char *folder, char **path, bool *per_frame);

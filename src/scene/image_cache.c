@@ -332,8 +332,7 @@ void spin_image_cache_announce(struct spin_image_cache *pixels, size_t view)
     int64_t frame;
     size_t n;
 
-    /* Neither decoders of videos nor the player that draws renders can be used by several threads.
-     */
+    /* Video decoders, and the player that renders images, are not thread-safe. */
     if (pixels->ahead && !pixels->rgb[view] && !spin_image_is_drawn(path) &&
         !spin_video_path(path, &n, &frame))
         spin_read_ahead_announce(pixels->ahead, view);

@@ -30,7 +30,8 @@ struct spin_read_ahead {
     struct slot slot[]; /* [capacity] */
 };
 
-/* Returns the slot in this state that was announced first, or NULL. */
+/* Returns the slot in this state whose view was announced first; NULL if no slot is in this
+ * state. */
 static struct slot *find_oldest(struct spin_read_ahead *a, enum state state)
 {
     struct slot *oldest = NULL;

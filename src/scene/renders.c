@@ -5,7 +5,7 @@
 #include "io/drawn_image.h"
 #include "scene/bundle.h"
 
-/* numbers of a camera in the path of an image: focal length, near plane, pose */
+/* how many numbers the path of an image has for its camera: focal length, near plane, pose */
 enum { NUMBERS = 14 };
 
 bool spin_renders_reads(const char *path, const char *from)

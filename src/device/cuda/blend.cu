@@ -387,8 +387,8 @@ static __global__ void __launch_bounds__(PIXELS, 5)
         int n_held = 0;
         unsigned near;
 
-        /* A group of batches is loaded when its last batch is reached; since the pass runs from
-         * back to front, that is the first batch of the group to be processed. */
+        /* A group of batches is loaded when its last batch is reached, which is processed first,
+         * since the pass runs from back to front. */
         if (in + BACK == LOADED || at + BACK >= last) {
             if ((uint32_t)me < in + count) {
                 const struct spin_splat2d *s = p.splat2d + p.lists[first + at - in + (uint32_t)me];
