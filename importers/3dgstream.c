@@ -162,9 +162,9 @@ static spin_status find_first(struct clip *clip, const char *path, const char **
     return spin_path_exists(path) ? spin_model_text(&clip->base, out, "%s", path) : SPIN_OK;
 }
 
-/* Finds the cloud of frame 0. With option `init`, it is at the path that the option names. Without
- * the option, it is the first that exists of: the file init_3dgs.ply, the model in the folder
- * init_3dgs, the model in the input folder, the models in other folders beside the frames. */
+/* Finds the cloud of frame 0: that at the path in option `init` or, without the option, the first
+ * of these that exists: the file init_3dgs.ply, the model in the folder init_3dgs, the model in the
+ * input folder, a model in another folder beside the frames. */
 static spin_status find_init(struct clip *clip)
 {
     static const char *const places[] = {"init_3dgs.ply", "init_3dgs", "."};

@@ -85,7 +85,7 @@ static spin_status load_network(struct spin_model *base)
 /* ---- Opening --------------------------------------------------------------------------------- */
 
 /* Recognises MotionGS by its options and adds a note about the unit of times. Times of MotionGS are
- * those of the data set, which may be seconds; other times run from 0 to 1. */
+ * those of the data set, which may be seconds; times of Deformable 3D Gaussians run from 0 to 1. */
 static spin_status read_motiongs(const struct cfg_args *cfg, struct model *m)
 {
     struct cfg_span format = spin_cfg_get(cfg, "scene_format");

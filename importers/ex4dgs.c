@@ -520,8 +520,9 @@ static spin_status part_of_ply(struct spin_model *m, struct part *p)
 /* ---- Rows that can be drawn ------------------------------------------------------------------ */
 
 /* Replaces the scales and the quaternion of a static Gaussian by those of the ellipsoid that the
- * method's rasteriser draws. The rasteriser does not normalise the quaternion, so it draws another
- * ellipsoid if the length is not 1. Returns false if the result is not an ellipsoid. */
+ * method's rasteriser draws. The rasteriser does not normalise the quaternion, so the drawn
+ * ellipsoid is different if the norm of the quaternion is not 1. Returns false if the result is not
+ * an ellipsoid. */
 static bool set_drawn_shape(float log_scale[3], float quat[4])
 {
     double scale[3], raw[4], cov6[6], split[3], unit[4];

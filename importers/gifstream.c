@@ -349,8 +349,8 @@ static spin_status round_tensor(struct model *m, int t, const struct mlp_net *ne
     return SPIN_OK;
 }
 
-/* Reads the rounding steps, and rounds the tensors that have one. Features are first, since the
- * entropy networks need the rounded features. */
+/* Reads the rounding steps, and rounds the tensors that have one. Features are rounded first, since
+ * they are the input of the entropy networks. */
 static spin_status round_tensors(struct spin_model *base)
 {
     static const int order[] = {FEATURES, TIMES, SCALES, OFFSETS, FACTORS};
@@ -460,8 +460,8 @@ static spin_status find_neighbours(struct model *m)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Adds the features of an anchor in this frame, times `weight`, to one column of a block: those of
- * the anchor and, after `skip` further rows, those of the frame. */
+/* Adds the features of an anchor, times `weight`, to one column of a block: first the features that
+ * are the same in all frames and then, after `skip` further rows, the features for this frame. */
 static void add_features(const struct model *m, size_t row, float weight, size_t skip, float *to)
 {
     const float *f = m->tensor[FEATURES] + row * m->width[FEATURES];

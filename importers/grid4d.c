@@ -428,8 +428,8 @@ static spin_status grid4d_open_save(void *self, const char *path)
 
 /* ---- Evaluating ------------------------------------------------------------------------------ */
 
-/* Computes the features of a block: those of the spatial grid go to `space`, those of the three
- * grids with a time axis, one after the other, to `moving`. */
+/* Computes the features of a block: writes the features of the spatial grid to `space`, and the
+ * features of the three grids with a time axis to `moving`, grid after grid. */
 static void sample_grids(const struct deform_job *job, size_t first, int n, float *space,
                          float *moving)
 {

@@ -1,4 +1,5 @@
-/* The importers in alphabetical order. To add one, write its file here and add its name below. */
+/* The importers in alphabetical order. To add an importer, add its file to this folder and its name
+ * to the list below. */
 #include "spin.h"
 
 #define ALL(ONE)                                                                                   \

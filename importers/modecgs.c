@@ -392,8 +392,8 @@ static spin_status read_opacity(struct model *model)
 
 /* The parts of a thread's scratch memory, which is for a block of anchors. */
 enum {
-    NETWORK = N_HEADS, /* scratch memory of either network; the N_HEADS parts before this one are
-                          the deformed attributes */
+    NETWORK = N_HEADS, /* scratch memory of the network that is evaluated; the N_HEADS parts before
+                          it contain the deformed attributes */
     INPUT,             /* INPUT, LAYER and ALIVE: input, hidden layer and output of opacity_mlp */
     LAYER,
     ALIVE,

@@ -14,8 +14,8 @@
 
 #define UNPACKED_LIMIT ((size_t)1 << 30)
 #define LEAST_WEIGHT 0.05 /* the renderer omits Gaussians with a lower weight in time */
-#define LEAST_WEIGHT_FTGS                                                                          \
-    (1.0 / 255) /* the renderer of OMG4-FTGS omits none, but Gaussians below this are invisible */
+/* The renderer of OMG4-FTGS omits no Gaussians, but those with a lower weight are invisible. */
+#define LEAST_WEIGHT_FTGS (1.0 / 255)
 #define SPREAD 1.2 /* initial times cover a range this many times as long as the clip */
 
 enum {
@@ -351,8 +351,8 @@ static double time_of(const struct pass *p, size_t i)
     return p->own ? (double)p->m->base.splats_4d.times[i] : p->time;
 }
 
-/* The position that the networks receive: the centre of the Gaussian or, for OMG4-FTGS, its
- * position at the time of evaluation. */
+/* Returns the contracted position that the networks receive: that of the Gaussian at its own time
+ * or, for OMG4-FTGS, at the time of evaluation. */
 static spin_vec3 place_of(const struct pass *p, size_t i)
 {
     const struct spin_splats_4d *s = &p->m->base.splats_4d;

@@ -1,6 +1,6 @@
 /* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors.
  *
- * A Gaussian's 4-D rotation is a rotor of eight numbers, which is not normalised: its length scales
+ * A Gaussian's 4-D rotation is a rotor of eight numbers, which is not normalised: its norm scales
  * the shape. Colours do not change over time. The method's renderer omits hardly any Gaussian:
  * those with a long window in time are in every frame, even where their opacity is nearly 0. The
  * importer omits Gaussians that are invisible in 8-bit images. */
@@ -58,8 +58,8 @@ static int probe(const struct spin_peek *peek)
 
 /* ---- Tensors --------------------------------------------------------------------------------- */
 
-/* Sets m->prefix. Versions of the method use different prefixes for the names of tensors; the one
- * before 'quats1' applies to all tensors. */
+/* Sets m->prefix. Versions of the method use different prefixes for the names of tensors; the
+ * prefix of 'quats1' is used for all tensors. */
 static spin_status find_prefix(struct spin_model *m)
 {
     const struct spin_value *d = m->tensors;

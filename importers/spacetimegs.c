@@ -107,7 +107,7 @@ static spin_status check_colours(const struct spin_ply *ply, const struct spin_p
 }
 
 /* Adds a note for the user and prints a warning if there are properties that SpacetimeGaussians
- * does not write. They are those of a fork, and their meaning is not known. */
+ * does not write. A fork of the method wrote them, so their meaning is unknown. */
 static void note_others(const struct spin_ply *ply, const struct spin_ply_element *e,
                         const struct model *m)
 {

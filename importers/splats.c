@@ -455,7 +455,7 @@ static int sog_probe(const struct spin_peek *peek)
         meta = spin_peek_contains(peek, "\"means\"");
         picture = spin_peek_contains(peek, "\"mins\"");
     } else if (spin_zip_detect(peek->head, peek->n_head)) {
-        /* Only a meta.json at the root of the archive counts: one in a folder belongs to an
+        /* Only a meta.json at the root of the archive counts: a meta.json in a folder is that of an
          * unpacked SOG, which any archive may contain. */
         meta = strncmp(names, "meta.json", 9) == 0 || strstr(names, "\nmeta.json") != NULL;
         picture = strstr(names, ".webp") != NULL;

@@ -18,7 +18,8 @@
 enum { SUPERSPLAT4D, OPENSPLAT4D, TSOG, N_DIALECTS };
 
 static const struct dialect {
-    const char *name, *viewer, *centre, *width; /* properties */
+    /* centre, width: names of the properties with the centre and the width of the Gaussian window. */
+    const char *name, *viewer, *centre, *width;
 } dialects[N_DIALECTS] = {
     {"supersplat4d", "SuperSplat-4D", "trbf_center", "trbf_scale"},
     {"opensplat4d", "OpenSplat4D", "t", "scale_t"},
@@ -138,7 +139,7 @@ static bool times_are_equal(const struct spin_ply *ply)
     return false;
 }
 
-/* Sets the dialect to that of option `dialect` or, by default, to the only one whose time
+/* Sets the dialect to that of option `dialect` or, by default, to the only dialect whose time
  * properties exist. */
 static spin_status choose_dialect(struct model *m, const struct spin_ply_element *e)
 {

@@ -1,6 +1,6 @@
 /* Reads the files chkpnt<N>.pth, from which 3DGS and its descendants resume a training. Each
  * contains a tuple (model, iteration). The model is itself a tuple, of tensors, numbers and the
- * state of the optimiser; its length identifies the method. */
+ * state of the optimiser; the number of its items identifies the method. */
 #pragma once
 
 #include "importers/lib/model.h"

@@ -23,9 +23,9 @@ spin_status spin_deform_frame(struct spin_model *m, double time, unsigned column
 
 /* Adds residuals to the shapes of the rows `first` to `first` + n - 1: d_scale [3][MLP_BLOCK] to
  * the activated scales, d_quat [4][MLP_BLOCK] to the unit quaternions. The rasteriser of these
- * methods does not normalise the sums of quaternions, so their lengths change the shapes that it
- * draws. This function stores the scales and rotations of the ellipsoids as they are drawn, or NaN
- * if a drawn shape is not an ellipsoid. */
+ * methods does not normalise the sums of quaternions, so the norms of these sums change the shapes
+ * that it draws. This function stores the scales and rotations of the ellipsoids as they are drawn,
+ * or NaN if a drawn shape is not an ellipsoid. */
 void spin_deform_shape(const struct deform_job *job, size_t first, int n, const float *d_scale,
                        const float *d_quat);
 

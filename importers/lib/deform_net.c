@@ -7,8 +7,8 @@ enum { MAX_LAYERS = 32, MAX_FREQUENCIES = 64 };
 enum { OWN_FREQUENCIES = 10 };
 
 /* Loads linear.0, whose weights [W, I] define the width W and the number of inputs I, and the
- * layers after it. Their weights are [W, W], except for one layer with a skip connection from the
- * input, whose weights are [W, I + W]. */
+ * layers after it. The weights of these layers are [W, W], except for one layer with a skip
+ * connection from the input, whose weights are [W, I + W]. */
 static spin_status load_layers(struct spin_model *m, struct deform_net *d)
 {
     const struct spin_value *root = m->tensors;
