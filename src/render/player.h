@@ -127,8 +127,9 @@ void spin_player_set_image(struct spin_player *p, const float *image);
  * world units along the optical axis of the camera. */
 spin_status spin_player_layers(struct spin_player *p, float *alpha, float *depth);
 
-/* Chooses the best splats of a bundle that have all attributes: retrained ones if there are any,
- * otherwise refined ones, otherwise the source. source: true to choose the source in any case.
- * SPIN_E_NOT_FOUND if all splats to choose from have positions only. */
+/* Chooses the splats of a bundle to play, among those that have all attributes: the retrained
+ * splats if there are any, otherwise the refined splats, otherwise the source. source: true to
+ * choose the source in any case. SPIN_E_NOT_FOUND if all splats to choose from have positions
+ * only. */
 spin_status spin_player_choose(const struct spin_bundle *bundle, bool source,
                                enum spin_splat_source *out);

@@ -162,7 +162,8 @@ static void find_limit(const struct view_shares *view_shares, size_t n, int whic
 }
 
 /* Returns whether view a of a camera is worse than view b of the same camera. If only one of them
- * is an outlier, that one is worse; otherwise the one with fewer points inside its image. */
+ * is an outlier, that one is worse; otherwise the view with fewer points inside its image is
+ * worse. */
 static bool is_lower(const struct spin_camera_share *a, const struct spin_camera_share *b)
 {
     return a->apart != b->apart ? a->apart : a->inside < b->inside;

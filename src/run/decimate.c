@@ -517,7 +517,7 @@ static spin_status drop_smallest(const struct spin_splats *all, size_t most, uns
 }
 
 /* Returns whether row i of a retrained frame is row i of the same imported frame. Refined frames
- * have other rows than the imported ones, and a training with densification adds and sorts rows, so
+ * have other rows than imported frames, and a training with densification adds and sorts rows, so
  * an equal number of rows does not prove that they correspond. */
 static bool preserves_rows(const struct spin_decimation *d)
 {

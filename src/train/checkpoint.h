@@ -33,7 +33,7 @@ struct spin_state_array {
     int frame;
 };
 
-/* Sets *out [*n] to the list of all arrays, which the caller frees. permutation [frames][splats]
+/* Sets *out [*n], which the caller frees, to the list of all arrays. permutation [frames][splats]
  * becomes the arrays of kind SPIN_STATE_PLACE; it may be NULL if the caller does not use these
  * arrays. */
 spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,

@@ -444,8 +444,8 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
-/* The splats of a frame after the densification. The cloud contains only those that own values,
- * which are the first ones. */
+/* The splats of a frame after the densification. The cloud contains only the first of these splats,
+ * which own values. */
 struct rows {
     struct spin_refine_cloud *cloud;
     uint32_t *track;  /* [n] track of each splat, or SPIN_NO_TRACK */

@@ -381,8 +381,8 @@ static spin_status join_ranks(struct stage *stage)
     return spin_ranks_agree(status);
 }
 
-/* Opens the devices that refine frames at the same time: n devices, but not more than there are
- * threads, and not more than fit into half of the memory; only one device on a GPU. */
+/* Opens the devices that refine frames at the same time: n devices, but at most one per thread, and
+ * at most as many as fit into half of the memory; only one device on a GPU. */
 static spin_status open_devices(struct stage *stage, int n, int n_threads)
 {
     struct spin_plan *plan = stage->plan;
