@@ -229,8 +229,8 @@ enum spin_splats_4d_part {
     SPIN_4D_GATES = 1 << 3,
     SPIN_4D_SH_COS = 1 << 4
 };
-/* Sets n and both degrees, and allocates arrays filled with zeros: all that may not be NULL,
- * `paths` if degree is above 0, and the optional arrays in `parts`, a set of enum
+/* Sets n and both degrees, and allocates arrays filled with zeros: all arrays that may not be NULL;
+ * `paths`, if degree is above 0; and the optional arrays in `parts`, a set of enum
  * spin_splats_4d_part. */
 spin_status spin_splats_4d_reserve(struct spin_splats_4d *s, size_t n, int degree, int sh_degree,
                                    unsigned parts);
@@ -370,7 +370,7 @@ struct spin_sequence_info {
     /* Offset that frame() has subtracted from all positions, since they are too far from 0 for the
      * precision of float; 0 for most runs. */
     double shift[3];
-    /* The sound track, which starts relative to the source's first frame; NULL: none. */
+    /* The sound track, whose `start` is relative to the first frame of the source; NULL: none. */
     const struct spin_sound *sound;
 };
 

@@ -18,7 +18,7 @@ struct spin_import_options {
      * "auto", "data", "unit" or "count"; NULL: auto. */
     const char *frame_times;
     int n_frames;        /* continuous methods: number of samples; 0: not given */
-    int default_frames;  /* number of samples if the run and the data set do not determine it */
+    int default_frames;  /* number of samples if neither run nor data set determines it */
     const double *times; /* continuous methods: [n_times] sample times */
     int n_times;
     struct spin_range range;
@@ -85,8 +85,8 @@ spin_status spin_eval(const struct spin_eval_options *o, char **report);
 
 /* Measures n bundles on the same views. o->input, o->log and o->images are ignored; o->report is a
  * file for an HTML page that compares the bundles. figures: folder for charts and images, or NULL.
- * The member "runs" of *report is an array with the report of spin_eval() for each bundle, to which
- * "input" and "name" are added. */
+ * The member "runs" of *report is an array with one report of spin_eval() for each bundle; each
+ * report has the additional members "input" and "name". */
 spin_status spin_compare(const struct spin_eval_options *o, const char *const *input, int n,
                          const char *figures, char **report);
 

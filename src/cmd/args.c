@@ -722,7 +722,7 @@ const char *spin_args_find(int argc, char **argv, const char *name)
     return chosen;
 }
 
-/* Stores an option of a plug-in as a key and a value, which the plug-in parses itself. */
+/* Stores an option of a plug-in as a key and a value. The plug-in parses the value itself. */
 static int keep_pair(struct parser *p, const struct spin_args_row *row, const char *value)
 {
     const char **pairs = realloc(spin_args.plugin_pairs, (p->n_pairs + 3) * sizeof *pairs);

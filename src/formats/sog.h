@@ -94,9 +94,9 @@ spin_status spin_sog_meta(const struct spin_sog *sog, char **text, size_t *n);
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads meta.json and checks that its images exist and have the right size. file: if `folder` is
- * NULL, the content of the zip; otherwise the content of meta.json of an unpacked SOG in `folder`.
- * Error messages of this section do not contain the path. */
+/* Reads meta.json, and checks that the images in it exist and have the right size. file: if
+ * `folder` is NULL, the content of the zip; otherwise the content of meta.json of an unpacked SOG
+ * in `folder`. Error messages of this section do not contain the path. */
 spin_status spin_sog_peek(const void *file, size_t size, const char *folder, struct spin_sog *out);
 /* Reads all splats; file, size and folder are as for spin_sog_peek(). The results are finite, and
  * rotations are normalised. Versions above 2 are refused, and so are images with many more pixels

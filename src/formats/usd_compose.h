@@ -72,8 +72,9 @@ struct usd_clips {
     const char *folder_of; /* path of the layer that defines the clips; `asset` is relative to it */
     char **asset;
     size_t n_assets;
-    /* [n_active][2] time code of the stage, index in `asset` of the file that is used from then on;
-     * [n_times][2] time code of the stage, corresponding time code of the clip. */
+    /* active [n_active][2]: a time code of the stage, and the index in `asset` of the file that is
+     * used from this time on. times [n_times][2]: a time code of the stage, and the corresponding
+     * time code of the clips. */
     double *active, *times;
     size_t n_active, n_times;
     struct usd_file *open; /* NULL: none */

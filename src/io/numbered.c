@@ -344,7 +344,7 @@ static spin_status fail_mixed(const struct reader *r, size_t a, size_t b)
         fewer->name, fewer->n_numbers, more->name, more->n_numbers);
 }
 
-/* Fails unless all names contain equally many numbers. */
+/* Fails if names differ in how many numbers they contain. */
 static spin_status check_counts(const struct reader *r)
 {
     size_t fewest = 0, most = 0;

@@ -19,9 +19,10 @@
             0.00102838008f                                                                         \
     }
 
-/* Transmittance of a pixel of an input image, by which a replaced background shows through. matte:
- * 1 + 254 alpha of the pixel, or 0 if its alpha is unknown (device.h). A pixel of unknown alpha has
- * a transmittance of 0 and so keeps its own background. */
+/* Transmittance of a pixel of an input image: the share of the background that is visible through
+ * the pixel when backgrounds are replaced. matte: 1 + 254 alpha of the pixel, or 0 if its alpha is
+ * unknown (device.h). A pixel of unknown alpha has a transmittance of 0 and so keeps its own
+ * background. */
 SPIN_FN float spin_matte_transmittance(uint8_t matte)
 {
     return matte ? (float)(255 - matte) / 254.0f : 0;

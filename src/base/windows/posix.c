@@ -238,7 +238,7 @@ FILE *posix_fopen(const char *path, const char *mode)
 }
 
 /* Write at an offset. This uses a second handle, since Windows would change the file position of
- * the given one. */
+ * fd. */
 ssize_t posix_pwrite(int fd, const void *data, size_t n, int64_t at)
 {
     OVERLAPPED place = {.Offset = (DWORD)at, .OffsetHigh = (DWORD)(at >> 32)};
