@@ -16,8 +16,8 @@ void spin_pool_free(struct spin_pool *pool);
 int spin_pool_n_threads(const struct spin_pool *pool);
 
 /* Run fn(context, task) for task 0..n_tasks-1 and wait for all of them. If pool is NULL, or if fn
- * itself calls this with the same pool, the tasks run one by one in the calling thread. Two threads
- * must not use a pool at the same time. */
+ * itself calls this function with the same pool, the tasks run one by one in the calling thread.
+ * Two threads must not use a pool at the same time. */
 typedef void (*spin_task_fn)(void *context, int task);
 void spin_pool_run(struct spin_pool *pool, int n_tasks, spin_task_fn fn, void *context);
 /* Do the same for rows 0..n-1, in tasks of `piece` rows (the last may have fewer): fn(context,

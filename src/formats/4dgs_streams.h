@@ -117,8 +117,8 @@ enum {
 
 double spin_4dgs_clamp(double x, double least, double most);
 /* Returns the quantisation step of a splat's velocity. The step is finer for splats that are
- * visible for longer. life: the time from the splat's centre in time until it fades below the
- * cutoff or, for a splat that never fades, the length of its window; in seconds. */
+ * visible for longer. life: seconds from the splat's centre in time until the splat fades below the
+ * cutoff or, for a splat that never fades, the length of its window. */
 double spin_4dgs_motion_step(const double step[SPIN_4DGS_N_STEPS], double life);
 /* Returns the quantisation step of a splat's centre in time: the file's step, halved up to ten
  * times until it is at most a twentieth of the splat's sigma. */

@@ -205,8 +205,8 @@ static spin_status add_reference(struct spin_usd_stage *s, struct opinions *list
     return *path || chosen ? add_stack(s, list, file, *path ? path : chosen, 0) : SPIN_OK;
 }
 
-/* Appends the opinions that are found by following the references of all opinions in the list,
- * including those that this function appends. */
+/* Follows the references in all opinions of the list, and appends the opinions about the prims to
+ * which they refer. References in appended opinions are followed too. */
 static spin_status add_references(struct spin_usd_stage *s, struct opinions *list)
 {
     for (size_t i = 0; i < list->n; i++)

@@ -24,8 +24,8 @@ static const struct {
      SPIN_COL_SH},
 };
 
-/* Finds the value of an attribute of splats at a time: of the attribute with floats or, if this has
- * no value, of the attribute with half floats. NULL: neither has one. */
+/* Finds the value of a splat attribute at a time: that of the attribute with floats or, if it has
+ * no value, that of the attribute with half floats. NULL: neither has a value. */
 static spin_status find_column(struct spin_usd_stage *s, const struct usd_node *node, int column,
                                double time, struct spin_usd_value **out)
 {

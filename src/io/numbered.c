@@ -458,8 +458,8 @@ static bool same_values(const struct reader *r, const struct field *a, const str
 
 /* Returns whether the irregular number a may be the frame number although number b is regular. For
  * example, in "x1_y1, x2_y2, x3_y9", the second number may count the frames of a sequence with
- * gaps. Not accepted are numbers whose least value is 1000 or more, since they probably count
- * splats; rounded times; and numbers that sort the names in another order than b. */
+ * gaps. Returns false for numbers of 1000 and more, which probably count splats; for rounded times;
+ * and for numbers that sort the names in a different order than b. */
 static bool may_count(const struct reader *r, const struct field *a, const struct field *b)
 {
     const struct spin_name_value *first = value_of(r, a->order[0], a->index);

@@ -247,8 +247,8 @@ double spin_sound_seconds(const struct spin_sound *s)
 
 /* ---- Aligning -------------------------------------------------------------------------------- */
 
-/* Returns the number of bytes to drop from the beginning of the samples, or the negative number of
- * bytes of silence to insert there. */
+/* Returns the number n of bytes to drop from the beginning of the samples. If n is negative, -n
+ * bytes of silence must be inserted there instead. */
 static int64_t bytes_before(const struct spin_sound *s, const struct wav *wav)
 {
     double samples = rint(-s->start * wav->rate), most = (double)SPIN_SOUND_LIMIT / wav->block;

@@ -2,7 +2,7 @@
  * half precision, as implemented in tiny-cuda-nn (NVlabs/tiny-cuda-nn 6ee3546).
  *
  * It differs from the grid of spin4d (grid.h) in three ways: vertex k along an axis is at (k - 0.5)
- * / scale, interpolation weights are linear, and the number of rows of a level is rounded up to a
+ * / scale; interpolation weights are linear; and the number of rows of a level is rounded up to a
  * multiple of 8. */
 #pragma once
 
