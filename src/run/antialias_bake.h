@@ -11,7 +11,7 @@
 
 struct spin_antialias_bake {
     bool bakes;        /* --bake-antialias is given */
-    bool measures;     /* frames are measured, see spin_antialias_bake_log() */
+    bool measures;     /* the effect of baking is measured for spin_antialias_bake_log() */
     int width, height; /* size of the images; 0: the size of each view, times `scale` */
     double scale;      /* image scale of the training */
     const struct spin_clip *clip;

@@ -5,8 +5,8 @@
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 enum {
-    VIEWS = 32,    /* number of views for the weights of a frame, if frames share no splats */
-    LOOKS = 400,   /* approximate number of such views of all frames, if frames share splats */
+    VIEWS = 32,    /* views per frame from which weights are computed, if frames share no splats */
+    LOOKS = 400,   /* approximate number of these views in the whole clip, if frames share splats */
     PICTURES = 16, /* number of views in which the loss is measured */
     AROUND = 8,    /* number of views that are placed if the clip has no cameras */
     SIDE = 400,    /* width and height of a placed view, in pixels */

@@ -21,8 +21,8 @@ static spin_json *text_of(const spin_json *object, const char *key)
     return spin_json_text_value(text ? text : "");
 }
 
-/* Adds to the JSON object `to` the members that the source, the refinement and the training have in
- * common in the report. */
+/* Adds the members "splats", "sh_degree", "antialias" and "attributes" to the JSON object `to`,
+ * which describes the source, a refinement or a training. */
 static void add_splats(spin_json *to, const struct spin_bundle *b, enum spin_splat_source from,
                        unsigned columns, int64_t sh_degree, bool antialias)
 {

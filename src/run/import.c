@@ -208,8 +208,8 @@ static spin_status open_data(struct import *im)
  * number of frames, this number of frames is sampled. Otherwise, if the run's times are frame
  * numbers, one frame is sampled for each number. Otherwise, if exactly one data set is beside the
  * run, the times of its frames are used, but not its images. Otherwise, 4D splats get 30 frames per
- * unit of time, as if the unit were a second; but 61 frames if the range is at most 2 or at least
- * 10,000 units long; other runs get the default of the caller, if it has one. */
+ * unit of time, as if the unit were a second, but 61 frames if the time range is at most 2 or at
+ * least 10,000 units long. Other runs get the default of the caller, if the caller has one. */
 static void choose_default_frames(struct import *im)
 {
     const struct spin_import_options *o = im->o;
@@ -347,8 +347,9 @@ static void warn_outside(const struct spin_sequence_info *t, const struct spin_f
                   t->time_first, t->time_last, odd);
 }
 
-/* Lists the frames of a continuous method. Their times come from --times; or are evenly spaced if
- * the number of frames is known; or are those of the data set. */
+/* Lists the frames of a continuous method. Their times come from --times, if this option is given.
+ * Otherwise they are evenly spaced if the number of frames is known, and those of the data set if
+ * this number is unknown. */
 static spin_status sample_times(struct import *im, struct spin_frame_info **out, int *n)
 {
     const struct spin_import_options *o = im->o;

@@ -282,8 +282,8 @@ static spin_status estimate_again(struct run *r)
     return SPIN_OK;
 }
 
-/* Finds tracks with --tracks, if they were not found before. Frames that are refined have none,
- * since they share no splats. */
+/* Finds tracks with --tracks, if they were not found before. Refined frames have no tracks, since
+ * they share no splats. */
 static spin_status find_tracks(struct run *r)
 {
     const struct spin_retrain_options *o = r->plan.o;

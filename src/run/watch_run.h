@@ -13,8 +13,8 @@ spin_status spin_watch_open(struct spin_watch *w, const char *folder);
 void spin_watch_close(struct spin_watch *w);
 /* Writes the page, which has no data yet. Called before the first iteration. */
 spin_status spin_watch_begin(const struct spin_watch *w);
-/* Writes the current state of the clip to state.spin, a page that plays this clip to clip.html, and
- * the curves and the names of the newest previews to now.js. `log` is the path of the training log;
- * `done` states whether the training is complete. */
+/* Writes three files: state.spin, the current state of the clip; clip.html, a page that plays this
+ * clip; now.js, the curves and the names of the newest previews. `log` is the path of the training
+ * log; `done` states whether the training is complete. */
 spin_status spin_watch_update(const struct spin_watch *w, const struct spin_output *output,
                               const char *log, bool done);

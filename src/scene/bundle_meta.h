@@ -68,6 +68,6 @@ spin_status spin_meta_fail(const char *key, const char *expected);
 /* Reads an integer in [least, most]. */
 spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t least, int64_t most,
                               int64_t *out);
-/* Reads "columns", which must contain means, "sh_degree" and "antialias". */
+/* Reads "columns", "sh_degree" and "antialias"; "columns" must contain "means". */
 spin_status spin_meta_columns(const spin_json *object, unsigned *columns, int *sh_degree,
                               bool *antialias);

@@ -10,8 +10,8 @@
 struct spin_clip_options {
     const char *input;
     /* Options --data, --data-from and --pair. If an option is NULL, the value that the bundle
-     * records is used, but a recorded pairing only with the recorded data set. Without a recorded
-     * value, the importer is detected, and frames are paired by "auto". */
+     * records is used; a recorded pairing is used only with the recorded data set. Without a
+     * recorded value, the importer is detected, and frames are paired by "auto". */
     const char *data, *data_from, *pair;
     struct spin_range range;
     const int *test_cameras; /* [n_test_cameras], replaces the test split of the data set */

@@ -1,4 +1,5 @@
-/* Finds the data set of a bundle, even if the bundle was moved, with or without the data set. */
+/* Finds the data set of a bundle, even if the bundle was moved, alone or together with the data
+ * set. */
 #pragma once
 
 #include "scene/bundle.h"
