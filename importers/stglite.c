@@ -18,7 +18,7 @@
 enum { SUPERSPLAT4D, OPENSPLAT4D, TSOG, N_DIALECTS };
 
 static const struct dialect {
-    /* centre, width: names of the properties with the centre and the width of the Gaussian window. */
+    /* centre, width: names of the properties for centre and width of the Gaussian window. */
     const char *name, *viewer, *centre, *width;
 } dialects[N_DIALECTS] = {
     {"supersplat4d", "SuperSplat-4D", "trbf_center", "trbf_scale"},
