@@ -338,10 +338,9 @@ static spin_status fail_mixed(const struct reader *r, size_t a, size_t b)
             "that are not frames, or select the frames with --pattern",
             fewer->name, more->name);
     return spin_malformed(
-        "cannot find the frame number: the name '%s' contains %zu numbers, but '%s' "
-        "contains %zu; choose the number with a pattern such as "
-        "--pattern 'frame_%%04d*'",
-        fewer->name, fewer->n_numbers, more->name, more->n_numbers);
+        "cannot find the frame number: '%s' and '%s' differ in how many numbers they "
+        "contain; choose the number with a pattern such as --pattern 'frame_%%04d*'",
+        fewer->name, more->name);
 }
 
 /* Fails if names differ in how many numbers they contain. */

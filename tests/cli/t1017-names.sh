@@ -38,7 +38,7 @@ mkdir "$work/two"
 for i in 1 2 3; do cp "$work/three/f_0000_v2.ply" "$work/two/a_${i}_$((40 - 10 * i)).ply"; done
 run "$bin/spin-import" --info "$work/two"
 fails 1 spin-import "two numbers that count"
-err_has "'a_%d_\*.ply' or that of 'a_\*_%d.ply'" "both readings are named"
+err_has "'a_%d_\*.ply' or --pattern 'a_\*_%d.ply'" "both readings are named"
 is "$(numbers "$work/two" '--pattern a_*_%d.ply')" 10,30 "--pattern chooses one"
 
 mkdir "$work/streamed"

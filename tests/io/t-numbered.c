@@ -95,7 +95,7 @@ static const struct row {
     {"two numbers that count", "a_1_30.ply,a_2_20.ply,a_3_10.ply", NULL, "'a_*_%d.ply'"},
     {"two numbers of equal merit", "a_1_5.ply,a_2_6.ply,a_3_7.ply", NULL, "'a_%d_*.ply'"},
     {"one of two numbers has a gap", "a1_b1.ply,a2_b2.ply,a3_b4.ply", NULL,
-     "'a%d_b*.ply' or that of 'a*_b%d.ply'"},
+     "--pattern 'a%d_b*.ply' or --pattern 'a*_b%d.ply'"},
     {"the first of two numbers has a gap", "a1_b1.ply,a2_b2.ply,a9_b3.ply", NULL, "--pattern"},
     {"a wide gap", "a1_b1.ply,a2_b2.ply,a3_b40.ply", NULL, "--pattern"},
     {"numbers of different steps", "a1_b10.ply,a2_b20.ply,a3_b30.ply", NULL, "--pattern"},
@@ -104,7 +104,7 @@ static const struct row {
     {"two files in two orders", "a1_b3.ply,a2_b1.ply", NULL, "--pattern"},
     {"frame and index disagree", "frame_1_3.ply,frame_2_2.ply,frame_3_1.ply", NULL, "--pattern"},
     {"a name without a number", "frame_1.ply,frame_2.ply,scene.ply", NULL, "no frame number"},
-    {"a name with one more number", "f_1.ply,f_2_v2.ply,f_3.ply", NULL, "other numbers"},
+    {"a name with one more number", "f_1.ply,f_2_v2.ply,f_3.ply", NULL, "differ in how many"},
     {"only scores", "psnr28.1.ply,psnr29.4.ply,psnr27.2.ply", NULL, "a score"},
     {"only iterations", "iter_7000.ply,iter_30000.ply", NULL, "an iteration"},
     /* patterns */

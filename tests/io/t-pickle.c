@@ -362,12 +362,12 @@ static void test_damage(void)
     REFUSES("Nr\xff\xff\xff\xff.", "out of range", "a memo slot at 4 billion");
     REFUSES("X\xff\xff\xff\xff"
             "a.",
-            "beyond its end", "a text of 4 GB");
+            "larger than the rest", "a text of 4 GB");
     REFUSES("\x8d\xff\xff\xff\xff\xff\xff\xff\xff"
             "a.",
-            "beyond its end", "a text of 2^64");
-    REFUSES("\x95\xff\xff\xff\xff\xff\xff\xff\xffN.", "beyond its end", "a frame of 2^64");
-    REFUSES("\x8b\xff\xff\xff\x7fN.", "beyond its end", "an integer of 2 GB");
+            "larger than the rest", "a text of 2^64");
+    REFUSES("\x95\xff\xff\xff\xff\xff\xff\xff\xffN.", "a frame that is longer", "a frame of 2^64");
+    REFUSES("\x8b\xff\xff\xff\x7fN.", "larger than the rest", "an integer of 2 GB");
     REFUSES("cos", "cut short", "a name without an end");
     for (n = 0; n < sizeof deep - 2; n++)
         deep[n] = n ? '\x85' : 'N';
