@@ -811,11 +811,12 @@ static spin_status hybrid_open_run(void *self, const char *path)
     base->splats_4d.least_weight = LEAST_WEIGHT;
     SPIN_TRY(spin_chkpnt_find(base, path));
     if (!base->path)
-        return spin_not_found("'%s' contains no chkpnt<N>.pth%s", path,
-                              spin_model_holds(path, "point_cloud")
-                                  ? "; its point_cloud.ply cannot replace it: it has only the "
-                                    "dynamic half, without times and with wrong rotations"
-                                  : "");
+        return spin_not_found(
+            "'%s' contains no chkpnt<N>.pth%s", path,
+            spin_model_holds(path, "point_cloud")
+                ? "; point_cloud.ply cannot replace the checkpoint, since it contains only the "
+                  "dynamic half, without times and with wrong rotations"
+                : "");
     SPIN_TRY(spin_fail_reading(spin_torch_open(base->path, &base->torch), base->path));
     SPIN_TRY(spin_model_config(base));
     SPIN_TRY(spin_run_config_ratio(&base->settings, &m->ratio));

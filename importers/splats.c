@@ -518,9 +518,9 @@ static void shift_nodes(struct clip *clip)
         for (size_t c = 0; c < 3; c++)
             scene->piece[i].placement.shift[c] -= clip->shift[c];
     if (clip->shift[0] != 0 || clip->shift[1] != 0 || clip->shift[2] != 0)
-        clip->opened.note[3] = "positions are stored relative to the first node, which is far from "
-                               "0; spin-export adds its coordinates again, unless --relative is "
-                               "given";
+        clip->opened.note[3] =
+            "positions are stored relative to the first node, which is far from 0; spin-export "
+            "adds the coordinates of this node again, unless --relative is given";
 }
 
 /* Opens a scene, or a clip whose frames an animation switches on and off. */
