@@ -5,9 +5,9 @@
 
 #include "spin.h"
 
-/* Sums over the n pixels of a view, for each channel. x: sum of the values of the rendered image;
- * y: sum of the values of the ground truth, both 0..1; xx, xy, yy: sums of the products of these
- * values. */
+/* Sums over the n pixels of a view, for each channel, of values in 0..1. x: sum of the values of
+ * the rendered image; y: sum of the values of the ground truth; xx, xy, yy: sums of the products of
+ * these values. */
 struct spin_colour_sums {
     int camera;
     double n;

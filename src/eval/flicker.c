@@ -6,8 +6,8 @@
 #include "io/image.h"
 #include "io/ranks.h"
 
-/* The images of one view. struct flicker contains two, for the previous and the current view of a
- * camera. */
+/* The images of one view. struct flicker contains one for the previous and one for the current view
+ * of a camera. */
 struct moment {
     float *render, *image; /* [3][h][w] */
     uint8_t *dynamic;      /* [h][w] 1 for dynamic pixels, otherwise 0 */

@@ -157,7 +157,7 @@ static double squared_distance(const float *a, const float *b, size_t n)
     return sum;
 }
 
-/* Measures in one view what baking gains. The reference image shows the original splats with
+/* Measures the effect of baking in one view. The reference image shows the original splats with
  * antialiasing. Adds the squared differences between this image and two others, which are drawn
  * without antialiasing, to b->after (baked splats) and b->before (original splats). */
 static spin_status measure(struct spin_antialias_bake *b, const struct spin_splats *original,

@@ -40,8 +40,8 @@ spin_status spin_antialias_bake_frame(struct spin_antialias_bake *b, int f,
  * antialiased images, with and without baking. */
 void spin_antialias_bake_log(const struct spin_antialias_bake *b);
 /* Sets *psnr to the PSNR between renders of frame f of the clip without antialiasing and with it,
- * at the size of the training's images, in views of the data set. Sets it to INFINITY if they are
- * equal, and to 0 if no view shows the frame. `splats` are those of the frame. */
+ * at the size of the training's images, in views of the data set. Sets *psnr to INFINITY if the
+ * renders are equal, and to 0 if no view shows the frame. `splats` are those of the frame. */
 spin_status spin_antialias_cost(const struct spin_export_options *o, const struct spin_clip *clip,
                                 enum spin_splat_source from, struct spin_device *device, int f,
                                 const struct spin_splats *splats, double *psnr);

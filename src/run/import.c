@@ -974,8 +974,8 @@ static spin_status check_sequence(const struct import *im)
     return SPIN_OK;
 }
 
-/* Gets the 4D splats of the source, if any, and decides whether the bundle stores them. It does so
- * unless the user requests positions only, or frames with --frames or --times. */
+/* Gets the 4D splats of the source, if any, and decides whether the bundle stores them. The bundle
+ * stores them unless the user requests positions only, or frames with --frames or --times. */
 static spin_status find_4d(struct import *im)
 {
     const struct spin_import_options *o = im->o;

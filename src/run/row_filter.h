@@ -4,7 +4,7 @@
  * first of them in the enum is given. Exporters receive the remaining rows.
  *
  * The options of the filter use the units and axes of the imported scene, since --scale and
- * --translate are applied after it (run/scene_move.h). */
+ * --translate are applied after the filter (run/scene_move.h). */
 #pragma once
 
 #include "base/pool.h"

@@ -21,8 +21,8 @@ enum {
     MAX_NAME = 31
 };
 
-/* Plug-ins are not supported on Windows, where a shared object can import functions only from one
- * executable, which it names; spin4d has several commands. */
+/* Plug-ins are not supported on Windows: a shared object there names the only executable from which
+ * it can import functions, but spin4d consists of several commands. */
 #ifdef _WIN32
 enum { CAN_LOAD = false };
 #else

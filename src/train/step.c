@@ -388,8 +388,8 @@ static int step_values(const struct spin_trainer *t, size_t first, size_t width,
 
 static int step_tracks(const struct spin_trainer *t, struct spin_param_group *group)
 {
-    /* The displacements of dynamic tracks have half the rate, since the positions of their splats
-     * are trained too. */
+    /* Displacements of dynamic tracks are trained with half of the learning rate, since the
+     * positions of the splats of these tracks are trained too. */
     int n = step_values(t, 0, 3, t->rates.displacement, 0.5, 0, group);
     size_t first = 3 * t->n_tracks;
 

@@ -401,8 +401,8 @@ struct appearance {
     int n_frames;    /* number of examined frames */
     uint8_t *image;  /* [max pixels][3] */
     uint8_t *bright; /* [n][n_frames] brightness of each point in the current camera */
-    /* [n][n_frames] numbers of cameras, at most 255: seen: those whose image contains the point.
-     * changed: those in which its brightness deviates. */
+    /* [n][n_frames] numbers of cameras, at most 255. seen: cameras whose image contains the point.
+     * changed: cameras in which the brightness of the point deviates. */
     uint8_t *seen, *changed;
 };
 
