@@ -302,7 +302,7 @@ static void test_lies(void)
         {"[0.5, 1]", "[0.5]", "'opacities' has 1 values"},
         {"(4, 5, 6)", "(4, 5)", "tuple"},
         {"(4, 5, 6)", "(4, 5, 6, 7)", "tuple"},
-        {"(4, 5, 6)]", "(4, 5, 6)", "another kind"},
+        {"(4, 5, 6)]", "(4, 5, 6)", "not of the same kind"},
         {"= 0\n", "= 1\n", "SH degree 1"},
         {"= 0\n", "= -1\n", "SH degree -1"},
         {"float3[] scales", "float3[] sizes", "no 'scales'"},
