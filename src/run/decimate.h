@@ -73,10 +73,10 @@ spin_status spin_decimation_choose(struct spin_decimation *d, enum spin_decimate
  * of at least `decibels`. */
 spin_status spin_decimation_choose_loss(struct spin_decimation *d, double decibels);
 /* Chooses the largest share of splats for which write() makes an output of at most `bytes` bytes.
- * write() gets a temporary path, removed afterwards, whose last component is that of `output`. Sets
- * *n_tries to the number of calls of write(), and *reached to the size in bytes of the output with
- * the chosen share. Fails with SPIN_E_UNSUPPORTED if the output is too large even with one splat
- * per frame. */
+ * write() is called with a temporary path whose last component is that of `output`; its files are
+ * removed afterwards. Sets *n_tries to the number of calls of write(), and *reached to the size in
+ * bytes of the output with the chosen share. Fails with SPIN_E_UNSUPPORTED if the output is too
+ * large even with one splat per frame. */
 typedef spin_status (*spin_decimation_write_fn)(void *context, const char *output);
 spin_status spin_decimation_choose_bytes(struct spin_decimation *d, double bytes,
                                          const char *output, spin_decimation_write_fn write,

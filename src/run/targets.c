@@ -110,8 +110,8 @@ static bool has_value(const char *const *pairs, const char *key)
     return false;
 }
 
-/* Appends those options of the target that the user did not give to the list of options, and prints
- * them to `said`. */
+/* Appends to the list of options those options of the target that the user did not give, and prints
+ * the appended options to `said`. */
 static spin_status add_options(const struct spin_target *target, struct spin_export_options *o,
                                struct spin_targeted *out, FILE *said)
 {

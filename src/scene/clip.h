@@ -18,7 +18,7 @@ struct spin_clip_options {
     int n_test_cameras;
     /* number of the outermost training cameras that become test cameras, too */
     int n_outer;
-    /* true: if there are no test_cameras, the cameras that the training held out are held out */
+    /* true: without test_cameras, the cameras that the training held out become test cameras */
     bool as_trained;
     double image_scale; /* factor by which images are scaled; 0 or 1: images keep their size */
     bool needs_views;   /* true: it is an error if the data set cannot be opened */

@@ -22,8 +22,8 @@ struct spin_photometric_sample {
 enum spin_photometric_why {
     SPIN_PHOTOMETRIC_SEEN, /* accepted */
     SPIN_PHOTOMETRIC_FEW,  /* rejected: too few points are visible in several cameras */
-    /* Rejected: in all images, a point has about the same distance from the centre, so falloff
-       cannot be told apart from colour. */
+    /* Rejected: in all images, a point has about the same distance from the centre, so the fit
+     * cannot separate falloff from colour. */
     SPIN_PHOTOMETRIC_SAME_RADII,
     SPIN_PHOTOMETRIC_ODD, /* rejected: no real lens has a falloff like the fitted one */
     /* Rejected: a fit to one half of the scene does not predict the samples of the other half. */
