@@ -152,8 +152,8 @@ static spin_status find_indexed(struct clip *clip, const char *folder, const cha
     return SPIN_OK;
 }
 
-/* Sets *out to `path` if that is a file, else to the cloud of the model in the folder `path`, or to
- * NULL if there is neither. */
+/* Sets *out to `path` if that is a file. If it is a folder, sets *out to the cloud of the model in
+ * this folder. If there is no such file or cloud, sets *out to NULL. */
 static spin_status find_first(struct clip *clip, const char *path, const char **out)
 {
     *out = NULL;

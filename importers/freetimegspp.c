@@ -103,8 +103,8 @@ static const char *find_setting(const char *text, const char *section, const cha
     return NULL;
 }
 
-/* Reads a number from the first line of `text`: the one after "key =", as in an inline table, or
- * the one at the start if `key` is NULL. */
+/* Reads a number from the first line of `text`: if `key` is NULL, the number at the start of the
+ * line, otherwise the number after "key =", as in an inline table. */
 static bool read_number(const char *text, const char *key, double *out)
 {
     const char *end = text ? strchr(text, '\n') : NULL;

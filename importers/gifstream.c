@@ -33,7 +33,7 @@ struct model {
     size_t n, n_read;
     size_t width[N_TENSORS];  /* number of floats for each anchor */
     float *tensor[N_TENSORS]; /* [n][width] */
-    /* Numbers of offsets per anchor, of frames, and of features per anchor and frame. */
+    /* k: number of offsets per anchor. per_frame: number of features per anchor and frame. */
     size_t k, n_frames, per_frame;
     size_t first_frame; /* number of the first frame: start_frame in cfg.yml */
     struct mlp_net net[N_NETS];
@@ -46,7 +46,8 @@ struct model {
     bool knn, rounded;      /* rounded: the tensors are rounded */
     double step[N_TENSORS]; /* rounding step; 0: values are not rounded */
     uint32_t *neighbour;    /* [n][n_knn] */
-    float *out[N_NETS]; /* for the current frame: outputs [n k][net_outputs] and centres [n k][3] */
+    float *out[N_NETS]; /* for the current frame: outputs of the networks [n k][net_outputs]; for
+                           CENTRE, positions of the splats [n k][3] */
     double now,
         *embed_time; /* time of the current frame, and the inputs of CENTRE that depend on it */
     size_t frame, n_time;
@@ -512,7 +513,7 @@ static void set_motion_inputs(const struct model *m, size_t row, float *to)
         to[(n_u + c) * MLP_BLOCK] = (float)m->embed_time[c];
 }
 
-/* Computes the centres of an anchor's splats from the output of the motion network. */
+/* Computes the positions of an anchor's splats from the output of the motion network. */
 static void move_anchor(const struct model *m, size_t row, const float *motion, size_t step)
 {
     const float *place = m->tensor[ANCHORS] + 3 * row,

@@ -197,7 +197,7 @@ static const struct spin_array *as_array(const struct spin_value *v)
     return &v->tensor;
 }
 
-/* Reads an array [n][width] that lives until open() returns; the first call sets m->n. */
+/* Reads an array [n][width], which is freed when open() returns; the first call sets m->n. */
 static spin_status load_array(struct model *m, const char *key, size_t width, float **out)
 {
     const struct spin_array *t = as_array(spin_value_get(m->pickle.root, key));
@@ -281,7 +281,7 @@ static spin_status read_parts(struct model *m, const char *name, size_t width, f
     return SPIN_OK;
 }
 
-/* Reads a quantised column that lives until open() returns. */
+/* Reads a quantised column, which is freed when open() returns. */
 static spin_status load_coded(struct model *m, const char *name, size_t width, float **out)
 {
     SPIN_TRY(spin_model_scratch(&m->base, m->n, width * sizeof **out, (void **)out));

@@ -472,7 +472,8 @@ static int realtime_probe(const struct spin_peek *peek)
 
         for (size_t i = 0; peek->names && peek->names[i]; i++)
             found = found || spin_chkpnt_iteration(peek->names[i]) >= 0;
-        /* Plain 3DGS and its descendants also save checkpoints, beside the folder point_cloud. */
+        /* A checkpoint beside a folder point_cloud may also be one of plain 3DGS or its
+         * descendants. */
         return found ? (spin_peek_has(peek, "point_cloud") ? 20 : 70) : 0;
     }
     if (begins_like_ours(peek))

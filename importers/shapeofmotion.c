@@ -18,7 +18,7 @@ static const struct {
 
 struct model {
     struct spin_model base;
-    size_t n_fore, n_all; /* number of foreground rows, which come first, and of all rows */
+    size_t n_fore, n_all; /* number of foreground rows, which come first; number of all rows */
     size_t n_bases, n_frames;
     float *column[N_COLUMNS]; /* [n_all][width] values of the file */
     float *weights;           /* [n_fore][n_bases] weights, which sum to 1 in each row */
@@ -166,7 +166,7 @@ static void softmax(float *values, size_t n)
         values[k] = (float)(exp((double)values[k] - most) / sum);
 }
 
-/* Refuses motions with a value that is not finite, since it would affect all splats of its
+/* Refuses motions with a value that is not finite, since this value would affect all splats of a
  * frame. */
 static spin_status check_basis(const struct model *m, const char *name, const float *values,
                                size_t width)

@@ -340,8 +340,8 @@ static spin_status keep_point(struct source *s, struct spin_colmap_points *p, in
     return SPIN_OK;
 }
 
-/* Reads a point. Keeps all points in m->all or, without it, the sample with which warn_behind()
- * detects wrong poses. */
+/* Reads a point. Keeps all points if m->all is set, otherwise a sample of the points with which
+ * warn_behind() detects wrong poses. */
 static spin_status read_point(struct spin_colmap *m, struct source *s, int *id)
 {
     double xyz[3];

@@ -18,8 +18,8 @@ spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, 
                                  struct spin_colmap_rig *out);
 
 /* Sets *out to the path of the model's image `name` in `folder`. If that file does not exist, a
- * file with another or an additional extension is accepted. If there is no such file either, *out
- * is the path folder/name. */
+ * file is accepted whose name has a different extension, or one extension more. If there is no such
+ * file either, *out is the path folder/name. */
 spin_status spin_colmap_picture(struct spin_model *m, const char *folder, const char *name,
                                 const char **out);
 

@@ -39,9 +39,9 @@ struct deform_save {
 };
 
 /* Finds the checkpoint to read. `path` is the file deform/iteration_<N>/deform.pth of a checkpoint,
- * or the model's folder. For the folder, option `iteration` selects the checkpoint by its N or by
- * "best"; without the option it is the last checkpoint that has both files. If `together`, and the
- * option is not given, it is an error if the last cloud and the last network belong to different
- * checkpoints. */
+ * or the model's folder. In the folder, option `iteration`, a number N or "best", selects the
+ * checkpoint. Without the option, the last checkpoint with both files is used; if `together` is
+ * true, it is then an error if the last cloud and the last network belong to different checkpoints.
+ */
 spin_status spin_deform_find(struct spin_model *m, const char *path, bool together,
                              struct deform_save *out);

@@ -1,6 +1,6 @@
 /* The network of Deformable 3D Gaussians, which methods derived from it also use. It consists of
- * layers linear.* with one skip connection; its input is the encoding of a position followed by
- * that of a time. */
+ * layers linear.* with one skip connection; its input is the encoding of a position followed by the
+ * encoding of a time. */
 #pragma once
 
 #include "importers/lib/model.h"

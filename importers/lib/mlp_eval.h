@@ -39,7 +39,7 @@ struct mlp_net {
 int spin_mlp_n_out(const struct mlp_net *net);
 size_t spin_mlp_widest(const struct mlp_net *net);
 
-/* Runs all layers over a block, writing results to a and b in turn, and returns the one that
+/* Runs all layers over a block, writing results to a and b in turn, and returns a or b, whichever
  * contains the last result. The first result is written to a or, if `in` is a, to b. `in` may be a
  * or b; otherwise `in` is not changed. b may be NULL for a single layer if `in` is not a. For a
  * network with a skip connection (`again`), `in` must be neither a nor b, and must have space for
