@@ -510,7 +510,7 @@ static spin_status check_visibility(const struct stage *stage)
         return SPIN_OK;
     if (stage->blind == stage->drawn && stage->n_all == stage->plan->clip.n_frames)
         return spin_malformed(
-            "no splat is visible in any view of any frame: check that the cameras belong to these "
+            "no splat was visible in any view of any frame: check that the cameras belong to these "
             "points");
     spin_warn("no splat was visible in %lld of %lld iterations of the refinement: these iterations "
               "learned nothing",

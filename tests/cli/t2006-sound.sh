@@ -80,7 +80,7 @@ sed "s/, [-0-9.]*\], $far/, -1e4], [0.0, 0.0, 0.0, 1.0]/g" "$work/single/train_m
 run "$bin/spin-retrain" "$in" --data "$work/away" -o "$work/away.spin" $small --iterations 12
 fails_late() { # NAME: the last line is the error
     is "$code" 1 "$1: exit code 1"
-    tail -n 1 "$work/err" | grep -q "^spin-retrain: .*no splat is visible"
+    tail -n 1 "$work/err" | grep -q "^spin-retrain: .*no splat was visible in any view of"
     ok $? "$1: says so"
     [ ! -e "$work/away.spin" ]
     ok $? "$1: no output"
