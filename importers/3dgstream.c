@@ -79,7 +79,7 @@ static spin_status step_of(struct clip *clip, int number, struct step **out)
 }
 
 /* Finds <folder>/point_cloud/iteration_<n>/<file>, where n is `iteration` if that file exists, else
- * the largest n with such a file. *out is NULL if there is none. */
+ * the largest n with such a file. *out is NULL if no such file exists. */
 static spin_status find_cloud(struct clip *clip, const char *folder, int iteration,
                               const char *file, const char **out)
 {

@@ -60,7 +60,7 @@ struct model {
     double interval;    /* frames from one key frame to the next */
     double shift;       /* frames from the first key frame to time 0 */
     double duration;    /* frames over which a static Gaussian moves by its drift */
-    double frames;      /* frames of the clip, whose times run from 0 to frames - 1 */
+    double frames;      /* number of frames of the clip; times run from 0 to frames - 1 */
     double least_width; /* added to the widths of both edges of the opacity, in key frames */
 };
 

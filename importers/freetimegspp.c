@@ -447,8 +447,10 @@ static spin_status frame_splats_4d(void *self, const struct spin_splats_4d **out
 
 /* ---- The splats ------------------------------------------------------------------------------ */
 
-/* Converts the values of the file: widths, stored as logarithms or as shares of the maximum, become
- * standard deviations in seconds; gates, stored as logits, become shares of the opacity. */
+/* Converts the values of the file. Widths of windows become standard deviations in seconds: the
+ * file contains their logarithms or, if max_duration is finite, the logits of their ratios to
+ * max_duration / 6. Gates become shares of the opacity: the file contains their logits, divided
+ * by 20. */
 static void convert_rows(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;

@@ -390,7 +390,8 @@ static spin_status read_entries(struct set *set, const spin_json *names, size_t 
     return SPIN_OK;
 }
 
-/* Reads a moving camera. The entries of its files, one per frame, are named by frame numbers. */
+/* Reads a moving camera. The camera's files contain an entry for each frame, which is named by the
+ * frame number. */
 static spin_status read_moving(struct set *set, const struct pair *p, struct spin_rig_camera *c,
                                spin_json *name_of)
 {

@@ -231,8 +231,8 @@ static const struct spin_colmap_lens *find_lens(const struct spin_colmap *m, int
     return NULL;
 }
 
-/* Sets the pose m [3][4] from a translation t and a quaternion q, in the order w, x, y, z and of
- * any nonzero length. */
+/* Sets the pose m [3][4] from a translation t and a quaternion q [w x y z], whose norm may have any
+ * value except 0. */
 static spin_status fill_pose(const double q[4], const double t[3], double m[12])
 {
     double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), r[9];

@@ -10,12 +10,13 @@ struct deform_net {
     int n_in, width;
     struct mlp_net time; /* the time network; time.n is 0 if there is none */
     int n_position;      /* number of inputs of `linear` that encode the position */
-    int n_time;          /* number of inputs after these, which depend on time */
-    float *inputs;   /* [n_time] these inputs for the current frame, followed by scratch memory */
+    int n_time;          /* number of further inputs of `linear`, which depend on time */
+    float *inputs;   /* [n_time] the inputs that depend on time, for the current frame; followed by
+                        scratch memory */
     int frequencies; /* number of frequencies in the encoding of time */
 };
 
-/* Loads the tensors linear.* and timenet.* of m->tensors, whose names begin with m->prefix. */
+/* Loads the tensors of m->tensors whose names are m->prefix followed by linear.* or timenet.*. */
 spin_status spin_deform_net_load(struct spin_model *m, struct deform_net *net);
 /* Computes the inputs that depend on time, for all following blocks. */
 void spin_deform_net_time(struct deform_net *net, float time);

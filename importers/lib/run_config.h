@@ -75,7 +75,7 @@ spin_status spin_yaml_open(const char *path, struct run_config *s);
 void spin_yaml_close(struct run_config *s);
 
 /* Sets *out to frame_ratio, by which training divided the data set's times. It is read from
- * cfg_args, else from the YAML file; if neither contains it, it is 1. */
+ * cfg_args or, if cfg_args lacks it, from the YAML file; the default is 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
 /* Finds the clip's times. They are the first of these that exists: the text "A,B" in `asked`, which

@@ -3,9 +3,9 @@
 
 #include "io/video.h"
 
-/* Sets the rate to the inverse of the mean interval between frames. Intervals longer than 1.5 times
- * the median are ignored, since frames were dropped there. A mean is needed because time stamps may
- * be rounded, for instance to milliseconds. */
+/* Sets the frame rate of a video to the inverse of the mean interval between its frames. Intervals
+ * longer than 1.5 times the median are ignored, since frames were dropped there. A mean is needed
+ * because time stamps may be rounded, for instance to milliseconds. */
 static spin_status measure_rate(struct spin_rig_video *f)
 {
     SPIN_FREED double *gap = NULL;

@@ -55,8 +55,9 @@ bool spin_views_is_safe_name(const char *name);
 spin_status spin_views_check_most(const struct spin_views *views, size_t first);
 spin_status spin_views_drop_missing(struct spin_views *views, size_t first);
 
-/* Returns the last number in a name without its extension, which identifies a camera or a folder of
- * frames; -1 if there is none. io/numbered.h reads the frame numbers of files. */
+/* Returns the last number in a name, ignoring the extension, or -1 if the name contains no number.
+ * The number identifies a camera or a folder of frames. io/numbered.h reads the frame numbers of
+ * files. */
 int spin_views_number(const char *path);
 
 /* Sets the frame numbers of the views from index `first` on from the names of their images, camera
