@@ -359,8 +359,8 @@ struct spin_sequence_info {
     double time_first, time_last;
     int n_clip_frames; /* continuous methods: frames of the clip; 0: unknown */
     double fps;        /* frames per second of the clip; 0: unknown */
-    /* Times that frames get if the data set stores none. True: frame i of n is at i/n of the range
-     * from time_first to time_last; false: at i/(n-1). */
+    /* Times of the frames if the data set stores no times. True: frame i of n is at i/n of the
+     * range from time_first to time_last; false: at i/(n-1). */
     bool half_open;
     /* True: the method's unit of time is the frame. Frame i of a data set is then at time i, even
      * if the data set stores other times. */
@@ -568,7 +568,7 @@ struct spin_exporter {
     unsigned wants; /* required columns */
     bool checks;    /* true: the exporter supports job->check */
     /* True: the output can record that its splats must be rendered with antialiasing, or consists
-     * of images that are rendered with it. False: this information is lost. */
+     * of images, which are rendered with antialiasing. False: this information is lost. */
     bool antialias;
     /* True: the exporter accepts clips of 4D splats in job->splats_4d, for which frame() is not
      * called. If `frame` is NULL, the exporter accepts only such clips. */

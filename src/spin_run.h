@@ -41,7 +41,7 @@ struct spin_import_options {
 /* Imports a run of another method as a bundle, or only describes the run. */
 spin_status spin_import(const struct spin_import_options *o, char **report);
 
-/* Describes the contents of a bundle and how they were made. Reads only meta.json and the headers
+/* Describes the contents of a bundle, and how these were made. Reads only meta.json and the headers
  * of the arrays. SPIN_E_NOT_RECOGNISED if the file is not a bundle. */
 spin_status spin_bundle_describe(const char *path, char **report);
 
@@ -64,8 +64,8 @@ struct spin_eval_options {
     bool source;        /* true: measure the source instead of the retrained splats */
     const char *images; /* folder for rendered images, or NULL */
     enum spin_dynamic_from dynamic;
-    /* True: measure only the subject: the pixels inside the masks of the data set or, if it has
-     * none, inside the alpha of its images. */
+    /* True: measure only the subject: the pixels inside the masks of the data set or, if it has no
+     * masks, the pixels of its images with an alpha above 0.5. */
     bool mask;
     bool temporal; /* true: measure flicker between successive frames of static cameras */
     /* report: file for an HTML page with the results, or NULL. log: file written by spin-retrain
@@ -170,8 +170,8 @@ spin_status spin_bundle_check_name(const char *output);
 /* SPIN_E_USAGE if the name of a report, which is an HTML page, has another extension. */
 spin_status spin_report_check_name(const char *path);
 
-/* Options of spin_convert(), which converts a run to a format that viewers play: it imports,
- * retrains and exports the run. The bundle is kept beside the output, with the extension .spin. */
+/* Options of spin_convert(), which imports, retrains and exports a run, to convert the run to a
+ * format that viewers play. The bundle is kept beside the output, with the extension .spin. */
 struct spin_convert_options {
     /* input: a run or a bundle. output: NULL means the name of the input with the extension .html,
      * in the current folder. */

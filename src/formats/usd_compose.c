@@ -293,7 +293,8 @@ static spin_status entry_number(const struct spin_usd_value *set, const char *na
 }
 
 /* Adds the file of a time code to the clips, if the file exists. In the name of the file, the time
- * code replaces the `#` signs of the template, and is padded with zeros to their number. */
+ * code replaces the `#` signs of the template, and is padded with zeros to the number of these
+ * signs. */
 static spin_status add_template(struct spin_usd_stage *s, const char *template, double time,
                                 struct usd_clips *out)
 {

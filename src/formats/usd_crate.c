@@ -397,7 +397,7 @@ static spin_status count_fields(struct spin_usd_crate *c, size_t n)
                : spin_malformed("there are too many fields or time samples");
 }
 
-/* Reads the times of samples and the words of their values. */
+/* Reads the times of samples, and the words that represent the values of the samples. */
 static spin_status read_samples(struct spin_usd_layer *layer, uint64_t word,
                                 struct spin_usd_field *out)
 {

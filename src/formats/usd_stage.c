@@ -262,8 +262,8 @@ static spin_status check_frames(struct spin_usd_stage *s)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the values of an array into node->column[a], unless they are still there from the previous
- * frame. */
+/* Reads the values of an array into node->column[a], unless the column still contains these values
+ * from the previous frame. */
 static spin_status load_column(struct usd_node *node, int a, struct spin_usd_value *from, size_t n)
 {
     struct usd_column *c = &node->column[a];

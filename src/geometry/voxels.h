@@ -38,8 +38,8 @@ struct spin_voxels {
     float *walls;   /* [n] extinction by static parts, which most frames contain, blurred */
 };
 
-/* Reads up to SPIN_VOXEL_FRAMES of n_frames frames. Fails with SPIN_E_UNSUPPORTED if they have no
- * opacities, or no splat with a finite position. */
+/* Reads up to SPIN_VOXEL_FRAMES of n_frames frames. Fails with SPIN_E_UNSUPPORTED if these frames
+ * have no opacities, or no splat with a finite position. */
 spin_status spin_voxels_open(struct spin_voxels *v, int n_frames, spin_voxel_read_fn read,
                              void *context);
 void spin_voxels_close(struct spin_voxels *v);

@@ -1,7 +1,8 @@
 /* The implementation of image_shim.h with OpenImageIO.
  *
- * JPEG and PNG files are opened with the reader of their format, since OpenImageIO initialises all
- * of its readers to detect a format. Every function of the table catches all exceptions. */
+ * JPEG and PNG files are opened with the reader for their format, since OpenImageIO would
+ * initialise all readers to detect the format. Every function of the table catches all exceptions.
+ */
 #include "io/image_shim.h"
 
 #include <algorithm>

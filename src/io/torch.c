@@ -2,8 +2,8 @@
  * tensors.
  *
  * The zip form keeps each storage as a member TOP/data/KEY. Opening a checkpoint only looks up the
- * members in the directory and compares their sizes with the pickle. The moments of the optimiser,
- * two thirds of a checkpoint, are never read. Stored members are used in place. */
+ * members in the directory, and compares their sizes with those in the pickle. The moments of the
+ * optimiser, two thirds of a checkpoint, are never read. Stored members are used in place. */
 #include "io/torch.h"
 
 #include <strings.h>
@@ -15,8 +15,8 @@
 /* Maximum size of a deflated data.pkl in bytes. Its size is usually some kilobytes, or some
  * megabytes if it contains tables. */
 #define PICKLE_LIMIT ((uint64_t)16 << 20)
-/* Members of this size in bytes or more are used without verifying their CRC, since that reads
- * every byte. */
+/* Members of this size in bytes or more are used without verifying their CRC, since the
+ * verification would read every byte. */
 #define CRC_LIMIT ((uint64_t)64 << 20)
 
 /* The position of a storage in the zip, and its bytes. */

@@ -22,5 +22,5 @@ spin_status spin_webp_size(const void *data, size_t size, int *width, int *heigh
  * is wrong. This function does not need the library. */
 spin_status spin_webp_lossless(const void *data, size_t size, int *width, int *height);
 /* Decode an image into rgba [height][width][4]. width and height must be those that
- * spin_webp_size() or spin_webp_lossless() returned for it. */
+ * spin_webp_size() or spin_webp_lossless() returned for this image. */
 spin_status spin_webp_read(const void *data, size_t size, int width, int height, uint8_t *rgba);
