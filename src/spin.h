@@ -167,8 +167,8 @@ struct spin_splats {
  * with SPIN_E_MEMORY, or SPIN_E_UNSUPPORTED if SH is requested with a degree outside 0..3. */
 spin_status spin_splats_reserve(struct spin_splats *s, size_t n, unsigned columns, int sh_degree);
 void spin_splats_free(struct spin_splats *s);
-/* Copies all rows i of s for which mark[i] is not 0 to *out, with all columns except rgb. mark:
- * [n]. */
+/* Copies the marked rows of s to *out, with all columns except rgb. mark: [n], not 0 for marked
+ * rows. */
 spin_status spin_splats_select(const struct spin_splats *s, const unsigned char *mark,
                                struct spin_splats *out);
 

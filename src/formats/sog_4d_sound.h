@@ -1,8 +1,8 @@
 /* The sound in a TSOG (tsog.h) or a .sogst (sogst.h) is a member of the zip that the object "audio"
  * of meta.json describes: file, mimeType, volume. The object "spin4d" in it, which spin4d adds,
- * contains the name of the sound, and the time at which it starts in seconds, unless that is 0.
- * .sogst itself has no sound: spin4d stores "audio" in "asset", whose members readers may define,
- * and readers of .sogst ignore unknown members of the zip. */
+ * contains the name of the sound and, unless it is 0, the time in seconds at which the sound
+ * starts. .sogst itself has no sound: spin4d stores "audio" in "asset", whose members readers may
+ * define, and readers of .sogst ignore unknown members of the zip. */
 #pragma once
 
 #include "formats/sog_4d.h"

@@ -90,9 +90,9 @@ spin_status spin_out_length(struct spin_out *out, uint64_t *bytes);
 /* Write these bytes as a whole file, replacing an existing one. sync: see struct spin_out. */
 spin_status spin_out_whole(const char *path, const void *data, size_t bytes, bool sync);
 
-/* Check that a file of this name may be written: returns SPIN_E_IO if it exists and force is not
- * set, if it is not a regular file, or if it is an input of a running call (even with force). All
- * code that writes files calls this, mostly through spin_out_open(). */
+/* Check that a file of this name may be written: returns SPIN_E_IO if the file exists and force is
+ * not set; if it is not a regular file; or, even with force, if it is an input of a running call.
+ * All code that writes files calls this, mostly through spin_out_open(). */
 spin_status spin_out_check(const char *path, bool force);
 
 /* ---- inputs.c: the input files of running calls, which outputs must not replace ---- */

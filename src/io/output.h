@@ -10,7 +10,7 @@
 spin_status spin_output_check_file(const char *path, bool force);
 /* Check that a folder is writable; create it if it does not exist. */
 spin_status spin_output_check_folder(const char *path);
-/* The same, but unless force is set, also check that the folder is empty. */
+/* Do the same; unless force is set, also check that the folder is empty. */
 spin_status spin_output_check_empty_folder(const char *path, bool force);
 /* Check that n paths of outputs all differ; entries that are NULL are skipped. If two paths name
  * the same file, returns SPIN_E_USAGE, with a message that contains the path. */
