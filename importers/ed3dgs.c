@@ -419,8 +419,8 @@ static double place_of(double time, int n)
     return place > last ? 2 * last - place : place;
 }
 
-/* Sets the bias of the trunk's first layer for a time. To the stored bias, it adds the contribution
- * of the time vector, which is the same for all Gaussians. */
+/* Sets the bias of the trunk's first layer for a time. The result is the stored bias plus the
+ * contribution of the time vector, which is the same for all Gaussians. */
 static void set_time(const struct model *m, double time, struct stage *s)
 {
     struct between b = between_rows(place_of(time + m->shift, s->rows), s->rows);

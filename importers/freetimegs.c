@@ -36,7 +36,8 @@ static long long step_of(const char *name)
 }
 
 /* Other methods use the same folder names, but their checkpoints contain means without durations. A
- * checkpoint with neither is damaged: the probe accepts it, so that open() reports the damage. */
+ * checkpoint with neither means nor durations is damaged: the probe accepts it, so that open()
+ * reports the damage. */
 static int probe_folder(const struct spin_peek *peek)
 {
     if (spin_peek_contains(peek, "means") && !spin_peek_contains(peek, "durations"))

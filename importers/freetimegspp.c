@@ -321,7 +321,7 @@ static spin_status load_network(struct model *m, const struct spin_value *net)
 /* ---- Velocities ------------------------------------------------------------------------------ */
 
 /* Writes the features of a point of the unit cube, `step` floats apart. Points outside the cube are
- * not clamped: their negative cells wrap around, as in tiny-cuda-nn. */
+ * not clamped: negative cell indices wrap around, as in tiny-cuda-nn. */
 static void encode_point(const struct velocity_net *net, const float unit[3], float *out,
                          size_t step)
 {

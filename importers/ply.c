@@ -72,7 +72,7 @@ static bool has_frame_models(const struct spin_peek *peek)
 }
 
 /* Whether a folder contains a model or a PLY file. The folders of a data set's frames, which may
- * have the same names as those of clouds, contain neither. */
+ * have the same names as folders of clouds, contain neither. */
 static bool contains_cloud(const char *path, const char *name)
 {
     SPIN_FREED char *folder = NULL;

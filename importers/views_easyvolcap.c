@@ -367,7 +367,8 @@ static spin_status read_still(struct set *set, const struct pair *p)
     return SPIN_OK;
 }
 
-/* Adds the name of each entry of a moving camera to name_of, under its frame number as text. */
+/* Adds the name of each entry of a moving camera to name_of, with the frame number of the entry, as
+ * text, as the key. */
 static spin_status read_entries(struct set *set, const spin_json *names, size_t n,
                                 spin_json *name_of)
 {

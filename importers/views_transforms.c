@@ -65,7 +65,7 @@ static int probe(const struct spin_peek *peek)
 /* ---- One camera ------------------------------------------------------------------------------ */
 
 /* Reads the number `key` of the frame or, if the frame has none, of the file. Sets *found to
- * whether there is one. A value that is not a number is an error. */
+ * whether the key exists. A value that is not a number is an error. */
 static spin_status read_number(const struct split *s, const spin_json *frame, const char *key,
                                double *out, bool *found)
 {

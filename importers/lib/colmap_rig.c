@@ -189,7 +189,8 @@ static spin_status fill_rig(struct spin_model *m, struct picture *p, size_t n, s
     return SPIN_OK;
 }
 
-/* Builds a rig from the images of the model if all their names consist of a camera and a frame. */
+/* Builds a rig from the images of the model if all their names consist of a camera name and a frame
+ * number. */
 static spin_status find_grid(const struct spin_colmap *m, const char *images,
                              struct spin_colmap_rig *out)
 {

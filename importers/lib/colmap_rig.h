@@ -11,9 +11,9 @@ struct spin_colmap_rig {
 
 /* Finds a rig in the data set `path`, whose images are in the folder `images`. There are two kinds
  * of rigs. In the first, the model contains all frames of all cameras, and the names of its images
- * consist of a camera and a frame number. In the second, the model contains one image per camera;
- * the frames of the camera are in `images` itself, or in a folder or video that is named after the
- * image or its number. */
+ * consist of a camera name and a frame number. In the second, the model contains one image per
+ * camera; the frames of the camera are in `images` itself, or in a folder or video that is named
+ * after the image or its number. */
 spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, const char *images,
                                  struct spin_colmap_rig *out);
 

@@ -2,8 +2,8 @@
 #include "importers/lib/deform_net.h"
 
 enum { MAX_LAYERS = 32, MAX_FREQUENCIES = 64 };
-/* Number of frequencies in the encoding of positions, if there is no time network: the default of
- * Deformable 3D Gaussians, since the tensors then do not determine the number. */
+/* Number of frequencies in the encoding of positions if there is no time network. The tensors do
+ * not determine this number then, so it is the default of Deformable 3D Gaussians. */
 enum { OWN_FREQUENCIES = 10 };
 
 /* Loads linear.0, whose weights [W, I] define the width W and the number of inputs I, and the
@@ -68,8 +68,8 @@ static spin_status count_inputs(struct deform_net *d)
     return SPIN_OK;
 }
 
-/* Loads the time network, if there is one. Without it, the first layer's input is the encoding of
- * the time itself. */
+/* Loads the time network, if there is one. Without a time network, the first layer receives the
+ * encoding of the time itself. */
 static spin_status load_time(struct spin_model *m, struct deform_net *d)
 {
     bool has = spin_model_get(m, "timenet.0.weight") || spin_model_get(m, "timenet.2.weight");

@@ -19,7 +19,8 @@ struct hexplane {
     /* [2][3] Two opposite corners of the bounding box: the first is mapped to -1, the second to 1.
      * The method stores the maximum of the box as the first. */
     float *corner;
-    double grid_pe; /* factor of a feature in its sine and cosine; 0: features are not encoded */
+    double grid_pe; /* factor on features before their sines and cosines are computed; 0: features
+                       are not encoded */
     struct mlp_net feature; /* the network feature_out */
     int width;              /* number of outputs of `feature` and of inputs of each head */
     /* The source of the factors `mask` of spin_hex_hidden(): either the network static_mlp, which

@@ -150,7 +150,7 @@ bool spin_peek_contains(const struct spin_peek *peek, const char *word);
 enum { SPIN_MODEL_COLUMNS = 5 };
 float *spin_model_values(const struct spin_splats *s, int column, size_t *width);
 /* Returns SPIN_E_MALFORMED if the given columns of a frame contain nonfinite values. Even if all
- * values of the file are finite, their evaluation can overflow. */
+ * values of the file are finite, the evaluation of the model can overflow. */
 spin_status spin_model_check(const char *path, double time, unsigned columns,
                              const struct spin_splats *s);
 

@@ -34,8 +34,8 @@ static const char *cfg_skip_text(const char *at, const char *end)
 }
 
 /* Returns the end of the value that begins at `at`: the first comma, closing bracket or character
- * `stop` outside of its own brackets and quotes, or `end`. `stop` is ':', '=' or, if only commas
- * and brackets end the value, 0. Returns NULL if brackets or quotes do not match. */
+ * `stop` outside of the value's own brackets and quotes, or `end`. `stop` is ':', '=' or, if only
+ * commas and brackets end the value, 0. Returns NULL if brackets or quotes do not match. */
 static const char *cfg_skip(const char *at, const char *end, char stop)
 {
     char open[CFG_MAX_DEPTH];

@@ -13,7 +13,7 @@
 struct sog_chunk {
     const char *path;   /* meta.json or, for a packed SOG, the zip */
     const char *folder; /* folder of meta.json; NULL: the SOG is packed */
-    size_t n;           /* how many of its splats belong to the chosen level */
+    size_t n;           /* number of splats in the chunk that belong to the chosen level */
     size_t n_rows;      /* number of splats in the file */
     bool exists;
 };

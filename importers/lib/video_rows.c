@@ -50,8 +50,8 @@ static spin_status open_film(struct spin_model *m, struct spin_rig_video *f,
     return SPIN_OK;
 }
 
-/* Returns whether frames can be paired by their index: all videos have rates so similar that they
- * drift apart by less than half a frame, and offsets of whole frames. */
+/* Returns whether frames can be paired by their index: the rates of all videos are so similar that
+ * the videos drift apart by less than half a frame, and all offsets are whole numbers of frames. */
 static bool are_alike(const struct spin_rig_video *film, size_t n)
 {
     for (size_t i = 0; i < n; i++) {

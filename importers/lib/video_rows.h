@@ -20,8 +20,8 @@ struct spin_rig_video {
 
 /* Lists the frames of n videos, which start at the same time except for `offsets`. If all videos
  * have the same constant rate and offsets of whole frames, the frame number is the index of a frame
- * plus the offset. Otherwise the clip gets the lowest of the rates, and each frame number gets from
- * every video the frame that is nearest in time, or none if that is more than half a frame interval
- * away; a warning states the rates. */
+ * plus the offset. Otherwise the clip gets the lowest of the rates, and each frame number is
+ * assigned, from every video, the frame that is nearest in time, or no frame if the nearest is more
+ * than half a frame interval away; a warning states the rates. */
 spin_status spin_video_rows(struct spin_model *m, struct spin_rig_video *film, size_t n,
                             struct spin_offsets *offsets);

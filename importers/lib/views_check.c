@@ -206,7 +206,7 @@ bool spin_views_is_safe_name(const char *name)
 }
 
 /* Returns the number of views from index `first` on whose image cannot be read, and sets *missing
- * to the path of the first of them. */
+ * to the path of the first such image. */
 static size_t count_missing(const struct spin_views *views, size_t first, const char **missing)
 {
     size_t n = 0;

@@ -49,9 +49,10 @@ spin_status spin_views_fit_image(struct spin_camera *c, const char *path);
  * is relative to. */
 bool spin_views_is_safe_name(const char *name);
 
-/* Checks that less than half of the image files of the views from index `first` on are missing.
- * spin_views_drop_missing() removes the views without an image and counts them in a warning. Frames
- * that have no image at all are left out, with views->lacks_frames set. */
+/* spin_views_check_most() checks that less than half of the image files of the views from index
+ * `first` on are missing. spin_views_drop_missing() removes the views without an image and counts
+ * them in a warning. Frames that have no image at all are left out, with views->lacks_frames set.
+ */
 spin_status spin_views_check_most(const struct spin_views *views, size_t first);
 spin_status spin_views_drop_missing(struct spin_views *views, size_t first);
 
