@@ -94,7 +94,7 @@ static void test_pictures(void)
     make_text(folder, "metadata.json", "{\"output\": {\"fps\": \"30000/1001\"}}");
     if (set_opens(folder, "4danyone:time=count,hold=0", &views, "with options")) {
         ok(!views.view[0].test && views.view[2].time == 0.5, "nothing is held out, times are i/n");
-        ok(strstr(views.notes, "--fps 29.97)") != NULL, "a rate may be a ratio");
+        ok(strstr(views.notes, "--fps 29.97") != NULL, "a rate may be a ratio");
         spin_views_free(&views);
     }
     if (set_opens(folder, "4danyone:time=25,hold=1", &views, "with others")) {

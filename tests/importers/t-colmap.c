@@ -235,7 +235,8 @@ static void test_binary(const char *root)
         {"cameras.bin", 16, 8, "\xff\xff\xff\xff\0\0\0\0", "image size", "an absurd width"},
         {"cameras.bin", 16, 8, "\0\0\0\0\0\0\0\0", "image size", "no width"},
         {"cameras.bin", 32, 8, "\0\0\0\0\0\0\xf8\x7f", "focal", "a focal length that is NaN"},
-        {"cameras.bin", 8, 4, "\x63\0\0\0", "no camera", "an image of a camera that is not there"},
+        {"cameras.bin", 8, 4, "\x63\0\0\0", "refers to camera",
+         "an image of a camera that is not there"},
         {"images.bin", 0, 8, "\xff\xff\xff\0\0\0\0\0", "the file announces",
          "more images than bytes"},
         {"images.bin", 12, 32, "\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0",
@@ -305,7 +306,7 @@ static void test_lies(void)
         {lenses, "1 0 0 0 0 0 0 0 1 a.png\n\n", "quaternion", "a quaternion of 0"},
         {lenses, "1 1 0 0 0 0 0 0 1 ../a.png\n\n", "below the folder of images",
          "a name that climbs out"},
-        {lenses, "1 1 0 0 0 0 0 0 5 a.png\n\n", "no camera 5", "a camera that is not there"},
+        {lenses, "1 1 0 0 0 0 0 0 5 a.png\n\n", "refers to camera 5", "a camera that is not there"},
         {lenses, "1 1 0 0 0 0 0 0 1 a.png\n\n2 1 0 0 0 0 0 0 1 a.png\n", "two images called",
          "two images of one name"},
     };

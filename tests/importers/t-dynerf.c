@@ -221,7 +221,8 @@ static void test_options(void)
        "nothing is held out when asked, and the options are handed on");
     spin_views_free(&views);
     set_refused(folder, "dynerf:time=0", "'time'", "a time rule that divides by 0");
-    set_refused(folder, "dynerf:test=2", "2 cameras", "a camera to hold out that is not there");
+    set_refused(folder, "dynerf:test=2", "camera, 0 to 1",
+                "a camera to hold out that is not there");
     set_refused(folder, "dynerf:test=x", "whole number", "and one that is no number");
     set_refused(folder, "dynerf:speed=2", "no option 'speed'", "an option it does not have");
     set_refused(folder, "dynerf:time", "no value", "an option without a value");

@@ -53,7 +53,7 @@ static void test_folders(const char *fixture)
     write_text(path_in(folder, "cfg_args"), "Namespace(from3dgs='', start_timestamp=0)");
     ok(spin_importer_find(folder, NULL, false, &found) == SPIN_OK && !strcmp(found->name, FROM),
        "a run without its checkpoint is recognised, not taken for a cloud");
-    fails(FROM, folder, "has only the dynamic half", "but refused");
+    fails(FROM, folder, "contains only the dynamic half", "but refused");
     fails(FROM, new_folder(), "contains no chkpnt<N>.pth", "an empty folder");
     fails(FROM, "no/such.pth", "no/such.pth", "a missing file");
     fails("realtime4dgs", file, "Hybrid 3D-4DGS (--from hybrid4dgs)",
@@ -185,7 +185,7 @@ static void test_checkpoints(void)
     write_items(path, items, 19, 1);
     fails(FROM, path, "Realtime-4DGS (--from realtime4dgs)", "a checkpoint of Realtime-4DGS");
     write_items(path, items, 27, 1);
-    fails(FROM, path, "the model has 27 items", "one of no method that is known");
+    fails(FROM, path, "the model is a tuple of 27 items", "one of no method that is known");
     spin_splats_free(&s);
 }
 

@@ -79,7 +79,7 @@ static void compare_views(const char *folder, struct spin_npz *npz, const double
              cameras[8]);
     if (model_open(FROM, path_in(folder, "model"), pairs, &run) != SPIN_OK)
         exit(1);
-    ok(strstr(run.sequence.notes, "for 3 cameras") != NULL, "the notes tell what colours are");
+    ok(strstr(run.sequence.notes, "from 3 cameras") != NULL, "the notes tell what colours are");
     for (size_t t = 0; t < of_times.count; t++) {
         if (run.importer->frame(run.self, 0, times[t], run.sequence.columns, &s) != SPIN_OK)
             exit(1);
@@ -286,7 +286,7 @@ static void test_colours(const char *model)
     write_text(cameras, "[{\"position\": [0, 0, 0]}, {\"position\": [1, 0, 0]},"
                         " {\"position\": [0, 0, 0]}]");
     ok(read_at(copy, views, 0.5, &s, &info) && s.sh_degree == 1 &&
-           strstr(info.notes, "for 2 cameras"),
+           strstr(info.notes, "from 2 cameras"),
        "the different places in cameras.json");
     ok(read_at(golden_path(copy, SAVE), views, 0.5, &t, &info), "found from the save as well");
     check_same_bits(s.sh, t.sh, 12 * s.n * sizeof *s.sh, "for the same colours");
@@ -342,7 +342,7 @@ static void test_many_cameras(const char *model)
         n += snprintf(text + n, 200, "%s{\"position\": [%d, 0.5, -1]}", i ? "," : "", i);
     snprintf(text + n, 10, "]");
     write_text(path_in(copy, "cameras.json"), text);
-    ok(read_at(copy, NULL, 0.5, &s, &info) && strstr(info.notes, "for 64 cameras"),
+    ok(read_at(copy, NULL, 0.5, &s, &info) && strstr(info.notes, "from 64 cameras"),
        "of many cameras 64 are taken");
     spin_splats_free(&s);
     free(text);
