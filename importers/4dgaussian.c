@@ -16,7 +16,7 @@ enum { POSITION, SCALE, ROTATION, OPACITY, COLOUR, N_HEADS };
 static const struct {
     const char *word, *tensor, *off;
     bool by_default;
-    int width, number; /* floats per row, and column number for spin_model_values() */
+    int width, number; /* number of floats per row, and column number for spin_model_values() */
 } heads[N_HEADS] = {
     {"position", "pos_deform", "no_dx", false, 3, 0},
     {"scale", "scales_deform", "no_ds", false, 3, 2},

@@ -17,7 +17,7 @@ enum { MAX_ROWS = 1 << 20 };
 
 static const struct {
     const char *tensor;
-    int width, number; /* floats per row, and column number for spin_model_values() */
+    int width, number; /* number of floats per row, and column number for spin_model_values() */
 } heads[N_HEADS] = {{"pos_deform", 3, 0},
                     {"scales_deform", 3, 2},
                     {"rotations_deform", 4, 1},
@@ -28,7 +28,7 @@ static const char letters[N_STAGES] = {'c', 'f'}; /* the letter of each stage in
 
 struct stage {
     bool used;
-    int rows; /* rows of the table of time vectors after it is resized for this stage */
+    int rows; /* number of rows of the table of time vectors after it is resized for this stage */
     /* The first layer has the embedding as its only input; its bias contains the contribution of
      * the time. */
     struct mlp_net trunk;
@@ -53,7 +53,7 @@ struct model {
         long long iteration; /* iteration of the checkpoint */
         double min_rows, max_rows, resized_until, deform_from;
         bool anneal, coarse_table, whole_table;
-        double n_frames; /* frames of the clip; 0: unknown */
+        double n_frames; /* number of frames of the clip; 0: unknown */
     } settings;
 };
 

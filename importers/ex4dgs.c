@@ -57,9 +57,9 @@ struct model {
     int sh_degree;
     size_t n;
     enum keyframes_kind kind;
-    double interval;    /* frames from one key frame to the next */
-    double shift;       /* frames from the first key frame to time 0 */
-    double duration;    /* frames over which a static Gaussian moves by its drift */
+    double interval;    /* number of frames from one key frame to the next */
+    double shift;       /* number of frames from the first key frame to time 0 */
+    double duration;    /* number of frames over which a static Gaussian moves by its drift */
     double frames;      /* number of frames of the clip; times run from 0 to frames - 1 */
     double least_width; /* added to the widths of both edges of the opacity, in key frames */
 };
@@ -139,7 +139,7 @@ static spin_status find_files(const char *path, struct model *m)
  * neither contains it. */
 struct given {
     double interval, pad, frames, var_pad, first;
-    int kind; /* -1: not given */
+    int kind; /* kind of interpolation; -1: not given */
 };
 
 static spin_status read_number(const struct spin_model *m, const char *option, double least,
@@ -812,7 +812,9 @@ static void chord_of(const struct model *m, const struct piece *p, float middle[
     }
     if (spin_quat_norm(middle) > 1e-3)
         return;
-    turn_at(m, p, p->from, middle); /* the ends are opposite, so the chord passes through 0 */
+    turn_at(
+        m, p, p->from,
+        middle); /* the quaternions at the two ends are opposite, so the chord passes through 0 */
     memset(change, 0, 4 * sizeof *change);
 }
 

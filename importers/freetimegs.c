@@ -16,10 +16,10 @@
 struct model {
     struct spin_model base;
     double step;        /* iteration of the checkpoint; -1: the file is a PLY */
-    double n_frames;    /* frames of the clip; 0: unknown */
+    double n_frames;    /* number of frames of the clip; 0: unknown */
     double fps;         /* frames per second of the clip; 0: unknown */
     bool moves;         /* use_velocity: if false, the splats do not move */
-    double least_sigma; /* shorter durations are raised to this */
+    double least_sigma; /* shorter durations are raised to this value */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */

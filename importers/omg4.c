@@ -33,7 +33,7 @@ enum { CONT, DC, OPACITY, SH, N_NETS };
 
 static const struct {
     const char *key;
-    int n_out; /* rows of the last matrix; a multiple of 16 */
+    int n_out; /* number of rows of the last matrix; a multiple of 16 */
     enum mlp_ending hidden;
 } nets[N_NETS] = {{"MLP_cont", 16, MLP_RELU},
                   {"MLP_dc", 16, MLP_LEAKY},

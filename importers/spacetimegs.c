@@ -62,7 +62,7 @@ struct model {
     bool full;
     size_t width;          /* number of floats in a row */
     float *rows;           /* [n][width]; for a lite model, valid only during open() */
-    enum ending ending;    /* for a full model */
+    enum ending ending;    /* activation after the network of a full model */
     struct mlp_net colour; /* for a full model; colour.n is 0 if only base colours are imported */
     struct camera_places cameras;
     double duration; /* number of frames that training used; 0: unknown */
@@ -347,7 +347,7 @@ static void fill_row(struct model *m, size_t i)
     memcpy(s->log_scales + 3 * i, row + SCALE, 3 * sizeof *row);
     if (spin_quat_norm(turn) > 0)
         memcpy(s->spins + 4 * i, change, 4 * sizeof *row);
-    else /* quaternion of length 0: the rotation is constant, as in the method's renderer */
+    else /* the quaternion is 0: the rotation is constant, as in the method's renderer */
         turn = spin_quat_norm(change) > 0 ? change : unturned;
     memcpy(s->quats + 4 * i, turn, 4 * sizeof *row);
     s->logit_opacities[i] = row[LOGIT];

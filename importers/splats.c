@@ -20,7 +20,7 @@
 /* Properties of the open file. */
 struct opened {
     size_t n_frames;     /* number of frames in the file; 1 unless it is a clip */
-    size_t n;            /* splats per frame */
+    size_t n;            /* number of splats per frame */
     int sh_degree;       /* largest SH degree that read() returns */
     bool antialias;      /* the splats were trained with antialiasing */
     bool has_axes;       /* the file records its axes */

@@ -14,7 +14,7 @@ struct usd_model {
     struct spin_model base;
     struct spin_usd_stage stage;     /* the stage that is open */
     struct spin_file_sequence files; /* one file, or one for each frame */
-    size_t at, n_frames;             /* index of the open file; frames of all files */
+    size_t at, n_frames;             /* index of the open file; number of frames in all files */
     int sh_degree;                   /* largest SH degree of all files */
     bool turned;                     /* undo the half turn about x that exporters apply */
     bool warned;                     /* a warning about dropped splats was printed */

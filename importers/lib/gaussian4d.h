@@ -8,8 +8,8 @@
 
 /* State while splats are added to the model's splats_4d. */
 struct gaussian4d {
-    size_t n;         /* splats added so far */
-    size_t n_dropped; /* rows of the file that were dropped */
+    size_t n;         /* number of splats added so far */
+    size_t n_dropped; /* number of rows of the file that were dropped */
     size_t *row;      /* [n] for each splat, its row in the file */
 };
 

@@ -8,13 +8,13 @@
 enum {
     HEX_MAX_SCALES = 16,
     HEX_MAX_CHANNELS = 256,
-    HEX_MAX_SIZE = 1 << 15, /* samples along an axis */
-    HEX_VOXELS = 64         /* voxels of empty_voxel along an axis */
+    HEX_MAX_SIZE = 1 << 15, /* largest number of samples along an axis */
+    HEX_VOXELS = 64         /* number of voxels of empty_voxel along an axis */
 };
 
 struct hexplane {
     int n_scales, channels;
-    int size[HEX_MAX_SCALES][4];     /* samples along x, y, z, t */
+    int size[HEX_MAX_SCALES][4];     /* number of samples along x, y, z, t */
     float *plane[HEX_MAX_SCALES][6]; /* [rows][columns][channels] */
     /* [2][3] Two opposite corners of the bounding box: the first is mapped to -1, the second to 1.
      * The method stores the maximum of the box as the first. */

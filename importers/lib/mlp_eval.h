@@ -54,7 +54,7 @@ typedef void (*mlp_block_fn)(void *context, size_t first, int n, float *scratch)
 struct mlp_team {
     struct spin_pool *pool;
     float *scratch; /* [threads][each] */
-    size_t each;    /* floats of scratch memory of each thread */
+    size_t each;    /* number of floats of scratch memory of each thread */
     /* The arguments of the current call of spin_mlp_team_run(). */
     mlp_block_fn fn;
     void *context;

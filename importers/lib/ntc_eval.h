@@ -21,7 +21,7 @@ struct ntc_shape {
     int width, n_hidden;
     struct spin_ntc_level level[NTC_MAX_LEVELS];
     size_t level_at[NTC_MAX_LEVELS]; /* index of the first parameter of each level */
-    int n_in;                        /* inputs of the first matrix, padded to a multiple of 16 */
+    int n_in; /* number of inputs of the first matrix, padded to a multiple of 16 */
     size_t n_parameters;
 };
 
