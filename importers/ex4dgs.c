@@ -812,9 +812,8 @@ static void chord_of(const struct model *m, const struct piece *p, float middle[
     }
     if (spin_quat_norm(middle) > 1e-3)
         return;
-    turn_at(
-        m, p, p->from,
-        middle); /* the quaternions at the two ends are opposite, so the chord passes through 0 */
+    /* The quaternions at the two ends are opposite, so the chord passes through 0. */
+    turn_at(m, p, p->from, middle);
     memset(change, 0, 4 * sizeof *change);
 }
 
