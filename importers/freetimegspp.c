@@ -42,7 +42,7 @@ struct model {
     bool has_network;
     struct velocity_net net;
     size_t *rows;      /* rows that are visible at the current time */
-    float *velocities; /* [n][3] velocities of these rows at that time */
+    float *velocities; /* [n][3] velocities of the visible rows at the current time */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */

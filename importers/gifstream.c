@@ -41,7 +41,7 @@ struct model {
     float *embed;           /* [n_embed] embedding of the first camera */
     struct camera_places camera;
     /* phi: factor from one frequency to the next in the encoding of time. n_knn: number of nearest
-     * neighbours whose features the motion network also receives if `knn`. */
+     * neighbours whose features the motion network also receives if `knn` is true. */
     double phi, n_knn;
     bool knn, rounded;      /* rounded: the tensors are rounded */
     double step[N_TENSORS]; /* rounding step; 0: values are not rounded */
@@ -89,8 +89,8 @@ static spin_status read_setting(const struct model *m, const char *key, double l
     return SPIN_OK;
 }
 
-/* Opens the cfg.yml that --config names or, by default, the one in the folder of the run. It is
- * required, since the checkpoints do not contain the settings. */
+/* Opens the cfg.yml that --config names or, by default, the one in the folder of the run. This file
+ * is required, since the checkpoints do not contain the settings. */
 static spin_status read_settings(struct model *m, const char *path)
 {
     const char *config = spin_model_option(&m->base, "config"), *folder, *up;

@@ -148,8 +148,8 @@ static spin_status huffman_build(const struct spin_value *table, struct huffman 
     return SPIN_OK;
 }
 
-/* Decodes n labels below n_labels. The end marker may be missing or truncated, so only the number
- * of labels is checked. */
+/* Decodes n labels, each of which must be below n_labels. The end marker may be missing or
+ * truncated, so only the number of labels is checked. */
 static spin_status huffman_read(const struct huffman *tree, const struct spin_value *bytes,
                                 size_t n, uint64_t n_labels, uint32_t *out)
 {

@@ -51,8 +51,8 @@ struct clip {
 };
 
 struct format {
-    const char *suffix; /* ".spz" */
-    const char *name;   /* "SPZ", for messages */
+    const char *suffix; /* extension of the files, such as ".spz" */
+    const char *name;   /* name of the format for messages, such as "SPZ" */
     /* open() fills clip->opened from the bytes in clip->map; read() reads the frame clip->within.
      * Their error messages do not name the file. */
     spin_status (*open)(struct clip *clip);

@@ -266,7 +266,7 @@ static spin_status find_flat(const struct spin_colmap *m, const char *images,
 
 /* A folder of frames or a video. */
 struct source {
-    const char *name; /* without the extension of a video */
+    const char *name; /* name of the folder, or of the video without its extension */
     const char *where;
     bool film, used;
 };
