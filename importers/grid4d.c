@@ -1,14 +1,14 @@
 /* Grid4D (Xu et al., NeurIPS 2024): a cloud of canonical Gaussians, four 3-D hash grids (one over
- * space, three over two axes and time) and a network that rotates, moves and reshapes the
+ * space, three over two axes of space and time) and a network that rotates, moves and reshapes the
  * Gaussians.
  *
- * Residuals are added after the activations, so the method's rasteriser gets quaternions that are
- * not of unit length: see spin_deform_shape().
+ * Residuals are added after the activations, so the norms of the quaternions that the method's
+ * rasteriser receives are not 1: see spin_deform_shape().
  *
  * DASH (Chen et al., 2025): a descendant of Grid4D. A cloud of canonical Gaussians, some of which
- * are dynamic; a 4-D hash grid and a network move and reshape the dynamic ones. As in the method's
- * render script, the heads for opacity and colour are stored but not used, and static Gaussians do
- * not change. */
+ * are dynamic; a 4-D hash grid and a network move and reshape the dynamic ones. The heads for
+ * opacity and colour are stored, but the importer does not use them, like the method's render
+ * script. Static Gaussians do not change. */
 #include <string.h>
 
 #include "importers/lib/deform.h"

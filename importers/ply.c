@@ -364,7 +364,7 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
     return SPIN_OK;
 }
 
-/* The median of a coordinate, and the extent of its central 90 %. */
+/* The median of a coordinate, and the extent of the central 90 % of its values. */
 struct spread {
     double middle, range;
 };

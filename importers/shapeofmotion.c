@@ -26,7 +26,7 @@ struct model {
         *shifts; /* motions of the bases: [n_bases][n_frames][6] and [n_bases][n_frames][3] */
     size_t *row; /* [n] rows that are kept, ascending */
     size_t n, n_fore_kept;
-    size_t *counts; /* [n_frames] n for every frame */
+    size_t *counts; /* [n_frames] number of splats in each frame, which is always n */
 };
 
 /* ---- Recognising ----------------------------------------------------------------------------- */

@@ -31,7 +31,7 @@ enum {
 /* The PLY properties of a cloud. A group is the property `name`, or <name>0, <name>1, ... */
 static const struct group {
     const char *name;
-    int n[2]; /* number of properties in lite and in full models; 0: the property `name` */
+    int n[2]; /* number of properties in lite and in full models; 0: only the property `name` */
     int at;
 } groups[] = {
     {"x", {0, 0}, PLACE},          {"y", {0, 0}, PLACE + 1},

@@ -172,7 +172,7 @@ static spin_status fit_views(const struct colmap *m, struct spin_views *out, siz
 
 struct frame_folder {
     const char *name;   /* name of the folder */
-    const char *images; /* the folder of its images */
+    const char *images; /* folder of the images of the frame */
     int number;
 };
 

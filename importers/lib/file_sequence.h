@@ -19,7 +19,8 @@ struct spin_file_frame {
     size_t n;         /* number of splats, which the caller sets */
 };
 
-/* The files of a clip. To be zero-initialised; the memory is freed with the model. */
+/* The files of a clip. The caller zero-initialises the struct; the memory is freed with the model.
+ */
 struct spin_file_sequence {
     struct spin_file_frame *frame;
     size_t n_frames;

@@ -106,8 +106,8 @@ static spin_status read_meta(struct spin_model *m, const char *folder, const spi
 
 /* ---- The level ------------------------------------------------------------------------------- */
 
-/* Sets *missing to the path of a file that the level lacks, or to NULL. Returns whether the level
- * has splats. */
+/* Sets *missing to the path of a file that the level lacks, or to NULL if it lacks none. Returns
+ * whether the level has splats. */
 static bool has_level(const struct sog_levels *l, int level, const char **missing)
 {
     bool has = false;

@@ -23,7 +23,7 @@ struct sog_run {
     size_t first, n;
 };
 
-/* To be zero-initialised; the memory is freed with the model. */
+/* The caller zero-initialises the struct; the memory is freed with the model. */
 struct sog_levels {
     struct sog_chunk *chunk; /* [n_chunks + 1], the last one is the sky */
     struct sog_run *run;

@@ -50,8 +50,8 @@ spin_status spin_views_fit_image(struct spin_camera *c, const char *path);
 bool spin_views_is_safe_name(const char *name);
 
 /* spin_views_check_most() checks that less than half of the image files of the views from index
- * `first` on are missing. spin_views_drop_missing() removes the views without an image and counts
- * them in a warning. Frames that have no image at all are left out, with views->lacks_frames set.
+ * `first` on are missing. spin_views_drop_missing() removes the views without an image and warns
+ * with their number. Frames that have no image at all are left out, with views->lacks_frames set.
  */
 spin_status spin_views_check_most(const struct spin_views *views, size_t first);
 spin_status spin_views_drop_missing(struct spin_views *views, size_t first);
