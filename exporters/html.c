@@ -94,7 +94,8 @@ struct export
     const struct spin_export_job *job;
     struct spin_out out, data, poster, sound; /* sound: with --split only */
     bool split, has_poster;
-    /* The encoder of the draft, which shows the first version; used only with --split. */
+    /* Encoder of the draft, a coarse clip that the page plays until the complete one has loaded;
+     * used only with --split. */
     struct spin_page_draft draft;
     size_t draft_splats; /* number of splats in the draft; 0: no draft */
     uint64_t draft_bytes;

@@ -146,7 +146,8 @@ static spin_status add_camera_folder(struct set *set, const char *name)
     return SPIN_OK;
 }
 
-/* Adds the images of the folders of frames in `frames`. */
+/* Adds the images in the numbered subfolders of the folder `frames`. Each subfolder holds the
+ * images of one frame. */
 static spin_status add_frame_folders(struct set *set, const char *frames)
 {
     SPIN_LEAVES(spin_numbers_free) struct spin_numbers numbers = {0};

@@ -359,7 +359,7 @@ if (audio) {
 
 // ---- Buttons, keys, fingers ---------------------------------------------------------------------
 
-// Returns the source's number of a frame. Between two frames, the number is interpolated.
+// Returns the number that the source gives to a frame. Between two frames, it is interpolated.
 function numberAt(frame) {
     const k = Math.floor(frame), a = clip.numbers[k];
     return frame === k ? a : Number((a + (frame - k) * (clip.numbers[k + 1] - a)).toFixed(3));

@@ -214,8 +214,8 @@ function emptyFrame(n, nSh) {
 
 const arrays = (count, n) => Array.from({ length: count }, () => new Int32Array(n));
 
-// Reads the columns of a key frame or of own rows. Red and blue are stored as differences from
-// green.
+// Reads the columns of a key frame, or of the rows that a frame stores in full. Red and blue are
+// stored as differences from green.
 function keysFrom(read, keys, n) {
     for (const column of keys) read.whole(column, n);
     const [red, green, blue] = keys.slice(COLOUR);

@@ -43,7 +43,7 @@ spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out
             return SPIN_OK;
     }
     return spin_misuse("--decimate '%s': expected a number of splats (5000), a share (50%%), a "
-                       "size in B, kB, MB or GB (2MB) or a loss (40dB)",
+                       "size in B, kB, MB or GB (2MB) or a PSNR to keep (40dB)",
                        text);
 }
 

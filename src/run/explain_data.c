@@ -21,7 +21,7 @@ static spin_status count_cameras(const struct spin_views *views, int *n)
     return SPIN_OK;
 }
 
-/* Describes the views of a data set. If there are as many cameras and frames as images, the data
+/* Describes the views of a data set. If each image has its own camera and its own frame, the data
  * set does not show whether it is a static scene or the video of one moving camera. */
 static spin_status describe_views(const struct spin_views *views, char out[120])
 {

@@ -254,8 +254,8 @@ static void log_recipe(const struct spin_plan *p)
                  spin_text_count(o->iterations, "iteration", count), frames, about);
 }
 
-/* Sets options for --watch, except those that the user has set: log and previews are written to the
- * folder of the page, and the training evaluates twenty times. */
+/* For --watch, writes the log and the previews to the folder of the page, and evaluates twenty
+ * times during the training. Options that the user has set are left unchanged. */
 static spin_status prepare_watch(struct run *r)
 {
     struct spin_retrain_options *o = &r->plan.report->options;

@@ -256,10 +256,10 @@ static void unproject_cell(const struct view *v, int i)
         v->cell[i].at[k] = m[k] * p[0] + m[4 + k] * p[1] + m[8 + k] * p[2];
 }
 
-/* Returns the number of columns for which a cell contains CELL_POINTS points of a frame on average.
- * In cells with fewer points, the outermost surface is unreliable, and the backdrop could occlude
+/* Returns the number of columns of a grid whose cells contain CELL_POINTS points of a frame on
+ * average. In smaller cells, the outermost surface is unreliable, and the backdrop could occlude
  * real surfaces: on the clip "court-mini" (docs/results.md), the backdrop lowers the PSNR by 0.6 dB
- * with 40 columns, and raises it by 0.6 dB with cells of this size. */
+ * with a finer grid of 40 columns, and raises it by 0.6 dB with the grid chosen here. */
 static int choose_columns(const struct layout *l, const struct spin_camera *camera)
 {
     double visible = 0, columns, p[3];

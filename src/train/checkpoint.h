@@ -17,7 +17,7 @@ struct spin_state_array {
     char name[48];
     enum {
         SPIN_STATE_VALUES, /* parameters, Adam moments, turns, Polyak average */
-        SPIN_STATE_STEPS,  /* the last Adam step of each line of the table, for lazy Adam */
+        SPIN_STATE_STEPS,  /* last Adam step that updated each line of the hash table (lazy Adam) */
         SPIN_STATE_GRADIENT,
         /* GRADIENT and SEEN are the densification statistics of a frame's splats, which each rank
            accumulates over its own views. A checkpoint contains the statistics of all ranks, added

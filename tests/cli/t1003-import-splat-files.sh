@@ -48,7 +48,7 @@ mkdir "$work/both"
 cp "$files/spz4/frame_00000.spz" "$files/splat/frame_00000.splat" "$work/both"
 run "$bin/spin-import" "$work/both" -o "$work/never.spin"
 fails 1 spin-import "two formats in a folder"
-err_has "'splat' or 'spz'.*--from" "and what decides"
+err_has "'splat' and 'spz'.*--from" "and what decides"
 run "$bin/spin-import" --from spz --json "$work/both" -o "$work/both.spin"
 is "$code $(member frames)" "0 1" "--from does"
 

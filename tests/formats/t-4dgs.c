@@ -463,7 +463,7 @@ static void test_lies(void)
         {3, 94, 0x7ff8000000000000, 8, "origin or a step is not finite",
          "a step that is not a number"},
         {4, 0, 0, 4, "no splat is visible", "no window"},
-        {4, 0, 9, 4, "9 windows in 48 bytes", "more windows than bytes"},
+        {4, 0, 9, 4, "9 windows do not fit into 48 bytes", "more windows than bytes"},
         {4, 4, 0x7ff8000000000000, 8, "window 0", "a window that is not a number"},
         {5, 0, 0x7ff8000000000000, 8, "chunk 0: the start or end of the interval",
          "an interval that is not a number"},
@@ -477,7 +477,7 @@ static void test_lies(void)
         {5, 47, 2, 1, "'window_index': codec 2 is not supported", "another codec, by name"},
         {5, 48, 2, 1, "'window_index': 14 splats with 2 values each, expected 14 with 1 each",
          "other channels"},
-        {5, 49, 13, 4, "'window_index': 13 x 1 values", "another number of elements"},
+        {5, 49, 13, 4, "'window_index': 13 splats with 1 values each", "another number of elements"},
         {5, 53, 0xffffff, 4, "chunk 0: a stream extends beyond the chunk",
          "a stream that ends behind it"},
         {5, 61, 0xff, 1, "'window_index': the zlib", "a damaged stream"},
@@ -633,7 +633,7 @@ static void test_bad_sounds(void)
     refused(make(), "data twice", "data that come twice");
     sounds.twice = false;
     sounds.length = 0;
-    refused(make(), "lasts 0 seconds", "a sound of no length");
+    refused(make(), "duration of 0 s", "a sound of no length");
     sounds.length = 1;
     sounds.gain = -1;
     refused(make(), "gain is -1", "a negative gain");

@@ -357,7 +357,7 @@ static void test_pixels(void)
 enum { N_AHEAD = 40, ROUNDS = 20 };
 
 /* Writes an image whose bytes depend on k, and adds its view. */
-static void add_numbered(struct spin_views *views, int k)
+static void add_numbered(struct spin_views *views, const char *folder, int k)
 {
     struct spin_view v = {.camera = camera};
     uint8_t rgb[W * H * 3];
@@ -365,7 +365,7 @@ static void add_numbered(struct spin_views *views, int k)
 
     for (int i = 0; i < W * H * 3; i++)
         rgb[i] = (uint8_t)(31 * k + 7 * i);
-    snprintf(path, sizeof path, "%s/ahead-%d.png", check_folder(), k);
+    snprintf(path, sizeof path, "%s/ahead-%d.png", folder, k);
     v.path = path;
     v.camera.width = W;
     v.camera.height = H;
@@ -401,13 +401,14 @@ static void test_ahead(void)
     const size_t expected[] = {1, 1, 16};
     struct spin_views views = {0};
     struct spin_image_cache cache;
+    const char *folder = check_folder();
 
     if (spin_image_start() != SPIN_OK) {
         skip("ahead", spin_last_error());
         return;
     }
     for (int k = 0; k < N_AHEAD; k++)
-        add_numbered(&views, k);
+        add_numbered(&views, folder, k);
     for (int k = 0; k < 3; k++) {
         int wrong = 0;
 
@@ -437,11 +438,12 @@ static void test_ahead_missing(void)
     struct spin_views views = {0};
     struct spin_image_cache cache;
     uint8_t rgb[W * H * 3];
+    const char *folder = check_folder();
 
     if (spin_image_start() != SPIN_OK)
         return;
-    add_numbered(&views, 0);
-    add_numbered(&views, 1);
+    add_numbered(&views, folder, 0);
+    add_numbered(&views, folder, 1);
     views.view[1].path[0] = '?';
     if (spin_image_cache_open(&views, 1 << 20, NULL, &cache) != SPIN_OK ||
         spin_image_cache_read_ahead(&cache) != SPIN_OK)
