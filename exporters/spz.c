@@ -179,7 +179,7 @@ static spin_status write_version_3(struct export *x, struct spin_out *out)
     return spin_out_write(out, x->packed, n_packed);
 }
 
-/* Writes the table of contents twice: first as a placeholder, and again when the sizes of the
+/* Writes the table of contents twice: first to reserve its bytes, and again when the sizes of the
  * streams are known. */
 static spin_status write_version_4(struct export *x, struct spin_out *out)
 {

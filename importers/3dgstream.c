@@ -293,8 +293,9 @@ static spin_status prepare_networks(struct clip *clip)
     if (status != SPIN_OK && clip->config)
         return spin_fail_context(status, "with the configuration '%s'", clip->config);
     if (status != SPIN_OK)
-        return spin_fail_context(status, "with the default configuration, since there is no "
-                                         "config.json: give that of the run with --config");
+        return spin_fail_context(status,
+                                 "with the default configuration, since there is no "
+                                 "config.json: give the config.json of the run with --config");
     status = spin_mlp_team_create(3 * spin_mlp_widest(&clip->network.net), &clip->base.team);
     spin_ntc_free(&clip->network);
     return status;

@@ -88,10 +88,11 @@ static spin_status code_row(struct spin_4dgs_frames *x, size_t row, struct spin_
     for (int c = 0; c < 3; c++) {
         bin[c] = spin_4dgs_round((double)is.place[c] - x->coding->origin[c], step);
         if (abs(bin[c] / 2) > MOST_STEPS / 2)
-            return spin_unsupported(
-                "frame %d: a coordinate of a splat is %g, too far from the "
-                "splats of the first frame for a .4dgs: drop the splat with --crop",
-                x->job->numbers ? x->job->numbers[x->n_frames] : x->n_frames, (double)is.place[c]);
+            return spin_unsupported("frame %d: a coordinate of a splat is %g, farther from the "
+                                    "splats of the first frame "
+                                    "than a .4dgs can store: drop the splat with --crop",
+                                    x->job->numbers ? x->job->numbers[x->n_frames] : x->n_frames,
+                                    (double)is.place[c]);
         shown.place[c] = (float)(x->coding->origin[c] + bin[c] * step);
     }
     *spin_4dgs_bin(to, SPIN_4DGS_FLAGS) = SPIN_4DGS_NEVER_FADES;

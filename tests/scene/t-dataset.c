@@ -1,7 +1,10 @@
 /* views: order, split, size, pairing with a clip, pixels; choosing an importer.  K: views */
 
+#include <time.h>
+
 #include "base/err.h"
 #include "base/log.h"
+#include "base/mem.h"
 #include "base/number.h"
 #include "io/image.h"
 #include "scene/probe.h"
@@ -432,6 +435,40 @@ static void test_ahead(void)
     spin_views_free(&views);
 }
 
+/* Decodes a view to one byte, its number, and counts the views. */
+static spin_status decode_number(void *context, size_t view, uint8_t **rgb)
+{
+    if (spin_alloc(1, 1, (void **)rgb) != SPIN_OK)
+        return SPIN_E_MEMORY;
+    **rgb = (uint8_t)view;
+    __atomic_add_fetch((int *)context, 1, __ATOMIC_SEQ_CST);
+    return SPIN_OK;
+}
+
+/* Threads decode an announced view without a request for it. */
+static void test_threads_decode(void)
+{
+    struct spin_read_ahead *ahead;
+    int n = 0;
+    uint8_t *rgb;
+
+    if (!ok(spin_read_ahead_start(2, 2, decode_number, &n, &ahead) == SPIN_OK, "threads start"))
+        return;
+    /* In the second round, the threads are waiting for an announcement. */
+    for (int round = 1; round <= 2; round++) {
+        spin_read_ahead_announce(ahead, 5);
+        for (int i = 0; i < 500 && __atomic_load_n(&n, __ATOMIC_SEQ_CST) < round; i++)
+            nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
+        rgb = spin_read_ahead_take(ahead, 5);
+        ok(n == round && rgb && *rgb == 5, "an announced view is decoded in the background");
+        free(rgb);
+        nanosleep(&(struct timespec){.tv_nsec = 100000000}, NULL);
+    }
+    ok(!spin_read_ahead_take(ahead, 5), "and taken once");
+    ok(!spin_read_ahead_take(ahead, 6), "a view that was not announced is not there");
+    spin_read_ahead_free(ahead);
+}
+
 /* An image that cannot be decoded ahead is reported when it is requested. */
 static void test_ahead_missing(void)
 {
@@ -479,5 +516,6 @@ TAP_MAIN
     test_find();
     test_pixels();
     test_ahead();
+    test_threads_decode();
     test_ahead_missing();
 }
