@@ -16,8 +16,8 @@ struct reader {
     size_t size;
     struct spin_4dgs *info;
     struct spin_splats_4d *splats;
-    unsigned seen; /* bit k: record k was read, for records that must not occur twice */
-    uint64_t n_said;
+    unsigned seen;   /* bit k: record k was read, for records that must not occur twice */
+    uint64_t n_said; /* number of splats that the header declares */
     double origin[3], step[SPIN_4DGS_N_STEPS];
     double *window; /* [n_windows][2] start and end of each window */
     size_t n_windows;
@@ -340,8 +340,6 @@ static spin_status read_band(struct reader *r, struct spin_4dgs_cursor *c)
     return spin_fail_context(status, "chunk %zu: SH band %zu", r->n_chunks - 1, b);
 }
 
-/* ---- The file -------------------------------------------------------------------------------- */
-
 /* ---- Keyframes and deltas -------------------------------------------------------------------- */
 
 static spin_status read_state_record(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c,
@@ -393,6 +391,8 @@ static spin_status fill_states(struct reader *r)
     }
     return SPIN_OK;
 }
+
+/* ---- The file -------------------------------------------------------------------------------- */
 
 /* Reads a sound record in the first pass, and skips it in the second pass. */
 static spin_status read_sound(struct reader *r, unsigned opcode, struct spin_4dgs_cursor *c)

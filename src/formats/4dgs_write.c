@@ -30,8 +30,8 @@ void spin_4dgs_choose_steps(struct spin_4dgs_coding *c, double scale)
     c->step[SPIN_4DGS_STEP_SCALE] = c->step[SPIN_4DGS_STEP_SIGMA] = 2 * log1p(RELATIVE);
     c->step[SPIN_4DGS_STEP_ROTATION] = ldexp(1, -10);
     c->step[SPIN_4DGS_STEP_COLOUR] = c->step[SPIN_4DGS_STEP_OPACITY] = ldexp(1, -9);
-    /* An error of the velocity grows to a position error over the time in which the splat is
-     * visible, which is at most the whole clip. */
+    /* An error of the velocity becomes an error of the position, which grows for as long as the
+     * splat is visible: at most for the whole clip. */
     c->step[SPIN_4DGS_STEP_MOTION] = 2 * step / fmax(1, power_of_2(c->duration));
     c->step[SPIN_4DGS_STEP_TIME] = ldexp(1, -10);
 }

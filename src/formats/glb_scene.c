@@ -6,12 +6,13 @@
 #include "math/scene_rotation.h"
 
 #define POINTER "KHR_animation_pointer"
-/* Limit on the number of pairs of a frame and a mesh primitive, and on the number of pairs of a
- * time of the animation and an animated node. It protects against small files that expand to
- * gigabytes. A clip with one node per frame may have 4096 frames. */
+/* Limit on three numbers: frames times mesh primitives, times of the animation times animated
+ * nodes, and key frames. It prevents small files from expanding to gigabytes. A clip with one node
+ * per frame may have at most 4096 frames. */
 #define MAX_CELLS ((uint64_t)1 << 24)
 #define MAX_PIECES ((size_t)1 << 16)
-/* A frame with SPZ data of n bytes may have n + PACKED_SLACK splats. */
+/* If the binary chunk has n bytes, a frame may have at most n + PACKED_SLACK splats, of which at
+ * most n may be stored without SPZ. */
 #define PACKED_SLACK (1u << 20)
 #define SAME_SCALE 1e-4 /* relative tolerance within which scales count as equal */
 #define NO_SCALE 1e-6   /* a node with a smaller scale is invisible */

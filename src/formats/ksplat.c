@@ -15,7 +15,7 @@
 
 struct file {
     int level;
-    uint32_t n_sections;
+    uint32_t n_sections; /* capacity in sections: unused sections have headers too */
     float sh_least, sh_largest;
 };
 

@@ -12,7 +12,7 @@
 #define SQRT2 1.41421356237309505f
 #define MAX_META (1u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096 /* an image may have 2 n + SLACK pixels for n splats */
+#define SLACK 4096 /* an image of n splats may have at most 2 n + SLACK pixels */
 /* A splat has about 12 bytes in the image files. If a file declares more than n + MOST_SPLATS
  * splats for images of n bytes, it is refused as a decompression bomb. */
 #define MOST_SPLATS (1u << 20)

@@ -8,8 +8,8 @@
 #define MAX_META (4u << 20)
 #define MAX_PICTURE (512u << 20)
 #define MAX_COUNT ((int64_t)SPIN_WEBP_MAX_SIDE * SPIN_WEBP_MAX_SIDE)
-#define SLACK 4096             /* an image may have 2 n + SLACK pixels for n splats */
-#define MOST_SPLATS (1u << 20) /* a file of n bytes may contain n + MOST_SPLATS splats */
+#define SLACK 4096             /* an image of n splats may have at most 2 n + SLACK pixels */
+#define MOST_SPLATS (1u << 20) /* a file of n bytes may have at most n + MOST_SPLATS splats */
 
 /* ---- meta.json ------------------------------------------------------------------------------- */
 

@@ -88,7 +88,7 @@ spin_status spin_sog_4d_files(struct spin_sog_4d *r, const spin_json *object, co
  * component of the path may be empty, "." or "..", and the characters \ : ? # and control
  * characters are not allowed. */
 bool spin_sog_4d_name_is_plain(const char *name);
-/* Reads the keys of meta.json that SOG has too: means, scales, quats, sh0 and shN. Codebooks must
+/* Reads the keys of meta.json that SOG also has: means, scales, quats, sh0 and shN. Codebooks must
  * have at least `least` numbers. */
 spin_status spin_sog_4d_still(struct spin_sog_4d *r, size_t least);
 

@@ -12,8 +12,9 @@ enum { DESCRIPTOR = 1 << 3 }; /* flag of a zip member: sizes and checksum follow
 
 static uint32_t u32_at(const unsigned char *p) { return spin_u32_at(p); }
 
-/* Checks that checksum and sizes of a zip member are the same in the central directory and in the
- * member's local header or, if the DESCRIPTOR flag is set, in the data descriptor after its data.
+/* Checks that the local header of a zip member has the compression method, checksum and sizes of
+ * the central directory. If the DESCRIPTOR flag is set, checksum and sizes must be 0 in the local
+ * header and correct in the data descriptor, which follows the data and may begin with a signature.
  */
 static bool header_agrees(const struct spin_zip *zip, const struct spin_zip_member *m)
 {

@@ -23,8 +23,8 @@ static spin_status copy_text(struct spin_usd_stage *s, const char *text, const c
 }
 
 /* Resolves the asset path `asset`, which is relative to the file `from`. "./" is always removed.
- * "../" is resolved only within packages: a zip has no parent folders, whereas the file system
- * resolves them itself. */
+ * "../" is resolved only within packages, since names of zip members are compared as text; outside
+ * packages, the file system resolves it. */
 static spin_status resolve_path(struct spin_usd_stage *s, const char *from, const char *asset,
                                 const char **out)
 {

@@ -15,8 +15,8 @@ enum { LEAST_PACKED = 16 };
 
 enum kind { SPEC_ATTRIBUTE = 1, SPEC_PRIM = 6, SPEC_ROOT = 7 };
 
-/* Types of values. ITEM, an item of a list of references, is not a type of the format, but is only
- * used in this file. */
+/* Types of values. ITEM is not a type of the format: this module uses it for the words of items of
+ * lists of references, whose payload is the offset of the item. */
 enum type {
     BOOL = 1,
     UCHAR,
@@ -543,8 +543,8 @@ spin_status spin_usd_crate_open(struct spin_usd_layer *out)
 
 /* ---- Numbers --------------------------------------------------------------------------------- */
 
-/* Returns the type of the numbers that values of a type consist of, and sets *width to how many
- * numbers a tuple has: 1 for plain numbers, 0 for types that do not consist of numbers. */
+/* Returns the type of the components of a value, and sets *width to the number of components of a
+ * tuple: 1 for plain numbers, 0 for types that do not consist of numbers. */
 static enum type component_of(enum type type, unsigned *width)
 {
     static const enum type of[] = {DOUBLE, FLOAT, HALF, INT};
@@ -860,9 +860,10 @@ static bool text_item(const struct spin_usd_value *of, enum type type, size_t i,
 }
 
 /* Sets *out to item i of a list of references or payloads. Returns false if there is no such item.
- * USD stores a list operation with up to six lists: explicit, added, prepended, appended, deleted
- * and ordered items. Bits 1 to 6 of its first byte specify, in this order, which lists exist. Only
- * the first existing list is read. size: bytes of an item without custom data. */
+ * USD stores a list operation as a byte followed by up to six lists, in the order explicit, added,
+ * prepended, appended, deleted and ordered items. Bits 1, 2, 5, 6, 3 and 4 of the byte, in the same
+ * order, specify which lists exist. Only the first list is read, unless it contains deleted or
+ * ordered items. size: bytes of an item without custom data. */
 static bool reference_item(const struct spin_usd_value *of, size_t size, size_t i,
                            struct spin_usd_value *out)
 {

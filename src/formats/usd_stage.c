@@ -24,8 +24,9 @@ static const struct {
      SPIN_COL_SH},
 };
 
-/* Finds the value of a splat attribute at a time: that of the attribute with floats or, if it has
- * no value, that of the attribute with half floats. NULL: neither has a value. */
+/* Finds the values of a column at a time. The schema has two attributes for each column, one with
+ * floats and one with half floats; the one with floats is preferred. Sets *out to NULL if neither
+ * has a value. */
 static spin_status find_column(struct spin_usd_stage *s, const struct usd_node *node, int column,
                                double time, struct spin_usd_value **out)
 {
@@ -58,8 +59,8 @@ static spin_status add_time(struct times *list, double time)
     return SPIN_OK;
 }
 
-/* Returns whether the samples of an attribute define frames: this is so for transforms and, if
- * `splats` is not NULL, for the attributes of splats. */
+/* Returns whether the samples of an attribute define frames. Those of transforms do and, if
+ * `splats` is not NULL, also those of splat attributes. */
 static bool is_sampled(struct spin_usd_stage *s, const struct usd_node *splats, const char *name)
 {
     bool found = strncmp(name, "xformOp:", 8) == 0;

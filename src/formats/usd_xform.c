@@ -118,7 +118,7 @@ static spin_status apply_ops(struct spin_usd_stage *s, const struct usd_node *no
     return SPIN_OK;
 }
 
-/* Sets *q to the rotation of a matrix whose rows are orthonormal. */
+/* Sets q to the quaternion w x y z of a rotation matrix in USD's row-vector convention. */
 static void quaternion_of(const double r[3][3], double q[4])
 {
     double trace = r[0][0] + r[1][1] + r[2][2];
