@@ -549,7 +549,7 @@ static void camera_colours(struct fixture *f)
         without += log.step[i].loss;
         with += residual.step[i].loss;
     }
-    if (!ok(with < 0.8 * without, "the loss comes lower"))
+    if (!ok(with < 0.9 * without, "the loss comes lower"))
         printf("#   %.4f without, %.4f with\n", without / (3 * f->views), with / (3 * f->views));
     o.learns_exposure = false;
     sh_fits(&exposed, &o, without);
