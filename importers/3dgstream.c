@@ -164,7 +164,8 @@ static spin_status find_first(struct clip *clip, const char *path, const char **
 
 /* Finds the cloud of frame 0: that at the path in option `init` or, without the option, the first
  * of these that exists: the file init_3dgs.ply, the model in the folder init_3dgs, the model in the
- * input folder, a model in another folder beside the frames. */
+ * input folder, a model in another folder beside the frames. If frame 0 already has a cloud, only
+ * the option replaces it. */
 static spin_status find_init(struct clip *clip)
 {
     static const char *const places[] = {"init_3dgs.ply", "init_3dgs", "."};

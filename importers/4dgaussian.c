@@ -51,7 +51,7 @@ static int probe(const struct spin_peek *peek)
     modec = spin_peek_contains(peek, "LGD_method=");
     if (cloud && spin_peek_contains(peek, "kplanes_config=") && !modec)
         return 90;
-    /* Plain 3DGS and the family of Deformable 3D Gaussians write these files, 4DGaussians does not.
+    /* Plain 3DGS and the family of Deformable 3D Gaussians write these files; 4DGaussians does not.
      */
     if (spin_peek_has(peek, "deform") || spin_peek_has(peek, "cameras.json") ||
         spin_peek_has(peek, "input.ply"))
@@ -195,8 +195,8 @@ static spin_status load_network(struct spin_model *m)
     return SPIN_OK;
 }
 
-/* Warns if deformation_table.pth does not have one value per Gaussian: the files are then of two
- * checkpoints. The table itself does not affect the result. */
+/* Warns if deformation_table.pth does not have one value per Gaussian: table and cloud then belong
+ * to different checkpoints. The table itself does not affect the result. */
 static void check_table(struct spin_model *m, const char *save)
 {
     size_t n = m->canonical.n;

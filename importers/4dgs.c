@@ -11,9 +11,9 @@ static int fourdgs_probe(const struct spin_peek *peek)
     return spin_file_begins(peek, "\2114DGS") ? 90 : spin_file_named(peek, ".4dgs");
 }
 
-/* Returns the last time at which splats can be visible. The window of a splat in time excludes its
- * end, which is a float that is at most `duration`. The result is therefore the largest float below
- * the largest such end. */
+/* Returns the last time at which splats can be visible. The interval in which a splat is visible
+ * excludes its end, and the latest possible end is the largest float that is at most `duration`.
+ * The result is therefore the float before this one. */
 static float last_visible_time(double duration)
 {
     float last = (float)duration;

@@ -197,7 +197,8 @@ static void close_run(void *self)
 
 /* ---- Reading --------------------------------------------------------------------------------- */
 
-/* Reads the values of an array for one frame as stored; nonfinite values are an error. */
+/* Reads the values of an array for one frame as stored, except that log scales of -infinity become
+ * finite. Other nonfinite values are an error. */
 static spin_status read_column(const struct run *run, int key, int frame, float *out)
 {
     const struct spin_array *a = &run->array[key];

@@ -5,8 +5,8 @@
  *
  * Two peculiarities:
  * - Residuals are added after the activation, and the rasteriser does not normalise the resulting
- * quaternions, so it draws another ellipsoid than for unit quaternions. The importer computes the
- * covariance in the same way and decomposes it again.
+ * quaternions, so it draws a different ellipsoid than for unit quaternions. The importer computes
+ * the covariance in the same way and decomposes it again.
  * - The cloud and the network of a checkpoint are in separate folders; both must be of the same
  * iteration. */
 #include "importers/lib/deform.h"

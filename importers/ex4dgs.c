@@ -812,12 +812,14 @@ static void chord_of(const struct model *m, const struct piece *p, float middle[
     }
     if (spin_quat_norm(middle) > 1e-3)
         return;
-    /* The quaternions at the two ends are opposite, so the chord passes through 0. */
+    /* The quaternions at the two ends are opposite, so the chord passes through 0: use the rotation
+     * at the start for the whole segment. */
     turn_at(m, p, p->from, middle);
     memset(change, 0, 4 * sizeof *change);
 }
 
-/* Returns the largest angle between the chord and the arc of a segment, in degrees. */
+/* Returns the largest angle between the chord and the arc at some points of a segment, in degrees.
+ */
 static double error_of(const struct model *m, const struct piece *p)
 {
     float middle[4], change[4], arc[4];

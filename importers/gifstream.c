@@ -380,7 +380,8 @@ static spin_status round_tensors(struct spin_model *base)
 }
 
 /* Applies the sigmoid to the factors and the exponential to the scales of offsets, rounds the
- * tensors if the training rendered with rounded ones, and loads the networks. */
+ * tensors if the training rendered with rounded ones, and loads the networks. As in the method,
+ * factors below 0.1 become 0; otherwise the last factor, that of the opacity, becomes 1. */
 static spin_status activate(struct spin_model *base)
 {
     struct model *m = (struct model *)base;

@@ -48,7 +48,7 @@ struct hash_method {
 struct hash_model {
     struct spin_model base;
     const struct hash_method *method;
-    const char *save; /* name iteration_<N> of the checkpoint */
+    const char *save; /* name of the checkpoint: iteration_<N> */
     float *extra;     /* [n] values of the additional property of the cloud, or NULL */
     double bound, scale_xyz[3];
     const struct spin_value *grid,

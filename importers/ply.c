@@ -183,7 +183,7 @@ static spin_status list_frame_folders(struct spin_model *m, const char *path,
 /* Lists the files of all frames and sorts them; it is an error if there are none. If `path` is a
  * folder, the first of these that exists is used: (1) the PLY files in the folder; (2) a single
  * frame, the cloud of the model or of the newest checkpoint in the folder; (3) the clouds of the
- * models in numbered subfolders. */
+ * models in numbered subfolders. Option `pattern` excludes (2) and, if it has a slash, also (1). */
 static spin_status find_files(struct clip *clip, const char *path)
 {
     struct spin_model *m = &clip->base;

@@ -331,8 +331,8 @@ static unsigned moved_columns(const struct model *m)
            (m->head[COLOUR_HEAD].n ? (unsigned)SPIN_COL_SH : 0);
 }
 
-/* Limits the changes of scales, and adds the identity to quaternions, which are stored as
- * differences from it. */
+/* Limits the changes of scales, and adds the identity to the local rotations of the nodes, which
+ * the network yields as differences from the identity. */
 static void finish_nodes(struct model *m)
 {
     for (size_t i = 0; i < m->n_nodes; i++) {

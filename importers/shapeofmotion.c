@@ -1,8 +1,8 @@
 /* Shape of Motion (Wang et al.): checkpoints/last.ckpt. All foreground splats share a few rigid
- * motions, the motion bases. Each splat blends these motions with weights of its own: first the
- * translations of all bases, then the six numbers that describe the rotation of each basis. The
- * blended six numbers are orthonormalised to a rotation. Background splats are static. Motions are
- * tabulated for each frame and are undefined between frames. */
+ * motions, the motion bases, and each splat blends them with weights of its own. Its translation is
+ * the weighted sum of the translations of all bases. Its rotation is found by orthonormalising the
+ * weighted sums of the six numbers that describe the rotation of each basis. Background splats are
+ * static. Motions are tabulated for each frame and are undefined between frames. */
 #include "importers/lib/chkpnt.h"
 #include "math/quat.h"
 #include "math/sh.h"
@@ -289,8 +289,9 @@ static void multiply_quats(const double a[4], const float b[4], float out[4])
 
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
-/* Returns whether all values of a row are finite, its quaternion is not zero, and its blended
- * motion is a rotation in every frame. */
+/* Returns whether a row can be imported: its values are below 1e18 (a logit of the opacity may also
+ * be infinite), its scales do not overflow, its quaternion is not zero, and its blended motion is a
+ * rotation in every frame. */
 static bool is_valid(const struct model *m, size_t row)
 {
     double r[3][3], shift[3];

@@ -360,8 +360,8 @@ static void fill_row(struct model *m, size_t i)
             m->full ? dc_of(end_colour(m, row[COLOUR + c])) : dc_of(row[COLOUR + c]);
 }
 
-/* Fills the 4D splats. Rows that are nonfinite at any time are dropped; the others keep their
- * order. */
+/* Fills the 4D splats. Drops rows whose values would be nonfinite at some time from 0 to 1, and
+ * keeps the order of all other rows. */
 static spin_status fill_splats(struct model *m)
 {
     struct spin_splats_4d *s = &m->base.splats_4d;

@@ -36,7 +36,7 @@ struct model {
 
 /* ---- Recognising ----------------------------------------------------------------------------- */
 
-/* Returns whether a PLY header declares a property of this name, of any type. If `name` does not
+/* Returns whether a PLY header declares a floating-point property of this name. If `name` does not
  * end with a line feed, it is a prefix of the name. */
 static bool declares(const struct spin_peek *peek, const char *name)
 {
@@ -140,7 +140,7 @@ static bool times_are_equal(const struct spin_ply *ply)
 }
 
 /* Sets the dialect to that of option `dialect` or, by default, to the only dialect whose time
- * properties exist. */
+ * properties exist. If there are two, but with equal times, the first is used. */
 static spin_status choose_dialect(struct model *m, const struct spin_ply_element *e)
 {
     int n = 0, asked = -1;

@@ -19,12 +19,15 @@
  * The principal point of the file is kept. The methods' own readers move it to the image centre, as
  * option `principal` with the value centre does.
  *
- * Times and held-out views depend on the layout. In the first layout, image i of n in the file is
- * at time i/n, as in 4DGaussians, which reads such a data set as a video of one camera, and every
- * eighth image in the order of names is held out, as by 3DGS's --eval. In the second and third
- * layout, frame k of n is at k/(n-1), and every eighth camera is held out. With folders per frame,
- * each image of the model is a camera of every frame, times are 0, 1, 2, ..., or k/n for
- * SpacetimeGaussians, and the first camera is held out, as in 3DGStream. */
+ * Times and held-out views depend on the layout:
+ *
+ *     first layout           image i of n in the file is at time i/n, as in 4DGaussians, which
+ *                            reads such a data set as a video of one camera; every eighth image
+ *                            in the order of names is held out, as by 3DGS's --eval
+ *     second, third layout   frame k of n is at k/(n-1); every eighth camera is held out
+ *     folders per frame      each image of the model is a camera of every frame; times are 0, 1,
+ *                            2, ..., or k/n for SpacetimeGaussians; the first camera is held out,
+ *                            as in 3DGStream */
 #include "importers/lib/colmap_model.h"
 #include "importers/lib/colmap_rig.h"
 #include "importers/lib/views_rig.h"

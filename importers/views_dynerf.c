@@ -297,8 +297,9 @@ static spin_status list_numbers(struct set *set, bool cameras, int **out, size_t
     return SPIN_OK;
 }
 
-/* Assigns the rows of poses_bounds to the cameras with images. If there are not as many of these
- * cameras as rows, but as many videos as rows, assigns the rows to the videos. */
+/* Assigns the rows of poses_bounds to the cameras that have images. If their number differs from
+ * that of the rows, but there are as many videos as rows, assigns the rows to the cameras of the
+ * videos. */
 static spin_status match_cameras(struct set *set)
 {
     size_t n = 0;

@@ -367,8 +367,8 @@ static spin_status read_still(struct set *set, const struct pair *p)
     return SPIN_OK;
 }
 
-/* Adds the name of each entry of a moving camera to name_of, with the frame number of the entry, as
- * text, as the key. */
+/* Adds each entry of a moving camera to name_of: the key is the frame number as text, the value is
+ * the name of the entry. */
 static spin_status read_entries(struct set *set, const spin_json *names, size_t n,
                                 spin_json *name_of)
 {

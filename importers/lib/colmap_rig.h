@@ -23,6 +23,6 @@ spin_status spin_colmap_find_rig(const struct spin_colmap *m, const char *path, 
 spin_status spin_colmap_picture(struct spin_model *m, const char *folder, const char *name,
                                 const char **out);
 
-/* Returns true if the name, such as images_2, masks or sparse, has another use, so that the folder
- * is not one that holds the images of one camera or of one frame. */
+/* Returns true if a folder of this name, such as images_2, masks or sparse, does not hold the
+ * images of one camera or of one frame, but has another purpose. */
 bool spin_colmap_is_other(const char *name);

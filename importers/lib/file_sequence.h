@@ -29,7 +29,7 @@ struct spin_file_sequence {
 /* Whether the name ends with `suffix`, ignoring case. */
 bool spin_file_has_suffix(const char *name, const char *suffix);
 /* Returns the number of entries of the input folder whose names end with `suffix`, ignoring case;
- * hidden files and input.ply do not count. */
+ * hidden files, input.ply and environment.sog do not count. */
 int spin_file_sequence_count(const struct spin_peek *peek, const char *suffix);
 /* Returns the confidence of a probe that examines names only: 70 if the input is a file whose name
  * ends with `suffix`, or a folder that contains such a file, otherwise 0. */

@@ -47,6 +47,7 @@ void spin_gaussian4d_drop_zeros(struct spin_model *m);
 
 /* To be called last. Converts the splats from the file's unit of time to that of the clip, which is
  * smaller by the factor `ratio`: multiplies times and sigmas by `ratio`, and divides velocities by
- * it. Then calls spin_model_finish_4d() and sets the range of the sequence to the clip's times. */
+ * it. Also sets the period of the cosines in time to the length of the clip. Then calls
+ * spin_model_finish_4d() and sets the range of the sequence to the clip's times. */
 spin_status spin_gaussian4d_finish(struct spin_model *m, const struct gaussian4d *g, double ratio,
                                    const struct clip_times *times);

@@ -349,9 +349,10 @@ spin_status spin_run_config_ratio(const struct run_config *s, double *out)
 }
 
 /* Guesses the clip's times from the range of the central 98% of the Gaussians' times. Methods
- * initialise the Gaussians' times over a range that is `spread` times as long as the clip, so the
- * guess is the central range, shortened about its midpoint by this factor. Both ends are rounded to
- * multiples of half a power of ten. */
+ * initialise the Gaussians' times over a range that is `spread` times as long as the clip. The
+ * guess is therefore the central range, scaled about its midpoint by 1 / (0.98 `spread`); if
+ * `spread` is 1, the range is not scaled. Both ends are rounded to multiples of half a power of
+ * ten. */
 static spin_status guess_times(const float *time, size_t n, double spread, struct clip_times *out)
 {
     double low, high, half, step;

@@ -89,7 +89,7 @@ static void add_frame(struct spin_file_sequence *frames, const char *path, int n
 }
 
 /* Lists, for each frame number of a clip with this rate, the frame of the video that is nearest in
- * time. */
+ * time. Frame numbers without a frame within half a frame interval are left out. */
 static spin_status list_frames(struct spin_model *m, struct spin_rig_video *f, double rate)
 {
     double first = f->offset * rate, last = (f->offset + f->time[f->n - 1]) * rate;
