@@ -37,8 +37,8 @@ struct spin_gs_glb_scene {
     bool linear;    /* true: a mesh primitive has linear colours instead of sRGB */
     bool antialias; /* true: the extras or SPZ data require antialiasing */
     double fps;     /* frames per second, from the extras; 0: unknown */
-    /* True: the file contains animations that are ignored: those after the first one, or channels
-     * of the first one that do more than show and hide nodes. */
+    /* True: the file contains animations that are ignored: further animations after the first, or
+     * channels of the first animation that do more than show and hide nodes. */
     bool moves;
     bool others;            /* true: meshes without splats were skipped */
     struct spin_splats raw; /* private: splats of a mesh primitive before the transform */

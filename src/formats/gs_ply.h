@@ -1,5 +1,5 @@
-/* The PLY layout of 3D Gaussian Splatting's reference implementation (Kerbl et al. 2023), which
- * every viewer reads. Files are written as binary little endian. Element `vertex` has float
+/* The PLY layout of 3D Gaussian Splatting's reference implementation (Kerbl et al. 2023). Every
+ * viewer reads this layout. Files are written as binary little endian. Element `vertex` has float
  * properties in the order
  *
  *     x y z  nx ny nz  f_dc_0..2  f_rest_0..  opacity  scale_0..2  rot_0..3

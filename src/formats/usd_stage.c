@@ -161,7 +161,7 @@ struct arrays {
     int sh_degree;
 };
 
-/* Finds the SH degree: that of the degree attribute or, if this is missing, the degree for the
+/* Finds the SH degree: the value of the degree attribute or, if this is missing, the degree for the
  * number of coefficients. Fails if the number of coefficients does not match the degree. */
 static spin_status find_degree(struct spin_usd_stage *s, const struct usd_node *node, double time,
                                struct arrays *out)
