@@ -29,7 +29,7 @@ static const size_t net_outputs[N_NETS] = {
 
 struct model {
     struct spin_model base;
-    /* Number of anchors; n_read includes those that are dropped for nonfinite values. */
+    /* Number of anchors; n_read also counts the anchors that are dropped for nonfinite values. */
     size_t n, n_read;
     size_t width[N_TENSORS];  /* number of floats for each anchor */
     float *tensor[N_TENSORS]; /* [n][width] */
@@ -168,7 +168,7 @@ static spin_status read_sizes(struct model *m)
 }
 
 /* Appends the anchors of a file to those of the previous files. In the first pass, before memory is
- * allocated, it only checks all shapes and counts the anchors. */
+ * allocated, the function only checks all shapes and counts the anchors. */
 static spin_status read_anchors(struct spin_model *base)
 {
     struct model *m = (struct model *)base;

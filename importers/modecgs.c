@@ -4,7 +4,7 @@
  *
  * Only positions are imported: opacity, shape and colour of spawned Gaussians depend on the camera,
  * so there is no set of Gaussians per frame. By default, the positions at all offsets are imported;
- * with --camera, only those whose Gaussian is opaque from at least one of the given positions. */
+ * with --camera, only the positions of Gaussians that are opaque from at least one given camera. */
 #include "importers/lib/camera_places.h"
 #include "importers/lib/hexplane.h"
 #include "io/npy.h"

@@ -351,8 +351,8 @@ static double time_of(const struct pass *p, size_t i)
     return p->own ? (double)p->m->base.splats_4d.times[i] : p->time;
 }
 
-/* Returns the contracted position that the networks receive: that of the Gaussian at its own time
- * or, for OMG4-FTGS, at the time of evaluation. */
+/* Returns the contracted position that the networks receive: the position of the Gaussian at its
+ * own time or, for OMG4-FTGS, at the time of evaluation. */
 static spin_vec3 place_of(const struct pass *p, size_t i)
 {
     const struct spin_splats_4d *s = &p->m->base.splats_4d;

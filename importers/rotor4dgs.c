@@ -1,8 +1,8 @@
 /* 4D-Rotor-Gaussians (Duan et al., SIGGRAPH 2024): step-<N>.ckpt of nerfstudio, a dict of tensors.
  *
  * A Gaussian's 4-D rotation is a rotor of eight numbers, which is not normalised: its norm scales
- * the shape. Colours do not change over time. The method's renderer omits hardly any Gaussian:
- * those with a long window in time are in every frame, even where their opacity is nearly 0. The
+ * the shape. Colours do not change over time. The method's renderer omits hardly any Gaussian: a
+ * Gaussian with a long window in time is in every frame, even where its opacity is nearly 0. The
  * importer omits Gaussians that are invisible in 8-bit images. */
 #include <ctype.h>
 

@@ -146,8 +146,8 @@ static void describe_files(const struct clip *clip, struct spin_sequence_info *s
     sequence->time_last = clip->n_frames - 1;
 }
 
-/* Adds the notes of the open file to the sequence, and a note if its SH degree differs from that of
- * previous files. */
+/* Adds the notes of the open file to the sequence, and a note if the SH degree of the file differs
+ * from the degree of the previous files. */
 static void note_file(struct clip *clip, size_t file)
 {
     struct spin_sequence_info *sequence = clip->base.sequence;
@@ -455,7 +455,7 @@ static int sog_probe(const struct spin_peek *peek)
         meta = spin_peek_contains(peek, "\"means\"");
         picture = spin_peek_contains(peek, "\"mins\"");
     } else if (spin_zip_detect(peek->head, peek->n_head)) {
-        /* Only a meta.json at the root of the archive counts: a meta.json in a folder is that of an
+        /* Only a meta.json at the root of the archive counts: a meta.json in a folder belongs to an
          * unpacked SOG, which any archive may contain. */
         meta = strncmp(names, "meta.json", 9) == 0 || strstr(names, "\nmeta.json") != NULL;
         picture = strstr(names, ".webp") != NULL;

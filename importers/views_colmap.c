@@ -38,7 +38,7 @@ struct colmap {
     struct spin_colmap model;
     const char *images; /* option `images`: the folder of images; NULL: not given */
     bool numbered;      /* the names of all images have numbers */
-    bool by_name;       /* times follow the order of the images' names; false: that of the file */
+    bool by_name; /* times follow the order of the images' names; false: the order in the file */
     int hold; /* hold out every hold-th image or camera; 0: none; -1: the default of the layout */
 };
 

@@ -122,7 +122,7 @@ static spin_status add_folder(struct set *set, const char *folder, int camera, i
     return SPIN_OK;
 }
 
-/* Sets *out to folder/name/images, or to folder/name if the former does not exist. */
+/* Sets *out to folder/name/images, or to folder/name if that folder does not exist. */
 static spin_status images_folder(struct set *set, const char *folder, const char *name,
                                  const char **out)
 {

@@ -421,8 +421,8 @@ static spin_status read_moving(struct set *set, const struct pair *p, struct spi
 
 /* ---- The files ------------------------------------------------------------------------------- */
 
-/* Reads intri.yml and extri.yml of a folder. They are those of the moving camera c or, if c is
- * NULL, of all cameras. */
+/* Reads intri.yml and extri.yml of a folder. The files describe the moving camera c or, if c is
+ * NULL, all static cameras. */
 static spin_status read_files(struct set *set, const char *folder, struct spin_rig_camera *c)
 {
     spin_json *name_of = spin_json_object();

@@ -5,7 +5,7 @@
 
 struct spin_offset {
     const char *camera;
-    double value;    /* delay between the start of the clip and that of the camera */
+    double value;    /* delay from the start of the clip to the start of the camera */
     bool in_seconds; /* `value` is in seconds; otherwise in frames */
     bool used;
 };

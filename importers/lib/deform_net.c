@@ -49,9 +49,9 @@ static spin_status load_layers(struct spin_model *m, struct deform_net *d)
     return SPIN_OK;
 }
 
-/* Counts the inputs of the first layer that encode the position and those that depend on time. The
- * latter are the outputs of the time network; without one, the position is assumed to have
- * OWN_FREQUENCIES frequencies. */
+/* Counts the inputs of the first layer that encode the position, and the inputs that depend on
+ * time. The outputs of a time network are the inputs that depend on time. Without a time network,
+ * the position is assumed to be encoded with OWN_FREQUENCIES frequencies. */
 static spin_status count_inputs(struct deform_net *d)
 {
     d->n_time = d->time.n ? spin_mlp_n_out(&d->time) : d->n_in - 3 - 6 * OWN_FREQUENCIES;

@@ -55,7 +55,7 @@ spin_status spin_file_sequence_one(struct spin_model *m, const char *path, const
                                    const char **out);
 /* Reads the frame numbers of the names, and sorts the frames by them, see spin_numbered_read(). If
  * option `pattern` is given, its text before the first slash selects the frames and their numbers.
- * If the names have no numbers, or the numbers have gaps, adds a note to `sequence`. `folders`
- * states that the names are those of folders. */
+ * If the names have no numbers, or the numbers have gaps, adds a note to `sequence`. folders:
+ * true if the names are names of folders. */
 spin_status spin_file_sequence_sort(struct spin_model *m, struct spin_file_sequence *seq,
                                     bool folders, struct spin_sequence_info *sequence);

@@ -117,9 +117,9 @@ spin_status spin_model_name(struct spin_model *m, const char *folder, const char
 spin_status spin_model_names(struct spin_model *m, const char *folder, char ***names, size_t *n);
 
 /* Fills m->sequence as most methods need it: times are continuous from 0 to 1, row i is the same
- * Gaussian at all times, and all columns exist. The columns in `moved` change over time, the others
- * do not. `counts` is NULL or the address of the number of Gaussians, which must stay valid as long
- * as the model exists. */
+ * Gaussian at all times, and all columns exist. The columns in `moved` change over time; all others
+ * are static. `counts` is NULL or the address of the number of Gaussians, which must stay valid as
+ * long as the model exists. */
 void spin_model_describe(const struct spin_model *m, const size_t *counts, int sh_degree,
                          unsigned moved);
 
@@ -198,12 +198,12 @@ spin_status spin_model_cfg(struct spin_model *m, const char *path, const char *s
 
 /* ---- The cloud ------------------------------------------------------------------------------- */
 
-/* Reads the property `name` of all vertices: that of vertex i is written to out[i * step].
+/* Reads the property `name` of all vertices. The value of vertex i is written to out[i * step].
  * Nonfinite values are an error. */
 spin_status spin_model_column(const struct spin_ply *ply, const struct spin_ply_element *e,
                               const char *name, float *out, size_t step);
-/* Reads the n properties <prefix>0, <prefix>1, ... of all vertices: those of vertex i are written
- * to out[i * step] and the n - 1 floats that follow. Nonfinite values are an error. */
+/* Reads the n properties <prefix>0, <prefix>1, ... of all vertices. The values of vertex i are
+ * written to out[i * step] and the n - 1 floats that follow. Nonfinite values are an error. */
 spin_status spin_model_columns(const struct spin_ply *ply, const struct spin_ply_element *e,
                                const char *prefix, int n, float *out, size_t step);
 /* Returns the number of properties whose names begin with `prefix`. */

@@ -20,9 +20,9 @@ spin_status spin_rig_sort(const char *path, struct spin_rig_camera *c, size_t n)
 
 /* Lists the images of a camera's folder in the order of their numbers. */
 spin_status spin_rig_pictures(struct spin_model *m, struct spin_rig_camera *c, const char *folder);
-/* Uses the frames of a video as those of a camera. The video must have the camera's image size. If
- * the video does not exist or videos are not supported, the message names `instead`, the folder for
- * images extracted from the video. */
+/* Uses the frames of a video as the frames of a camera. The video must have the camera's image
+ * size. If the video does not exist or videos are not supported, the message names `instead`, the
+ * folder for images extracted from the video. */
 spin_status spin_rig_film(struct spin_rig_camera *c, const char *file, const char *instead);
 
 /* Adds the views of all cameras, each with the camera's index in `c` as camera_id. Videos are
