@@ -16,9 +16,8 @@ struct deform_job {
 };
 
 /* Computes `columns` of one frame. `fn`, whose context is a struct deform_job, fills the columns in
- * `moved`. All other columns are copied from the canonical cloud; copied quaternions are
- * normalised.
- */
+ * `moved`. All other columns are copied from the canonical cloud, and copied quaternions are
+ * normalised. */
 spin_status spin_deform_frame(struct spin_model *m, double time, unsigned columns, unsigned moved,
                               mlp_block_fn fn, struct spin_splats *out);
 
