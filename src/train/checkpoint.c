@@ -361,8 +361,8 @@ static spin_status load_pieces(const struct spin_checkpoint *c, struct spin_trai
     return SPIN_OK;
 }
 
-/* Removes the members of options that only earlier versions had and that are constants in this
- * version, if they have the values of these constants. */
+/* Removes the members of options of earlier versions that have since become constants, if their
+ * values equal these constants. */
 static void remove_former_options(spin_json *j)
 {
     static const struct {

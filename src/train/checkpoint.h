@@ -102,8 +102,8 @@ spin_status spin_read_device_values(struct spin_trainer *trainer, const char *na
 spin_status spin_write_device_array(struct spin_trainer *trainer, struct spin_zip_writer *w,
                                     const char *name, int n_dims, const uint64_t *shape,
                                     const float SPIN_DEV *at, size_t n);
-/* True if a recorded fingerprint equals that of this run. Options that only earlier versions had
- * are ignored if they have the values that are constants in this version. */
+/* True if a recorded fingerprint equals that of this run. Options of earlier versions that have
+ * since become constants are ignored if their values equal these constants. */
 bool spin_fingerprint_equal(const char *recorded, const char *own);
 
 /* ---- Polyak average -------------------------------------------------------------------------- */

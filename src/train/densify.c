@@ -289,6 +289,8 @@ struct change {
     /* Before change_tracks(): empty. After it: the densified tracks, sorted by kind: dynamic,
      * varying, static, backdrop. */
     struct spin_refine_cloud tracks;
+    /* Number of tracks before the densification; numbers of dynamic and of varying tracks (see
+     * struct spin_trainer) after it. */
     size_t n_before, n_moving, n_varying;
     /* [n_before] for each track before the densification: the row of its splat in the current
      * frame, or SPIN_NO_TRACK if it has none there. */
@@ -444,8 +446,8 @@ static spin_status change_tracks(struct change *c, struct spin_densify_change *s
 
 /* ---- A frame --------------------------------------------------------------------------------- */
 
-/* The splats of a frame after the densification. The cloud contains only the first of these splats,
- * which own values. */
+/* The splats of a frame after the densification. The cloud contains only the splats that own
+ * values, which come first. */
 struct rows {
     struct spin_refine_cloud *cloud;
     uint32_t *track;  /* [n] track of each splat, or SPIN_NO_TRACK */

@@ -19,8 +19,8 @@ struct spin_densify_options {
     /* If true, each densified point is split into two halves along its longest axis, without random
      * numbers, and no point is cloned. */
     bool long_axis;
-    /* A point that exceeds gradient_threshold is split if its largest scale exceeds this share of
-     * `extent`, otherwise it is cloned; default 0.01. */
+    /* A point whose gradient reaches gradient_threshold is split if its largest scale exceeds this
+     * share of `extent`, otherwise it is cloned; default 0.01. Unused with long_axis. */
     double percent_dense;
     double prune_opacity; /* points with a smaller opacity are pruned; default spin_prune_opacity */
     size_t max_points;    /* limit for the number of points after densification; 0: no limit */

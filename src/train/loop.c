@@ -138,9 +138,9 @@ static spin_status densify_clip(const struct spin_loop *l, struct spin_densify_c
 }
 
 /* Runs one iteration. After SPIN_OK, the trainer can be saved in a checkpoint. An iteration that
- * densifies a single frame skips the Adam step, as 3DGS does, where densification replaces the
- * parameters and discards their gradients. All parameters are checked before a densification, which
- * would silently prune splats with values that are not finite. */
+ * densifies a single frame skips the Adam step of its splats, as 3DGS does: there, densification
+ * replaces the parameters and thereby discards their gradients. All parameters are checked before a
+ * densification, which would silently prune splats with values that are not finite. */
 static spin_status run_iteration(const struct spin_loop *l, const struct spin_sampler *sampler,
                                  struct spin_steps *steps)
 {
@@ -327,8 +327,8 @@ static spin_status stop_or_save(const struct spin_loop *l, bool *tried)
 /* ---- Disk space ------------------------------------------------------------------------------ */
 
 /* Returns the expected growth of the checkpoint, in bytes, up to the next densification: twice the
- * last growth, but at least an eighth of the current size `state`. Records the size and the growth
- * in *c. */
+ * last growth, but at least an eighth of the current size `state`; half of `state` in the first
+ * call. Records the size and the growth in *c. */
 static uint64_t growth_ahead(struct spin_checkpoint *c, uint64_t state)
 {
     bool first = c->bytes == 0;

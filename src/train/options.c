@@ -17,8 +17,8 @@ struct row {
         const char *name[PRESETS];
     } fallback;
     struct {
-        /* When the JSON contains the option. 0: never; 1: always; other values are the offset of a
-         * field: if this field differs from its value in the preset "paper". */
+        /* When the JSON contains the option. 0: never; 1: always; any other value is the offset of
+         * a field: only if that field differs from its value in the preset "paper". */
         size_t when;
         const char *key; /* key in the JSON; NULL: the name of the field */
     } in_json[2];        /* [spin_options_of] */
@@ -307,7 +307,7 @@ static void add_to_json(const struct row *row, const struct spin_retrain_options
         spin_json_set(j, key, array);
     } else if (row->type == BOOL) {
         spin_json_set_bool(j, key, value != 0);
-        /* The limits of UINT64 options are below 2^53. */
+        /* UINT64 options are limited to less than 2^53, so a double holds their values exactly. */
     } else if (row->type == INT || row->type == UINT64) {
         spin_json_set_integer(j, key, (int64_t)value);
     } else if (row->type == ENUM) {

@@ -428,8 +428,8 @@ spin_status spin_photometric_choose(const struct spin_photometric_sample *sample
 {
     SPIN_FREED struct spin_photometric_sample *parted = NULL;
     SPIN_FREED double *nothing = NULL;
-    /* [2 lenses]: the first half is true for lenses whose falloff is fitted, the second half is
-     * `none`. */
+    /* [2 lenses]: the first half is true for lenses whose falloff is fitted; the second half,
+     * `none`, is false for all lenses. */
     SPIN_FREED bool *falls = NULL;
     const bool *none;
     double *gains, *falloff;

@@ -33,9 +33,8 @@ enum spin_photometric_why {
 struct spin_photometric_result {
     /* Largest deviation of a camera, see spin_photometric_fit_cameras(). */
     double spread;
-    enum spin_photometric_why gains,
-        /* falloff: SPIN_PHOTOMETRIC_SEEN if the falloff of at least one lens is accepted. */
-        falloff;
+    /* `falloff` is SPIN_PHOTOMETRIC_SEEN if the falloff of at least one lens is accepted. */
+    enum spin_photometric_why gains, falloff;
 };
 
 /* Fits exposure [n_cameras + n_lenses][6] to the samples; outliers have low weights. The row of a

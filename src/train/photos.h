@@ -54,7 +54,7 @@ struct spin_sampler {
     uint32_t *sequence;
     int64_t epoch; /* epoch of `sequence`; -1 before the first epoch */
     uint64_t seed;
-    /* Cache of images on the device, with the index of the view as the key: as many as fit, but at
+    /* Cache of images on the device, with the index of the view as the key. Its capacity is at
      * least a batch. */
     struct spin_image_store images;
     struct spin_train_item *items;  /* [batch] images of the current iteration */

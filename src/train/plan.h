@@ -18,9 +18,9 @@ struct spin_retrain_report {
     int iterations;
     /* Number of iterations between densifications of the clip; 0: no densification. */
     int densify_every;
-    double seconds,
-        /* Seconds of the run; seconds per iteration, NaN if --method frames reused all frames. */
-        seconds_per_iteration;
+    /* Seconds of the run, and seconds per iteration; the latter is NaN if --method frames reused
+     * all frames. */
+    double seconds, seconds_per_iteration;
     int frames;
     double splats_mean;
     char device[64];
@@ -58,15 +58,15 @@ struct spin_backdrop {
 };
 
 struct spin_plan {
-    struct spin_retrain_options
-        options; /* storage of *o in the plan of a single frame; otherwise unused */
-    const struct spin_retrain_options
-        *o; /* options of the run: &report->options or, for a single frame, &options */
+    /* Storage of *o in the plan of a single frame; otherwise unused. */
+    struct spin_retrain_options options;
+    /* Options of the run: &report->options or, in the plan of a single frame, &options. */
+    const struct spin_retrain_options *o;
     struct spin_retrain_report *report; /* each stage sets the members that describe its work */
     struct spin_device *device;         /* device of the run, owned by the caller */
     struct spin_clip clip;
-    struct spin_field
-        field; /* its scene transform is set when training_frames.c loads the splats */
+    /* Its scene transform is the identity; spin_frames_load() sets that of the trainer's copy. */
+    struct spin_field field;
     /* [frames] number of splats of each frame; updated by refinement, backdrop and densification.
      */
     size_t *counts;
@@ -97,8 +97,8 @@ struct spin_plan {
     char *parts; /* folder of the cache of refined frames (refinement.h) */
 };
 
-/* Makes those parts of the plan that do not depend on the device; spin_plan_set_device() makes the
- * others. Zero *plan before the call, and close it also after a failure. */
+/* Makes the plan, except for the device and the estimates that depend on it: spin_plan_set_device()
+ * sets these. Zero *plan before the call, and close it also after a failure. */
 spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
                            struct spin_retrain_report *report);
 void spin_plan_close(struct spin_plan *plan);

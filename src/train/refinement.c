@@ -99,8 +99,9 @@ static spin_status read_columns(const struct spin_refinement *r, struct spin_pla
                                 out);
 }
 
-/* The column rgb exists only in refined frames of the input, if a training with a network wrote
- * them. If it is missing, it is computed from the first SH coefficient. */
+/* Refined frames in the input have the column rgb if the training that wrote them needed only their
+ * positions and colours; cached frames never have it. If it is missing, it is computed from the
+ * first SH coefficient. */
 spin_status spin_refinement_read(struct spin_refinement *r, struct spin_plan *plan, int f,
                                  unsigned columns, struct spin_splats *out)
 {
@@ -131,7 +132,7 @@ struct stage {
     struct spin_step_log *step_log;
     /* Frames that this rank refines. */
     int *todo, n_todo;
-    /* Frames that any rank refines. */
+    /* Frames that all ranks together refine. */
     int *all, n_all;
     int first;                /* index in `todo` of the first frame of the current run_tasks() */
     int n_hands;              /* number of frames that are refined at a time */
@@ -342,7 +343,7 @@ static spin_status list_todo(struct stage *stage)
         stage->all[stage->n_all++] = f;
     }
     /* Wait until all ranks have searched the cache, since a rank that searches later would find
-     * frames that others have just added. */
+     * frames that other ranks have just added. */
     return spin_ranks_agree(SPIN_OK);
 }
 

@@ -30,7 +30,9 @@ enum { MOST_FRAMES = 8 };
 
 /* The current segment of a track. */
 struct piece {
-    /* First frame, and number of frames; n is 0 if the track has no current segment. */
+    /* First frame, and number of frames; n is 0 if the track has no current segment. n may exceed
+     * MOST_FRAMES in a static track: `value` then contains only the first MOST_FRAMES splats, since
+     * the values of all splats are the same. */
     int first, n;
     float value[MOST_FRAMES][SPIN_TRACK];
 };

@@ -35,8 +35,8 @@ void spin_rows_4d_close(struct spin_rows_4d *rows);
 /* Replaces the measured exposures and falloffs of the plan by those that the training of the input
  * learned. */
 spin_status spin_rows_4d_photometric(struct spin_plan *plan);
-/* Uploads the rows, and for each frame the list of rows that are rendered in it. With --method 4d,
- * replaces spin_frames_load(). */
+/* Uploads the rows, and for each frame the list of rows that are rendered in it. It is called
+ * instead of spin_frames_load() with --method 4d. */
 spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin_plan *plan,
                               struct spin_trainer *trainer, struct spin_frames *frames);
 /* Downloads the current rows to *out, rounds their values and calls spin_splats_4d_finish(). The

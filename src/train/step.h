@@ -36,11 +36,11 @@ struct spin_frame_batch spin_trainer_frame(struct spin_trainer *t, int frame);
 
 /* Runs one iteration: computes the mean loss of n items (at most max_items) and its gradient, and
  * makes one Adam step. Items that show the same frame share one pass through the network. The host
- * waits for the device twice: for the number of intersections of each group of views that are
- * rendered together, and at the end for the losses. Fails only if the memory for intersections is
- * insufficient, the device fails, or an all-reduce fails. All ranks must call it with the same
- * items, and have bit-identical parameters afterwards; a rank needs the images only of the items
- * that it renders. */
+ * waits for the device once for each group of views that are rendered together, to read the number
+ * of intersections, and once at the end, to read the losses. Fails only if the memory for
+ * intersections is insufficient, the device fails, or an all-reduce fails. All ranks must call it
+ * with the same items, and have bit-identical parameters afterwards; a rank needs the images only
+ * of the items that it renders. */
 spin_status spin_trainer_step(struct spin_trainer *t, const struct spin_images *images,
                               const struct spin_train_item *items, int n,
                               struct spin_train_values *values);

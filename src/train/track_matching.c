@@ -203,11 +203,11 @@ void spin_track_matching_close(struct spin_track_matching *chains)
 
 enum { CHUNK = 256, MOST_ROUNDS = 100 };
 
-/* The cost and the second splat of a pair. Its first splat is known from the context, such as the
- * index in `held` or `wanted` below. */
+/* A pair of splats. One of them is known from the context: it is the index of the element in `held`
+ * or `wanted` below. */
 struct link {
     float cost;     /* INFINITY: no match */
-    uint32_t splat; /* the second splat */
+    uint32_t splat; /* the other splat of the pair */
 };
 
 struct round {

@@ -38,7 +38,8 @@ struct spin_exposures {
      * no exposure is learned. */
     struct spin_param param;
     size_t n_cameras;
-    /* [pixels][3] rendered images after exposure and falloff were applied. */
+    /* [3 pixels] rendered images after exposure and falloff were applied, in the layout of blend()
+     * (device.h). */
     float SPIN_DEV *exposed;
     size_t pixels;
 };

@@ -29,8 +29,7 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
 
 /* With --scene-normalise auto, sets the centre of the scene transform to the median of the sampled
  * points along each axis, and its radius to that of the ball around the centre that contains 90 %
- * of the points (docs/method.md 3.1). Otherwise leaves the transform unchanged, which is the
- * identity. */
+ * of the points (docs/method.md 3.1). Otherwise the transform remains the identity. */
 static void fit_transform(const struct spin_retrain_options *o, struct spin_point_sample *sample,
                           struct spin_scene_transform *t)
 {
@@ -120,10 +119,10 @@ static spin_status open_first_tracks(struct first_tracks *first, const struct sp
 
 static void close_first_tracks(struct first_tracks *first) { free(first->displacement); }
 
-/* Copies the initial values of tracks from the points of a frame, for tracks that have no values
- * yet, or only those of an invisible splat if the point is visible. The displacement of a static
- * track is its position; that of a dynamic track, which is added to the positions of its splats,
- * remains 0. */
+/* Copies the initial values of tracks from the points of a frame. Skips a track that already has
+ * values, unless these are from an invisible splat and the point of this frame is visible. The
+ * displacement of a static track is its position; that of a dynamic track, which is added to the
+ * positions of its splats, remains 0. */
 static void record_first_values(struct first_tracks *first, int frame,
                                 const struct spin_refine_cloud *cloud)
 {
