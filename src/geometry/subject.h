@@ -9,8 +9,10 @@ struct spin_subject {
     double reach; /* radius of the ball around `centre` that contains 90 % of the opaque area */
     double span;  /* only splats within this distance of `centre` belong to the subject */
     bool moves;
-    size_t *splat;  /* [n] splats of the subject, as indices into spin_voxels.splat */
-    double *weight; /* [n] weights of these splats, based on their visible opacity */
+    size_t *splat; /* [n] splats of the subject, as indices into spin_voxels.splat */
+    /* [n] weights of these splats. If the subject moves: their opacity, reduced where they are
+     * occluded or seem to flicker; otherwise their opaque area. */
+    double *weight;
     size_t n;
 };
 

@@ -29,9 +29,9 @@ enum { NEAR_CENTRE = 2, DISTANCE, AIM, SUBJECT, REST };
 
 struct target {
     double at[3], weight;
-    bool moves;
-    int draw; /* index of the random draw that selected this target */
-    int seen; /* number of cameras whose image contains this target */
+    bool moves; /* true: sampled from the subject; false: sampled from the whole scene */
+    int draw;   /* index of the random draw that selected this target */
+    int seen;   /* number of cameras whose image contains this target */
 };
 
 struct placing {
@@ -41,9 +41,9 @@ struct placing {
     const struct spin_subject *subject;
     double axis[3][3]; /* two horizontal axes, and up */
     double half[2];    /* tangents of half the field of view: horizontal and vertical */
-    double far;
+    double far;        /* largest distance of a camera from the centre */
     struct target *target;
-    int n_targets, n_moving;
+    int n_targets, n_moving; /* the first n_moving targets are those of the subject */
 };
 
 /* ---- Vectors --------------------------------------------------------------------------------- */
@@ -457,8 +457,8 @@ static double gain_of(const struct placing *p, const double eye[3], const double
     return gain;
 }
 
-/* Returns a random moving target. The random number is compared with target.draw, not with an
- * index, so that the choice does not depend on how many earlier draws were rejected. */
+/* Returns a random target in the subject. The random number is compared with target.draw, not with
+ * an index, so that the choice does not depend on how many earlier draws were rejected. */
 static const struct target *choose_target(const struct placing *p, uint64_t counter)
 {
     int draw = (int)spin_rng_below(p->o->seed, AIM, counter, TARGETS), i = 0;
@@ -468,8 +468,8 @@ static const struct target *choose_target(const struct placing *p, uint64_t coun
     return &p->target[i];
 }
 
-/* Sets `aim` to the k-th point at which camera i may look: for k = 0 or without motion a point near
- * the centre, otherwise a moving target. */
+/* Sets `aim` to the k-th point at which camera i may look: a random target in the subject, or a
+ * point near the centre if k is 0 or the subject has no target. */
 static void find_aim(const struct placing *p, int i, int k, double aim[3])
 {
     uint64_t at = 3 * ((uint64_t)i * AIMS + (uint64_t)k);

@@ -32,8 +32,8 @@ struct spin_viewpoints {
     double front[3];
     bool free_circle;
     double distance; /* largest distance of a camera from the centre */
-    /* Shares of the sampled splats of the subject (few_moving) and of the rest of the scene
-     * (few_static) that are inside the images of fewer than three training cameras. */
+    /* Shares of the sampled splats of the subject (few_moving) and of the whole scene (few_static)
+     * that are inside the images of fewer than three training cameras. */
     double few_moving, few_static;
 };
 

@@ -47,8 +47,8 @@ void spin_voxels_close(struct spin_voxels *v);
 /* Returns the index of the cell that contains a point; SIZE_MAX: outside of the grid. */
 size_t spin_voxels_find(const struct spin_voxels *v, const double at[3]);
 void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3]);
-/* Returns the opaque area of a splat, at most its opacity times the area of a side of a cell, times
- * the number of splats that it represents. */
+/* Returns the opaque area of a splat, limited to its opacity times the area of a side of a cell,
+ * and multiplied by the number of splats that it represents. */
 double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_splat *s);
 /* Returns the optical depth of a field such as v->opacity from the point `from` to `from + along`,
  * estimated by n samples. */
