@@ -40,9 +40,9 @@ static inline const uint8_t SPIN_DEV *spin_image_store_matte(const struct spin_i
 void spin_image_store_put_matte(struct spin_image_store *s, uint32_t number, size_t n_pixels,
                                 const uint8_t *matte);
 
-/* The next two functions use the store as a cache. spin_image_store_begin_batch() begins a batch of
- * requests: images that are found or inserted during a batch stay in the store until the next batch
- * begins. */
+/* The next three functions use the store as a cache. spin_image_store_begin_batch() begins a batch
+ * of requests: images that are found or inserted during a batch stay in the store until the next
+ * batch begins. */
 void spin_image_store_begin_batch(struct spin_image_store *s);
 /* Returns whether the image with this key is in the store. */
 bool spin_image_store_has(const struct spin_image_store *s, size_t key);

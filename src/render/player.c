@@ -297,8 +297,8 @@ static void decode_frame(struct spin_player *p, const struct spin_frame_batch *f
     p->now_antialias = p->field.antialias;
 }
 
-/* Reads the array [n][width] of frame `index` from a series, that is, an array name with one array
- * per frame. */
+/* Reads the array [n][width] of frame `index` from a series, that is, a group of arrays of the
+ * bundle with one array per frame. */
 static spin_status read_rows(struct spin_player *p, const char *series, int index, size_t n,
                              int64_t width, float *to)
 {

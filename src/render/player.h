@@ -49,7 +49,8 @@ struct spin_player {
     size_t drawn_pixels;
     /* Lenses whose falloff is applied to images; NULL: no falloff. */
     const struct spin_lenses *lenses;
-    /* [1 + lenses->n][SPIN_EXPOSURE]; row 0 is zero, that is, no falloff. */
+    /* [1 + lenses->n][SPIN_EXPOSURE] in the layout of exposure() (device.h): row 0 is a neutral
+     * exposure, which all cameras use, and row 1 + k is the falloff of lens k. */
     float SPIN_DEV *falloff;
     /* now_frame: index of the current frame; -1: none, or splats that are not a frame. */
     int now_sh_degree, now_frame;
