@@ -218,8 +218,9 @@ struct spin_frame_batch {
         const float SPIN_DEV *turn;
 
         /* The following members are for densify_stats() and may be NULL. */
-        float SPIN_DEV *gradient; /* [n] sum over views of the length of each gradient */
-        uint32_t SPIN_DEV *seen;  /* [n] number of views that each splat is visible in */
+        /* [n] sum over views of the length of the gradient of each splat's screen position */
+        float SPIN_DEV *gradient;
+        uint32_t SPIN_DEV *seen; /* [n] number of views in which each splat is visible */
     } frame[SPIN_MAX_FRAMES];
 };
 /* Returns the number of floats in a row of attributes. */
@@ -563,7 +564,8 @@ enum { SPIN_EXPOSURE = 6 }; /* number of floats in a row of exposure parameters 
 
 struct spin_device {
     const struct spin_device_ops *op;
-    /* SIMD path of the CPU: "base", "v3" or "v4", whose results differ in the last bits */
+    /* SIMD path of the CPU: "base", "v3" or "v4", whose results differ in the last bits; "cuda" on
+     * a GPU */
     const char *path;
     void *state;          /* private to the device */
     char description[64]; /* "cpu (avx-512, 2 threads)" */

@@ -1,6 +1,6 @@
 /* Finds the (splat, tile) pairs of one splat. There is one pair for each tile of the splat's
- * rectangle; the pairs are ordered row by row. Pair k of a splat has the index first_intersection +
- * k. */
+ * rectangle, without the columns and rows in tile_cull. The pairs are ordered row by row: pair k of
+ * a splat has the index first_intersection + k. */
 #pragma once
 
 #include "device/device.h"

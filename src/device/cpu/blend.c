@@ -74,9 +74,10 @@ struct ready {
 SPIN_FN int32_t clamp_to(float v, float n) { return (int32_t)spin_minf(spin_maxf(v, 0), n); }
 
 /* Computes vec0, vec1, peak and least, and converts a, b, c and the opacity to base 2 for the
- * exponent. Adding 0.999 is enough to round the reach up, since spin_blend_reach() has already
- * added 0.01. `least` has a margin for the rounding errors of the exponent's terms anywhere in the
- * tile; if the coefficients are degenerate, `least` is so low that no pixel is skipped. */
+ * exponent. Adding 0.999 is enough to round u - reach_x up to a whole pixel, since
+ * spin_blend_reach() has already added 0.01 to the reach. `least` has a margin for the rounding
+ * errors of the exponent's terms anywhere in the tile; if the coefficients are degenerate, `least`
+ * is so low that no pixel is skipped. */
 static void compute_reach(struct ready *r)
 {
     for (int i = 0; i < BATCH; i++) {

@@ -16,16 +16,16 @@
 enum {
     SIDE = SPIN_TILE,
     PIXELS = SIDE * SIDE,
-    FRONT = PIXELS,
+    FRONT = PIXELS, /* number of splats in a batch of the forward pass */
     WARP = 32,
-    WARP_X = 8,
+    WARP_X = 8, /* width and height of a warp's pixels */
     WARP_Y = WARP / WARP_X,
     WARPS = PIXELS / WARP,
-    BACK = WARP,
-    LOADED = 4 * BACK,
+    BACK = WARP,       /* number of splats in a batch of the backward pass */
+    LOADED = 4 * BACK, /* number of splats that the backward pass loads at a time */
     TWO = 2,
-    HELD = WARP / WARP_Y,
-    ROW = WARP_X / 4, /* number of float4s that hold a row of a warp's pixels */
+    HELD = WARP / WARP_Y, /* number of splats whose terms a warp stores before it sums them */
+    ROW = WARP_X / 4,     /* number of float4s that hold a row of a warp's pixels */
     VALUES = sizeof(struct spin_blend_sums) / sizeof(float)
 };
 static const unsigned all_lanes = 0xffffffffu;

@@ -198,8 +198,8 @@ static __device__ float sum_of_rows(const float *d)
 }
 
 /* Stores the partial gradients of a block: those of the weights in `to` [n][n_in], those of the
- * bias in `bias` [n]. Four threads have summed a quarter of the rows of each column; they exchange
- * these sums, for the bias, in `stage`. */
+ * bias in `bias` [n]. For the bias, four threads have each summed a quarter of the rows of a column
+ * (sum_of_bias); they exchange these sums in `stage`. */
 static __device__ void store_gradients(const float *sum, float sum_of_bias, int n, int n_in,
                                        float *stage, float *to, float *bias)
 {

@@ -19,8 +19,8 @@ struct cuda_lazy_adam {
     size_t before; /* number of floats of the table before the first line */
     int64_t steps;
     double *sum; /* [steps + 1][2] in host memory: the two sums of spin_adam_skip() */
-    /* [steps + 1][2] in host memory, indexed by the last step that a line took: the arguments
-     * skipped_step and skipped_eps of spin_adam_skip(). */
+    /* [steps + 1][2] in host memory, indexed by the last step that a line took: the arguments drift
+     * and tiny of spin_adam_skip(). */
     float *skipped;
     /* Two arrays [steps + 1][2] in device memory: a copy of `skipped`, and the powers .9^t and
      * .999^t, indexed by the number of missed steps t. */

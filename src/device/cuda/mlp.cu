@@ -30,7 +30,7 @@ struct product {
     float *c;
     const float *bias; /* [n] */
     float *slope;      /* has the layout of c, see enum epilogue */
-    /* number of all splats, in device memory; NULL: the dimension of the splats is m or k itself */
+    /* number of all splats, in device memory, which limits m or k; NULL: no limit */
     const uint32_t *count;
     size_t first; /* first splat of the chunk */
     /* True: the splats are dimension k instead of m. They are divided into slices, and C is
