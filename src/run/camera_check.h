@@ -20,8 +20,8 @@ spin_status spin_camera_overlay_draw(const struct spin_view *view, const struct 
 size_t spin_camera_overlay_choose(const struct spin_views *views, int row, size_t most,
                                   size_t *index);
 
-/* One camera, with the shares of its worst view. An outlier is worse than any other view;
- * otherwise, the view with fewer points inside its image is worse. */
+/* One camera, with the shares of its worst view: of its outliers or, if it has none, of all its
+ * views, the one with the fewest points inside its image. */
 struct spin_camera_share {
     size_t view;             /* index into views->view */
     double in_front, inside; /* see struct spin_camera_overlay_share */
@@ -34,7 +34,8 @@ struct spin_camera_shares {
     struct spin_camera_share *camera; /* [n], one entry for each camera_id */
     size_t n;
     double in_front, inside; /* medians over all views */
-    double seen; /* share of the points that are inside the image of at least one camera */
+    /* share of the points that are inside at least one image of the last of the frames */
+    double seen;
 };
 
 /* Measures the views of the given data set frames, all with the points of a single frame, since

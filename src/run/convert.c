@@ -3,8 +3,8 @@
  *
  * For the output clip.html, these files are written beside it:
  *     clip.import.spin  the imported clip; after the export, it is deleted or, if it was not
- *                       retrained, renamed to clip.spin; after a failure, it is deleted unless the
- *                       training was interrupted
+ *                       retrained, renamed to clip.spin; after a failure, it is deleted unless an
+ *                       unfinished training still needs it
  *     clip.spin.part    the checkpoint, while the training is unfinished
  *     clip.spin         the final clip, which is kept
  *
@@ -73,8 +73,8 @@ static spin_status append_text(const char *text, size_t n, const char *ending, c
     return SPIN_OK;
 }
 
-/* Returns the length of a path without trailing slashes and without the extension of its last
- * component, which may have two parts, such as ".tar.gz". */
+/* Returns the length of a path without trailing slashes and, if has_ending is true, without the
+ * extension of its last component, which may have two parts, such as ".tar.gz". */
 static size_t stem_length(const char *path, bool has_ending)
 {
     size_t n = strlen(path), first;
@@ -90,8 +90,8 @@ static size_t stem_length(const char *path, bool has_ending)
     return n;
 }
 
-/* Completes the default name of the output for the program of --for: a file with the extension of
- * the program's format, or a folder "NAME-PROGRAM/" and not "NAME/", which may be the input. */
+/* Completes the default name of the output for the program of --for. A file gets the extension of
+ * the program's format; a folder is called "NAME-PROGRAM", since "NAME" may be the input. */
 static spin_status name_for_target(struct convert *c)
 {
     SPIN_FREED char *stem = c->output, *named = NULL;
@@ -489,8 +489,8 @@ static spin_status measure_clip(struct convert *c)
 }
 
 /* Renames the imported clip to the final bundle if it was not retrained. If it was retrained,
- * removes the imported clip, which the retrained clip includes, but keeps it if the retraining
- * renders images from it. */
+ * removes the imported clip, whose contents the retrained clip includes. A clip that was retrained
+ * on renders keeps the imported clip, since its data set is rendered from it. */
 static spin_status keep_or_remove_import(struct convert *c, bool retrained)
 {
     if (spin_rank() > 0)

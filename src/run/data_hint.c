@@ -41,8 +41,8 @@ static void search_folder(struct found *found, const char *input, const char *fo
         if (strcmp(names[i], spin_path_name(input)) == 0 ||
             spin_path_join(folder, names[i], &path) != SPIN_OK)
             continue;
-        if (spin_importer_guess(path,
-                                false)) /* another run; a data set inside belongs to that run */
+        /* Skip other runs: a data set inside a run belongs to that run. */
+        if (spin_importer_guess(path, false))
             free(path);
         else
             count_data_set(found, path);

@@ -34,6 +34,8 @@ spin_status spin_decimate_parse(const char *text, struct spin_decimate_goal *out
 
 /* The splats of one frame, or of all frames if frames share their rows. */
 struct spin_decimate_set {
+    /* number of rows; of rows that take part in the decimation, whose weight is at least 0; of rows
+     * that the decimation keeps */
     size_t n, n_counted, n_kept;
     /* [n] the weight of each row; negative if the row filter drops the row */
     float *weight;

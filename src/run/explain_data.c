@@ -37,7 +37,7 @@ static spin_status describe_views(const struct spin_views *views, char out[120])
     return SPIN_OK;
 }
 
-/* Writes a path as one word of a shell. */
+/* Quotes a path for the shell if it contains special characters. */
 static const char *quote(const char *path, char *out, size_t n)
 {
     bool plain = strpbrk(path, " \t'\"$`\\&;()<>|*?[]!#~") == NULL;

@@ -81,7 +81,7 @@ struct import {
     struct spin_splats slot[2]; /* frame i is in slot i % 2 */
     struct {
         spin_status status;
-        char why[1024]; /* the error text, which is thread-local */
+        char why[1024]; /* copy of spin_last_error(), which is thread-local */
     } done[2];          /* results of task 0, which reads, and of task 1, which writes */
 };
 
@@ -121,8 +121,9 @@ static void drop_data(struct import *im)
     im->meta.data_from[0] = '\0';
 }
 
-/* Moves the shift of the sequence into the placement, which applies to positions that include the
- * shift. */
+/* The placement maps positions that include the shift of the sequence, but is applied to the
+ * importer's positions, which lack it. Adds the mapped shift to the placement, and clears the shift
+ * of the sequence. */
 static void place_shift(struct import *im)
 {
     struct spin_placement *p = &im->placement;
@@ -1051,9 +1052,9 @@ static spin_status find_pattern_run(struct import *im, const char *pattern)
     return SPIN_OK;
 }
 
-/* Returns whether o->input is an archive that may contain a run, and not a file of a format that is
- * itself zip or gzip: no importer recognises the file or, if the user named an importer, that
- * importer does not. */
+/* Returns whether o->input is an archive to unpack. The files of some runs are themselves zip or
+ * gzip, so an archive is unpacked only if no importer recognises it or, if the user named an
+ * importer, if that importer does not. A plug-in that the user named gets the archive itself. */
 static bool is_packed(const struct import *im, spin_status found)
 {
     const struct spin_import_options *o = im->o;

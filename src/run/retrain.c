@@ -296,7 +296,7 @@ static spin_status find_tracks(struct run *r)
 }
 
 /* Largest number of pixels that a dry run decodes to find tracks, which takes about ten seconds.
- * With more, the estimate of the memory stays an upper bound. */
+ * With more pixels, it finds no tracks, and its estimate of the memory stays an upper bound. */
 static const double most_pixels = 1e9;
 
 static spin_status make_plan(struct run *r, const struct spin_retrain_options *o,
@@ -335,9 +335,9 @@ static bool has_falloff(const struct spin_lens *lens)
     return memcmp(lens->falloff, none, sizeof none) != 0;
 }
 
-/* Resolves --learn-exposure auto to on or off. The falloff of the lenses is then learned only if a
- * falloff was measured, since the training would otherwise fit a falloff to anything in the scene
- * that resembles one. */
+/* Resolves --learn-exposure auto to on or off. With auto, the falloff of the lenses is learned only
+ * if one was measured for every lens, since the training would otherwise fit a falloff to anything
+ * in the scene that resembles one. */
 static spin_status choose_exposure(struct run *r)
 {
     enum spin_exposure *choice = &r->plan.report->options.learn_exposure;

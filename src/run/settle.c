@@ -11,10 +11,10 @@
 #define SHARE 0.6
 #define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
 enum {
-    LEAST_CHANGE =
-        12, /* least difference from the median for a pixel to count as changed, in 255ths */
-    NOISE_FACTOR =
-        3, /* the difference must also be this many times the median of all differences */
+    /* A pixel has changed if its difference from the median over time is more than LEAST_CHANGE, in
+     * 255ths, and more than NOISE_FACTOR times the median of all differences. */
+    LEAST_CHANGE = 12,
+    NOISE_FACTOR = 3,
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
     FRAMES = 8,         /* frames that are examined for each splat, besides its own */
     CELLS = 100,        /* cells along the longest side of the grid in which holes are found */
@@ -32,8 +32,8 @@ struct settling {
     uint8_t **mark;      /* [n_frames][rows] 1: static; 2: static and stored in `base` */
     double low[3], cell; /* lowest corner and cell size of the grid of holes */
     int dim[3];
-    uint8_t *taken; /* [cells] 1 if the cell or a neighbouring cell contains a static row, so that
-                       it is no hole */
+    /* [cells] 1: the cell or a neighbouring cell contains a static row; 0: the cell is a hole */
+    uint8_t *taken;
     struct spin_splats base; /* the static rows */
     struct spin_splats frame, out;
 };

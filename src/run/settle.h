@@ -14,11 +14,11 @@ struct spin_settled {
  * frames, so that spin-retrain recognises them as static tracks; the dynamic rows of the frame
  * follow. The data set of the new bundle is "renders", drawn from `input`.
  *
- * A splat is dynamic if there is a frame in which, for most cameras that it is visible to, the
- * colour of its pixel differs from the median of this pixel over time. The dynamic splats are thus
- * inside the visual hull of the motion. The test needs no matches between splats, and ignores
- * flicker below a threshold. The static rows are taken from the middle frame; rows of other frames
- * fill its holes.
+ * A splat is dynamic if, in its own frame or in one of eight others spread over the clip, the
+ * colour of its pixel differs from the median of this pixel over time for most cameras that it is
+ * visible to. The dynamic splats are thus inside the visual hull of the motion. The test needs no
+ * matches between splats, and ignores flicker below a threshold. The static rows are taken from the
+ * middle frame; rows of other frames fill its holes.
  *
  * keep: the shares, 0..1, of static and of dynamic rows to keep; NULL keeps all. The kept rows are
  * chosen at random, and enlarged so that they cover the same area as all rows. */
