@@ -41,7 +41,7 @@ struct spin_player {
     float *staging;                 /* host [2][capacity][SPIN_ATTR] */
     bool keeps_contributions;       /* true: reserve the buffers of spin_player_contributions() */
     size_t capacity, pixels, tiles; /* capacities: splats; pixels and tiles of an image */
-    /* Host copy of those columns of the current frame that were read. */
+    /* Host copy of the columns of the current frame that were read. */
     struct spin_splats splats;
     struct spin_frame_batch now; /* the current frame */
     const float SPIN_DEV *now_attr;

@@ -613,7 +613,7 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
     return spin_refine_cloud_send(rows->cloud, d, frame);
 }
 
-/* Downloads to c->before those splats of the frame that own values. */
+/* Downloads the splats of the frame that own values to c->before. */
 static spin_status fetch_frame(struct change *c, const struct spin_train_frame *frame)
 {
     const struct spin_frame_size *size = &frame->size;

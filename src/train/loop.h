@@ -10,7 +10,7 @@ struct spin_loop {
     struct spin_plan *plan;
     struct spin_photos *photos;
     struct spin_trainer *trainer;
-    struct spin_checkpoint *checkpoint; /* a single frame uses only the times in this object */
+    struct spin_checkpoint *checkpoint; /* for a single frame, only its times are set */
     struct spin_step_log *step_log;
     /* Iterations that end with a densification. */
     struct spin_schedule schedule;

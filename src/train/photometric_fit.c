@@ -26,8 +26,8 @@ static const double darkest = 0.3, brightest = 1.05, most_rise = 0.02;
  * lower with the falloff or gains than without, by more than this many standard errors of the mean
  * difference. */
 static const double least_errors = 3;
-/* Second condition for gains: they reduce the loss of held-out points by at least this share. If
- * views differ for other reasons, such as smoke, some gains always reduce this loss slightly. */
+/* Second condition for gains: they reduce the loss of held-out points by at least this share. Even
+ * if views differ for other reasons, such as smoke, some gains reduce this loss slightly. */
 static const double least_explained = 0.05;
 
 struct fit {

@@ -178,7 +178,7 @@ spin_status spin_plan_of_frame(const struct spin_plan *clip, int frame, struct s
                                struct spin_plan *plan);
 void spin_plan_close_frame(struct spin_plan *plan);
 
-/* Opens a trainer for the plan and sets its learning rates. The caller sets those members of *size
+/* Opens a trainer for the plan and sets its learning rates. The caller sets the members of *size
  * that describe frames and tracks; this function sets all other members. */
 spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_device *device,
                                    struct spin_trainer_size *size, struct spin_trainer *trainer);

@@ -234,8 +234,8 @@ static spin_status add_chains(struct spin_tracks *tracks, struct spin_plan *plan
 
 /* ---- Numbering ------------------------------------------------------------------------------- */
 
-/* Sets order [*n] to the indices of those candidates that are tracks, along a space-filling curve.
- */
+/* Sets order [*n] to the candidates that are tracks, by their indices, sorted along a space-filling
+ * curve. */
 static spin_status order_places(const struct spin_tracks *tracks, const struct places *p,
                                 uint32_t *order, size_t *n)
 {

@@ -50,10 +50,10 @@ spin_status spin_tracks_sort(const struct spin_tracks *tracks, int frame, size_t
  * reflections. */
 
 /* Sets varies [n] to 1 for each point of place [n][3] (world units) whose brightness varies over
- * the clip, and to 0 for all other points. A point varies if, in any frame, its brightness deviates
- * from the median over the clip in the same camera, in at least two training cameras and in more
- * than half of the cameras whose images contain the point. Objects that pass in front of a point
- * are thus ignored, since they occlude it in few cameras at a time. At most 32 frames of the clip
- * are examined. */
+ * the clip, and to 0 for all other points. In an image, a point deviates if its brightness differs
+ * from the median over the clip in the same camera. A point varies if, in any frame, it deviates in
+ * at least two training cameras and in more than half of the training cameras whose images contain
+ * it. Objects that pass in front of a point are thus ignored, since they occlude it in few cameras
+ * at a time. At most 32 frames of the clip are examined. */
 spin_status spin_appearance_varies(const struct spin_plan *plan, struct spin_photos *photos,
                                    size_t n, const float *place, uint8_t *varies);
