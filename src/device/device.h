@@ -471,9 +471,9 @@ struct spin_device_ops {
                              const struct spin_splat2d SPIN_DEV *splat2d,
                              const struct spin_tiles *tiles);
 
-    /* Sets image, final_transmittance [n_views][max_pixels], and last_contributor of the same
-     * shape, which is 1 plus the index, in the list of the tile, of the last splat that contributes
-     * to the pixel; 0 if none does. */
+    /* Sets image, final_transmittance [n_views][max_pixels], and last_contributor, of the same
+     * shape: 1 plus the index of the last splat that contributes to the pixel, in the list of its
+     * tile; 0 if no splat contributes. */
     void (*blend)(struct spin_device *d, const struct spin_view_batch *views,
                   const struct spin_splat2d SPIN_DEV *splat2d, const struct spin_tiles *tiles,
                   float SPIN_DEV *image, float SPIN_DEV *final_transmittance,

@@ -256,7 +256,7 @@ static void front_splat(struct front *f, const struct ready *r, uint32_t i, int 
     }
 }
 
-/* Changes the background of those pixels of a row whose alpha is known. */
+/* Changes the background of the pixels of a row whose alpha is known. */
 SPIN_FN void change_row_out(const struct job *job, const float *restrict t, size_t plane, int width,
                             size_t at)
 {
@@ -420,8 +420,8 @@ struct back {
     int32_t most;                  /* largest `used` of the tile */
 };
 
-/* Adds the change of the background to the product of gradient and background, for those pixels of
- * a row whose alpha is known. */
+/* Adds the change of the background to the product of gradient and background, for the pixels of a
+ * row whose alpha is known. */
 SPIN_FN void change_row_in(const struct job *job, const struct back *b, int width, int i, size_t at,
                            float *restrict through)
 {

@@ -28,8 +28,8 @@ static __device__ int row_with(int k, unsigned mask, int degree)
     return used && mask >> row & 1 ? row : -1;
 }
 
-/* Copies those of the 32 rows at `from` [32][SPIN_ATTR] whose mask bit is 1 to `rows`, without the
- * SH coefficients above the degree. All lanes must call the function. */
+/* Copies the rows of `from` [32][SPIN_ATTR] whose mask bit is 1 to `rows`, without the SH
+ * coefficients above the degree. All lanes must call the function. */
 static __device__ void load_rows(struct rows *rows, const float *from, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
@@ -51,8 +51,7 @@ static __device__ void load_rows(struct rows *rows, const float *from, unsigned 
     __syncwarp(all_lanes);
 }
 
-/* Adds those of the rows whose mask bit is 1 to `to` [32][SPIN_ATTR]. All lanes must call the
- * function. */
+/* Adds the rows whose mask bit is 1 to `to` [32][SPIN_ATTR]. All lanes must call the function. */
 static __device__ void add_rows(float *to, const struct rows *rows, unsigned mask, int degree)
 {
     int lane = (int)threadIdx.x % WARP;
