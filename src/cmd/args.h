@@ -1,7 +1,7 @@
 /* Command lines. A command declares a table with a row for each option; the parser, --help, shell
- * completion and the lint of the manual are derived from it. --help prints the main options, and
- * --help all the whole table. This module also handles what all commands have in common: signals,
- * ranks, reports and exit codes.
+ * completion and the lint of the manual are derived from it. `--help` prints the main options, and
+ * `--help all` prints the whole table. This module also handles what all commands have in common:
+ * signals, ranks, reports and exit codes.
  *
  *     static int size = 3;
  *     static const struct spin_args_row rows[] = {

@@ -25,8 +25,8 @@ static bool parse_crop(const struct spin_args_row *row, const char *text)
     return options.n_crop > 0;
 }
 
-/* Passes a value that was already checked to the exporter. If an option is repeated, its last value
- * is used. */
+/* Keeps an option for the exporter; the caller has checked the value. If an option is repeated, its
+ * last value is used. */
 static bool keep_pair(const struct spin_args_row *row, const char *text)
 {
     const char **pair = export_pairs;
