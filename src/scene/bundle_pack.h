@@ -13,7 +13,7 @@
  * differ in the type of the npy array:
  *
  *     |i1   [1 to 4, ..., n]   column by column; the highest planes are omitted if all bytes are 0
- *     |u1   [4, n, ...]        row by row; the words are always floats */
+ *     |u1   [4, n, ...]        row by row; "per_unit" does not apply, and words are bit patterns */
 #pragma once
 
 #include "io/json.h"

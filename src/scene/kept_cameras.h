@@ -10,10 +10,10 @@
 spin_status spin_kept_cameras_choose(const struct spin_views *views, int row,
                                      struct spin_views *out);
 /* Reads cameras.json, which descendants of 3DGS write beside their splats, and copies the first 256
- * distinct cameras to *out. Searches for the file in the folder `run` or, if `run` is a file,
- * beside it, and in the folder that contains folders such as point_cloud/iteration_30000. *path is
- * set to the path of the file, which the caller frees. If there is no such file or it has another
- * format, *path is NULL and *out is empty. */
+ * distinct cameras to *out. The file is expected in the folder of the run's output: the folder
+ * `run`, or the folder of the file `run`, but outside of point_cloud/iteration_N/ if that is part
+ * of the path. *path is set to the path of the file, which the caller frees. If there is no such
+ * file or it has another format, *path is NULL and *out is empty. */
 spin_status spin_kept_cameras_find(const char *run, struct spin_views *out, char **path);
 
 /* spin_kept_cameras_json() creates the value of "cameras" in meta.json, spin_kept_cameras_read()

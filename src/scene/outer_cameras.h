@@ -22,9 +22,9 @@ spin_status spin_camera_cone_open(const struct spin_views *views, struct spin_ca
 bool spin_camera_cone_excludes(const struct spin_camera_cone *cone,
                                const struct spin_camera *camera);
 
-/* Turns the views of the n outermost training cameras into test views: n times, the camera is held
- * out that is farthest outside the cone of the remaining training cameras. A moving camera counts
- * at its mean position. Fails with SPIN_E_USAGE if fewer than two training cameras would remain or
- * if no camera is outside the cone of the other cameras, and with SPIN_E_UNSUPPORTED like
- * spin_camera_cone_open(). */
+/* Turns the views of the n outermost training cameras into test views. Repeats n times: of the
+ * training cameras that are left, holds out the one that is farthest outside the cone of the
+ * others. A moving camera counts at its mean position. Fails with SPIN_E_USAGE if fewer than two
+ * training cameras would remain or if no camera is outside the cone of the others, and with
+ * SPIN_E_UNSUPPORTED like spin_camera_cone_open(). */
 spin_status spin_outer_cameras_hold(struct spin_views *views, int n);

@@ -17,7 +17,7 @@ enum {
     MAX_PLUGINS = 128,
     /* maximum number of faults that are stored; further faults are only counted */
     MAX_FAULTS = 64,
-    /* Maximum number of characters of a name; struct spin_import_report has space for 32 bytes. */
+    /* Maximum length of a name; `from` of struct spin_bundle_meta has space for 32 bytes. */
     MAX_NAME = 31
 };
 

@@ -17,9 +17,9 @@ void spin_peek_free(struct spin_peek *peek);
  * subfolder that an importer recognises, if there is one. */
 spin_status spin_importer_find(const char *path, const char *from, bool want_views,
                                const struct spin_importer **out);
-/* Like spin_importer_find() for a run, but also searches the subfolders of `path`. If exactly one
- * subfolder is recognised, *in is its path, which the caller frees. Otherwise *in is NULL: the run
- * is `path` itself. */
+/* Like spin_importer_find() for a run, but if `path` is a folder that no importer recognises,
+ * searches its subfolders. If exactly one of them is recognised, *in is its path, which the caller
+ * frees. If the run is `path` itself, *in is NULL. */
 spin_status spin_importer_find_run(const char *path, const char *from,
                                    const struct spin_importer **out, char **in);
 /* Returns the importer with the highest score for `path`, if this score is high and well above the

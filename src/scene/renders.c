@@ -5,7 +5,7 @@
 #include "io/drawn_image.h"
 #include "scene/bundle.h"
 
-/* how many numbers the path of an image has for its camera: focal length, near plane, pose */
+/* Number of camera parameters in the path of an image: focal length, near plane, pose [3][4]. */
 enum { NUMBERS = 14 };
 
 bool spin_renders_reads(const char *path, const char *from)

@@ -13,7 +13,7 @@ size_t spin_array_4d_width(const struct spin_splats_4d *s, int k);
  * to 11 significant bits and to multiples of 2^-11; COMPACT rounds to 11 significant bits and to
  * multiples of larger steps, which are hardly visible. See --precision of spin-retrain. */
 enum spin_round_4d { SPIN_ROUND_NOTHING, SPIN_ROUND_HALF, SPIN_ROUND_COMPACT };
-/* Rounds all arrays in place. The caller must call spin_splats_4d_finish() afterwards. */
+/* Rounds these arrays in place. The caller must call spin_splats_4d_finish() afterwards. */
 void spin_splats_4d_round(struct spin_splats_4d *s, enum spin_round_4d round);
 /* Returns the number of rounding steps per unit for array k; 0 if the array is not rounded. */
 float spin_array_4d_per_unit(int k, enum spin_round_4d round);
