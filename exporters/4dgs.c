@@ -134,8 +134,9 @@ static spin_status choose_steps(struct export *x)
 /* ---- Rows ------------------------------------------------------------------------------------ */
 
 /* Quantises sigma and centre of the time window of row k, and moves the row along its path to the
- * quantised centre. Returns `life`, from which spin_4dgs_motion_step() computes the quantisation
- * step of the velocity. */
+ * quantised centre. Returns `life` in seconds, from which spin_4dgs_motion_step() computes the
+ * quantisation step of the velocity: the duration of a row that never fades, otherwise the time in
+ * which the window falls from its centre to the cutoff. */
 static double code_time(struct export *x, size_t k, struct spin_4dgs_splat *to)
 {
     struct spin_splats_4d *s = &x->windows.clip;

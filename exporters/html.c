@@ -69,8 +69,7 @@ static const struct spin_plugin_option options[] = {
 struct page_frame {
     int first; /* index of the key frame on which a frame depends; not used for rows of 4D splats */
     size_t shared, still, own;
-    /* Rows of 4D splats: the range of frames, from `from` to `end` - 1, in which they are visible.
-     */
+    /* Rows of 4D splats: they are visible in ticks `from` to `end` - 1 only. */
     int from, end;
     uint64_t at, bytes; /* offset of the block in the file of --split, and size of the block */
 };
@@ -94,8 +93,8 @@ struct export
     const struct spin_export_job *job;
     struct spin_out out, data, poster, sound; /* sound: with --split only */
     bool split, has_poster;
-    /* Encoder of the draft, a coarse clip that the page plays until the complete one has loaded;
-     * used only with --split. */
+    /* Encoder of the draft, a coarse version of the first frame that the page shows until the
+     * complete one is loaded; used only with --split. */
     struct spin_page_draft draft;
     size_t draft_splats; /* number of splats in the draft; 0: no draft */
     uint64_t draft_bytes;

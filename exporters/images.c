@@ -43,9 +43,9 @@ struct export
     struct spin_output_folder folder;
     const struct spin_export_job *job;
     char *output; /* the folder to write */
-    struct spin_pattern
-        pattern; /* names of the files; if its text is NULL, see spin_image_name() */
-    int start;   /* number of the first image; -1: the clip's numbers */
+    /* names of the files; if its text is NULL, they are named by spin_image_name() */
+    struct spin_pattern pattern;
+    int start; /* number of the first image; -1: the clip's numbers */
     bool clamps;
     uint64_t n_bright; /* number of pixels brighter than white; not counted with --clamp */
     float brightest;   /* largest colour value of these pixels; 1 is white */

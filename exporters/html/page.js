@@ -430,7 +430,7 @@ function moveBy(dx, dy) {
     aim(add(add(orbit.target, c.right, -dx * k), c.down, -dy * k));
 }
 
-// Sets the target, which stays within the size of the scene from the first view's target.
+// Sets the target of the camera, limited to a distance of clip.size from the first view's target.
 function aim(target) {
     const first = inside(start.target), off = add(target, first, -1);
     orbit.target = add(first, off, Math.min(1, 1 / Math.max(Math.hypot(...off), 1e-9)));
@@ -439,7 +439,7 @@ function aim(target) {
 }
 
 // The keys W, A, S and D fly forward, left, back and right, Q and E down and up. While a key is
-// pressed, the camera moves, per second, half as far as it is from the target in the first view.
+// pressed, the camera moves, in each second, half the distance to the target in the first view.
 const FLY = { w: ['forward', 1], s: ['forward', -1], d: ['right', 1], a: ['right', -1], q: ['down', 1], e: ['down', -1] }, held = new Set();
 function fly(seconds) {
     const c = camera(), step = 0.5 * orbit.first * Math.min(seconds, 0.1);

@@ -64,7 +64,7 @@ void main()
     vec3 sx = sigma * jx, sy = sigma * jy;
     float xx = dot(jx, sx) + 0.3, xy = dot(jx, sy), yy = dot(jy, sy) + 0.3;
     // If the clip was trained with antialiasing, the opacity is divided by the factor by which the
-    // dilation by 0.3 enlarges the ellipse.
+    // dilation by 0.3 enlarges the area of the ellipse.
     if (antialias != 0) {
         float area = (xx - 0.3) * (yy - 0.3) - xy * xy, det = xx * yy - xy * xy;
         opacity *= sqrt(max(area / det, 2.5e-5));

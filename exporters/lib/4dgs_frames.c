@@ -365,8 +365,8 @@ void spin_4dgs_frames_free(struct spin_4dgs_frames *x)
 static spin_status check_frame(struct spin_4dgs_frames *x, struct spin_readback *values, int f,
                                const struct spin_splats *back)
 {
-    const struct spin_splat_rows plain = {
-        .splats = back}; /* no rotation: `back` has the axes of the source */
+    /* no rotation: `back` has the axes of the source */
+    const struct spin_splat_rows plain = {.splats = back};
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree);
     const struct spin_splats *splats;
     struct spin_gaussian there;

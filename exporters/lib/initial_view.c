@@ -146,7 +146,7 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
         out->eye[2] -= away;
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
-        /* The near plane must be nearer than the target, whose smallest distance is reach[0]. */
+        /* The near plane must be in front of the target, whose smallest distance is reach[0]. */
         out->z_near = SPIN_NEAR * fmin(size, 1);
         return;
     }

@@ -36,8 +36,8 @@ static const float *row_value(const struct spin_page_group *g, int frame, size_t
     return f->value + (f->row ? f->row[i] : i) * spin_page_width(g);
 }
 
-/* Lists the shared rows (rows of the first frame that are present in all frames of the group) and,
- * sorted by position, the own rows of each frame. */
+/* Lists the shared rows (rows of the first frame whose splat all frames of the group have and at
+ * least one keeps) and, sorted by position, the own rows of each frame. */
 static spin_status split_rows(struct spin_page_group *g, struct spin_sort_rows *order)
 {
     const struct spin_page_frame *first = &g->frame[0];

@@ -2,9 +2,10 @@
  * is the key frame. This module finds the rows that the frames of a group share and encodes each
  * frame as a block.
  *
- * Rows that are present in all frames of the group are shared. A block contains the static shared
- * rows first, then the dynamic shared rows by rising activity; rows of equal activity are sorted by
- * position. All other rows of a frame are called its own rows. */
+ * A row is shared if all frames of the group have its splat. Where rows correspond by index, this
+ * includes frames that do not keep the splat: its opacity is 0 there. A block contains the static
+ * shared rows first, then the dynamic shared rows by rising activity; rows of equal activity are
+ * sorted by position. All other kept rows of a frame are called its own rows. */
 #pragma once
 
 #include "exporters/lib/page_bytes.h"

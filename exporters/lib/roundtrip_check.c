@@ -39,8 +39,8 @@ static spin_status compare_frame(struct check *check, const char *path,
 {
     const struct spin_splat_rows *rows = &check->x->rows;
     const struct spin_splats *back = &check->back;
-    const struct spin_splat_rows plain = {
-        .splats = back}; /* no rotation: spin_splat_rows_get() keeps the axes of the file */
+    /* no rotation: spin_splat_rows_get() keeps the axes of the file */
+    const struct spin_splat_rows plain = {.splats = back};
     size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), next = 0;
 
     if (back->n != rows->n_kept)

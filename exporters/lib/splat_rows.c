@@ -257,8 +257,8 @@ spin_status spin_splat_rows_report_4d(const struct spin_splat_rows *rows,
                                       const double *times, int n_frames)
 {
     const double *spans = job->splats_4d->spans;
-    struct spin_splats_4d kept = {
-        0}; /* spin_splats_4d_counts() reads no other members than n and spans */
+    /* spin_splats_4d_counts() reads only the members n and spans */
+    struct spin_splats_4d kept = {0};
     SPIN_FREED double *kept_spans = NULL;
     SPIN_FREED size_t *counts = NULL;
     size_t n_empty = 0;

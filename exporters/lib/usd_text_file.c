@@ -18,7 +18,7 @@ struct printer {
     struct spin_out out;
     /* The array that is being written. */
     const unsigned char *data;
-    size_t n, first; /* number of tuples, and index of the first of the current tasks */
+    size_t n, first; /* number of tuples, and index of the first tuple of the current tasks */
     size_t width;    /* number of values of a tuple */
     char *text;      /* [TASKS] text of each task, `stride` bytes */
     size_t n_text[TASKS], stride;
