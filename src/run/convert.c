@@ -12,9 +12,10 @@
  * two trainings are needed: the first trains frames with tracks, which are kept as
  * clip.tracks.spin; the second trains 4D splats that are made from these frames.
  *
- * Frames with opacities but without a data set are retrained on renders of themselves if the format
- * stores 4D splats, or with --data renders. Before that, static splats are stored once for all
- * frames, in clip.static.spin. clip.import.spin is kept, since the renders are drawn from it. */
+ * A clip of frames with opacities that has no data set is retrained on renders of itself if the
+ * format stores 4D splats; --data renders requests this for any format. Before this training, if
+ * the frames share no rows, static splats are stored once for all frames, in clip.static.spin.
+ * clip.import.spin is kept, since the renders are drawn from it. */
 #include <sys/stat.h>
 
 #include "base/base.h"
@@ -275,8 +276,8 @@ static spin_status import_from(struct convert *c, const char *data)
     return add_report(c, "import", text);
 }
 
-/* Called after the import with the data set found beside the run has failed: imports the run again
- * without it. If this succeeds, the data set was the reason, and a warning is printed. */
+/* Imports the run again, without the data set found beside it, after an import with this data set
+ * has failed. If this succeeds, the data set was the reason, and a warning is printed. */
 static spin_status import_without_data(struct convert *c)
 {
     SPIN_FREED char *error = NULL;

@@ -3,9 +3,10 @@
 
 #include "spin.h"
 
-/* Writes one line about the data sets in the folder of the input, in its parent folder or beside
- * it, with a newline at the end; writes "" if there are none. Whether the run was trained on one of
- * these data sets is unknown, so the line only suggests using it. */
+/* Writes one line, with a newline at the end, about data sets near the input: the input itself if
+ * it is one, else its parent folder, else the folders beside it. Writes "" if there are none.
+ * Whether the run was trained on one of these data sets is unknown, so the line only suggests using
+ * it. */
 void spin_data_hint(const char *input, char *text, size_t n_text);
 /* Returns the path of the data set, allocated, if spin_data_hint() would find exactly one;
  * otherwise NULL. */

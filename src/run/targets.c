@@ -1,6 +1,6 @@
 /* The programs of --for, and the options that are set for each of them. Sources: docs/viewers.md
- * for the programs that the tests open; otherwise the documents of the program
- * (man/spin-export.1). */
+ * for the programs that the tests open; otherwise the documentation of the program, see
+ * man/spin-export.1. */
 #include "run/targets.h"
 
 #include <math.h>

@@ -12,8 +12,8 @@ struct spin_target {
     /* Options of exporters: name of the exporter, option, value. */
     const char *set[SPIN_TARGET_SET][3];
     bool equal_rows; /* the program needs the same splats in the same order in all frames */
-    /* How the settings were tried: "measured" in the program itself, "by reader" with code of the
-     * same authors, or "untested", by documents only. */
+    /* How the settings were tested: "measured" in the program itself; "by reader", with code of
+     * the same authors; or "untested", taken from the program's documentation. */
     const char *tried;
 };
 
