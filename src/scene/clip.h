@@ -16,7 +16,7 @@ struct spin_clip_options {
     struct spin_range range;
     const int *test_cameras; /* [n_test_cameras], replaces the test split of the data set */
     int n_test_cameras;
-    /* number of outermost training cameras that become test cameras, in addition to all others */
+    /* number of outermost training cameras that become test cameras besides those of the split */
     int n_outer;
     /* true: without test_cameras, the cameras that the training held out become test cameras */
     bool as_trained;

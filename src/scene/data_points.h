@@ -1,4 +1,4 @@
-/* Finds the points in a data set from which a training on this data set starts. */
+/* Finds the initial points of a data set, from which a training on it can start. */
 #pragma once
 
 #include "spin.h"
