@@ -202,7 +202,8 @@ struct spin_splats_4d {
     double least_weight;  /* a row is not drawn at times at which its w is below this */
     double least_opacity; /* the same for the product of w and the opacity */
     double period;        /* period of the cosines of sh_cos */
-    /* Factors on the screen-space covariance with which the splats were trained; {0, 0}: none. */
+    /* Factors by which the training multiplied the screen-space covariances of the splats; {0, 0}:
+     * none. */
     double cov2d[2];
     float *centres;         /* [n][3] world units */
     float *times;           /* [n] */
@@ -475,9 +476,8 @@ struct spin_export_report {
     double splats_mean;
     uint64_t bytes; /* 0: unknown */
     /* Numbers of splats that are left out, summed over all frames; 4D splats count once. dropped:
-     * by reason; left_out: those that are not finite, without rotation or too large; filtered:
-     * those that options other than --decimate and --max-scale drop. Exporters do not set these
-     * members. */
+     * by reason. left_out: the sum for the reasons NOT_FINITE, NO_ROTATION and TOO_LARGE. filtered:
+     * the sum for the other reasons except DECIMATE. Exporters do not set these members. */
     uint64_t dropped[SPIN_ROW_REASONS];
     uint64_t left_out, filtered;
     /* True: some frames keep other rows than the first frame. Exporters do not set this member. */
@@ -492,7 +492,7 @@ struct spin_export_report {
 struct spin_export_job {
     const char *output; /* as given by the user */
     bool force;         /* overwrite existing files */
-    bool sync;          /* to be set as `sync` of every struct spin_out */
+    bool sync;          /* copy this to `sync` of every struct spin_out that the exporter opens */
     int n_frames;       /* frames to export */
     double fps;         /* 0: unknown */
     const char *source; /* name of the method that the clip was imported from */
@@ -519,8 +519,8 @@ struct spin_export_job {
     const size_t *counts;
     bool counts_are_bounds; /* true: `counts` are upper bounds, since options drop splats */
     /* The exporter adds to `bytes` and `images` of the report, and sets `frames` if it exports only
-     * some frames. left_out and rows_differ have their final values when end() is called. May be
-     * NULL. */
+     * some frames. left_out and rows_differ have their final values when end() is called. The
+     * pointer may be NULL. */
     struct spin_export_report *report;
 
     /* True: end() must read back its files and fill report->check. Always false if the exporter
@@ -538,8 +538,8 @@ struct spin_export_job {
     const struct spin_splats_4d *splats_4d;
     double stride; /* mean difference between successive frame numbers; 0 means 1 */
 
-    /* How the frames are paired with those of the data set. An exporter can store this in its
-     * output for programs that import the output again. */
+    /* The next four members describe how the frames are paired with those of the data set. An
+     * exporter can store them in its output for programs that import the output again. */
     const int *source_index; /* [n_frames] index of each frame in the source clip; NULL: unknown */
     int n_source_frames;     /* number of frames of the source clip */
     bool numbered;           /* true: frame numbers come from the source, not from counting */
@@ -631,9 +631,10 @@ extern const struct spin_importer *const spin_importers[];
 extern const struct spin_exporter *const spin_exporters[];
 
 /* Loads the plug-ins in the environment variable SPIN_PLUGIN_PATH, a list of shared objects and
- * folders separated by colons. Only the first call of this function or of the next two loads
- * plug-ins. Those that fail to load are skipped with a warning, except the one named `chosen`,
- * whose error the caller reports; NULL: warn about all. */
+ * folders separated by colons. spin_importer_list() and spin_exporter_list() call this function
+ * with NULL, so call it first to pass a name; later calls do nothing. Plug-ins that fail to load
+ * are skipped with a warning, except the one named `chosen`, whose error the caller reports; NULL:
+ * warn about all. */
 void spin_plugins_load(const char *chosen);
 /* All importers and exporters, the built-in ones first, NULL-terminated. */
 const struct spin_importer *const *spin_importer_list(void);
