@@ -34,8 +34,8 @@ struct spin_progress {
     struct {
         double s;
         long long done;
-        /* Two earlier states, at least 10 s apart, from which the rate is computed; s is 0 if a
-         * state is not set yet. */
+        /* Two earlier states, at least 10 s apart, from which the rate is computed. s is 0 in a
+         * state that is not set yet. */
     } past[2];
     bool terminal;
 };

@@ -8,8 +8,8 @@ int spin_by_float(const void *a, const void *b);
 int spin_by_double(const void *a, const void *b);
 int spin_by_int(const void *a, const void *b);
 
-/* Returns how many values are NaN or infinite. Limited only by memory bandwidth, since it is called
- * for every value of every frame. */
+/* Returns how many values are NaN or infinite. Must run at memory bandwidth, since it is called for
+ * every value of every frame. */
 size_t spin_finite_missing(const float *values, size_t n);
 
 /* Update a 64-bit FNV-1a hash with n more bytes. A new hash begins with the value

@@ -22,11 +22,11 @@ void spin_text_json(FILE *to, const char *text);
 void spin_text_tidy(char *text, bool lines);
 
 /* Make messages, warnings and notes show the path `shown` instead of `path`, until
- * spin_text_unalias(path). This is for temporary folders: the user knows the archive, not the
- * folder. Both functions are thread-safe. */
+ * spin_text_unalias(path). This is for temporary folders into which an archive is unpacked: the
+ * user knows only the archive. Both functions are thread-safe. */
 void spin_text_alias(const char *path, const char *shown);
 void spin_text_unalias(const char *path);
-/* Replace the paths in a text that have an alias by the alias; `size` is the capacity of the text.
+/* In a text with a capacity of `size` bytes, replace every path that has an alias by the alias.
  * A text that would become too long is cut off. */
 void spin_text_show_paths(char *text, size_t size);
 
