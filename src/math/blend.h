@@ -117,8 +117,8 @@ SPIN_FN int spin_blend_step(const struct spin_blend_splat *s, float dx, float dy
 
 /* Blends depths instead of colours: s->colour must be (depth, 1, 0). The three elements of
  * pixel->colour are then the weighted sum of depths, the sum of weights, and the median depth: the
- * depth of the Gaussian at which the transmittance falls to one half, or 0 if the transmittance is
- * still larger. */
+ * depth of the Gaussian at which the transmittance falls to one half, or 0 if the transmittance
+ * stays above one half. */
 SPIN_FN void spin_blend_depth(const struct spin_blend_splat *s, float dx, float dy,
                               struct spin_blend_pixel *pixel)
 {

@@ -11,8 +11,8 @@
 
 #include "math/portable.h"
 
-/* The largest log scale for all frames. Renderers square the scale, and exp(2 * 44) still fits into
- * a float, whereas exp(2 * 45) does not. */
+/* The largest log scale in any frame, whatever the size of the scene. Renderers square the scale,
+ * and exp(2 * 44) still fits into a float, whereas exp(2 * 45) does not. */
 #define SPIN_LOG_SCALE_LIMIT 44.0f
 /* The largest value whose exp() fits into a float. */
 #define SPIN_LOG_SCALE_MOST 88.72283f

@@ -25,6 +25,7 @@ struct spin_projected_cov {
 };
 
 struct spin_ellipse {
+    /* u_px, v_px: the mean in pixels, where pixel centres are integers: 0.5 less than in spin.h. */
     float u_px, v_px, conic[3];
     float radius_px; /* 3 sigma, rounded up; 0 or not finite: the splat is not drawn */
 };
