@@ -681,9 +681,10 @@ static bool is_idle(const char *path, time_t seconds)
 
 /* Whether the writer of a temporary file has ended. If the writer ran on another host or in another
  * container, only the time of its last write is known; the writer is then assumed to have ended
- * after an hour without writes, since an export may compute for many minutes between writes. If the
- * name does not identify host and container, the writer is assumed to have ended if no process on
- * this host has its PID and the file was not written for a minute. */
+ * after an hour without writes, since an export may compute for many minutes between writes. A
+ * writer on this host and in this container has ended if no process has its PID. If the name does
+ * not identify host and container, the writer is assumed to have ended if no process on this host
+ * has its PID and the file was not written for a minute. */
 static bool writer_has_ended(const struct ending *e, const char *path)
 {
     bool is_dead = kill((pid_t)e->pid, 0) != 0 && errno == ESRCH;

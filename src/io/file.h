@@ -81,7 +81,7 @@ void spin_out_sweep_folder(const char *folder, const char *ending);
 /* Write bytes at an offset of an output file (see spin.h), bypassing the buffer of
  * spin_out_write(), which must be empty. Thread-safe, so that threads can write parts in parallel.
  * Returns 0 or an error number (errno), which spin_out_failed() converts to an error of the calling
- * thread. */
+ * thread. spin_out_write_at() does both. */
 int spin_out_put(struct spin_out *out, uint64_t at, const void *data, size_t bytes);
 spin_status spin_out_failed(const struct spin_out *out, int error);
 spin_status spin_out_write_at(struct spin_out *out, uint64_t at, const void *data, size_t bytes);

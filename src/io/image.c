@@ -356,8 +356,8 @@ static void colour_of(const struct spin_film *film, size_t i, float out[3])
         out[3] = alpha;
 }
 
-/* Express frames per second as a fraction: N / 1, N * 1000 / 1001 (29.97 and other NTSC rates), or
- * with three decimals as N / 1000. */
+/* Express frames per second as a fraction: N / 1, N * 1000 / 1001 (29.97 and other NTSC rates), or,
+ * rounded to three decimals, N / 1000. */
 static void set_rate(double fps, int out[2])
 {
     double ntsc = fps * 1.001;

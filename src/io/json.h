@@ -1,6 +1,7 @@
 /* JSON by Jansson, which is strict and small, limits the nesting depth, and is packaged by every
- * Debian release. This header adds functions that Jansson lacks, and renames the others. Values
- * that are looked up are borrowed from the document. */
+ * Debian release. This header adds functions that Jansson lacks, and gives the functions of Jansson
+ * that spin4d uses names with the prefix spin_json_. Values that are looked up are borrowed from
+ * the document. */
 #pragma once
 
 #include <jansson.h>

@@ -469,6 +469,8 @@ static bool may_count(const struct reader *r, const struct field *a, const struc
 }
 
 /* Whether field b, if it may be the frame number, excludes the varying field a as the frame number.
+ * The words around the numbers decide first (rank), then whether the values identify every name
+ * (distinct), then how regular they are (tier).
  */
 static bool yields(const struct reader *r, const struct field *a, const struct field *b)
 {

@@ -19,8 +19,9 @@ spin_status spin_pattern_parse(const char *text, struct spin_pattern *out);
 /* *out receives "folder/name", where the name contains the number; allocated. */
 spin_status spin_pattern_path(const struct spin_pattern *pattern, const char *folder, int number,
                               char **out);
-/* Whether a name matches the pattern. The number may be negative; '*' in the other parts matches
- * any characters. *digits receives the position of the number in the name. */
+/* Whether a name matches the pattern. The number may be negative; '*' before or after the number
+ * matches any characters, and upper and lower case are not distinguished. *digits receives the
+ * position of the number in the name. */
 bool spin_pattern_match(const struct spin_pattern *pattern, const char *name, const char **digits);
 /* Split a path such as "run/frame_%d/a.ply" before the first component with a number field: *folder
  * receives the part before it ("run", or "."), allocated, and *rest the remainder, which points

@@ -899,7 +899,8 @@ static spin_status make_scalar(struct machine *m, const struct spin_value *args)
         return push_int(m, integer);
     if (t.kind == 'b')
         return push_constant(m, integer ? &m->yes : &m->no, SPIN_VALUE_BOOL, integer != 0);
-    /* spin_value_number() converts floats of all sizes, but only those in a tensor. */
+    /* spin_value_number() converts floats of all sizes, but only from a tensor: wrap the number in
+     * one. */
     SPIN_TRY(new_node(m, SPIN_VALUE_TENSOR, PLAIN, &node));
     node->v.tensor = t;
     spin_value_number(&node->v, &number);

@@ -2,7 +2,7 @@
  * MPI's mpirun or Slurm's srun, and all call the functions below in the same order. A process that
  * was started in another way is rank 0 of 1: MPI is not loaded, and every call returns immediately.
  *
- * A rank that fails sends the others a notice when its work ends (spin_ranks_end, spin_run.h).
+ * A rank that fails sends the others a notice when its work ends (spin_ranks_end() in spin.h).
  * Ranks that wait for the failed rank in one of the functions below then fail as well, instead of
  * waiting forever. Only the thread that called spin_ranks_begin() may call these functions. */
 #pragma once

@@ -20,7 +20,7 @@ const char *spin_sound_ending(const struct spin_sound *s);
 double spin_sound_seconds(const struct spin_sound *s);
 /* Copies a WAV sound, and shifts its samples so that the copy starts with the clip (out->start is
  * 0): the samples before the first frame are removed, or silence is inserted at the beginning. *out
- * refers to *owned, which the caller frees. If this is impossible, as for all compressed formats,
- * *out is a copy of *s, and *owned is NULL. */
+ * refers to *owned, which the caller frees. If this is unnecessary, or impossible as for all
+ * compressed formats, *out is a copy of *s, and *owned is NULL. */
 spin_status spin_sound_align(const struct spin_sound *s, struct spin_sound *out,
                              unsigned char **owned);

@@ -19,8 +19,8 @@ spin_status spin_text_skip_mark(const char *what, const char **text, size_t *n)
     return SPIN_OK;
 }
 
-/* Copies a text, and removes carriage returns before line feeds and blanks at the end of lines;
- * returns the length of the copy. A single carriage return becomes a line feed. */
+/* Copies a text, converts every line end (CR LF or CR) to LF, and removes blanks at the end of
+ * lines; returns the length of the copy. */
 static size_t copy_lines(const char *from, size_t n, char *to)
 {
     size_t used = 0;

@@ -9,8 +9,8 @@ struct spin_text_file {
     char *text;
     size_t n;
 };
-/* Read a text file in UTF-8. Skips a byte order mark, and removes carriage returns and the blanks
- * at the end of lines. UTF-16 and binary files are errors. */
+/* Read a text file in UTF-8. Skips a byte order mark, converts all line ends to line feeds, and
+ * removes the blanks before them. UTF-16 and binary files are errors. */
 spin_status spin_text_file_open(const char *path, struct spin_text_file *out);
 void spin_text_file_close(struct spin_text_file *file);
 

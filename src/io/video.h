@@ -15,8 +15,8 @@
 #include "io/file.h"
 
 /* Parse "cam00.mp4#12" to the length of the file name and the index. Accepts .mp4, .mov, .m4v, .mkv
- * and .webm. Also accepts .avi, whose frames have no timestamps, so that reading such a frame fails
- * with this reason. */
+ * and .webm. Also accepts .avi, so that reading such a frame fails with a message: the decoder does
+ * not support AVI, whose frames have no timestamps. */
 bool spin_video_path(const char *path, size_t *n_file, int64_t *frame);
 /* Whether the name has the extension of a video. */
 bool spin_video_is_name(const char *name);

@@ -176,8 +176,8 @@ static void on_bus(int number, siginfo_t *info, void *context)
         /* Wait if another thread already runs the rest of this handler. */
         while (atomic_exchange(&dying, true))
             pause();
-        /* From here on, no thread writes a path of an entry that is in use. Before, another thread
-         * may have released this entry. */
+        /* From here on, no thread writes a path of an entry that is in use. Check again that this
+         * entry is in use, since another thread may have released it before `dying` was set. */
         if ((uintptr_t)atomic_load(&maps[i].data) != first)
             continue;
         report_cut_file(maps[i].path);

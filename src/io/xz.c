@@ -8,7 +8,7 @@
 #include "io/file.h"
 
 /* The decompressed size may be RATIO times the size of the file, plus RATIO_SLACK bytes. Networks,
- * codebooks and indices compress to about half; a larger file is probably a decompression bomb,
+ * codebooks and indices compress to about half; a larger ratio probably means a decompression bomb,
  * since xz can reach a ratio of 7000. */
 #define RATIO 32
 #define RATIO_SLACK ((size_t)8 << 20)
