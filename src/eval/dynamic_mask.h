@@ -3,8 +3,8 @@
  * Images consist mostly of static background, so a mean over whole images hides the errors of fast
  * motion; evaluation therefore also measures dynamic pixels separately. The masks are the
  * foreground masks of the data set, or are computed from its images: a pixel is dynamic if it
- * differs from the median of the camera's images over time. An object that does not move for more
- * than half of the clip is part of the median, and its pixels are therefore static. */
+ * differs from the median of the camera's images over time. An object that stays in place for more
+ * than half of the clip becomes part of the median, so its pixels count as static. */
 #pragma once
 
 #include "spin.h"
@@ -26,7 +26,7 @@ struct spin_dynamic_mask {
 /* Opens masks of dynamic pixels for the views of these pairs. If `from` is AUTO, it is replaced by
  * MASKS if all views have foreground masks, otherwise by IMAGES if at least one camera is static
  * and has at least three frames, otherwise by OFF. It is an error if `from` is MASKS or IMAGES and
- * the data set does not meet this condition. */
+ * the data set does not meet the condition for it. */
 spin_status spin_dynamic_mask_open(const struct spin_views *views, struct spin_image_cache *pixels,
                                    enum spin_dynamic_from from, const struct spin_pair *pairs,
                                    size_t n_pairs, struct spin_dynamic_mask *out);
@@ -49,7 +49,8 @@ size_t spin_moving_views(const struct spin_views *views, int camera_id,
                          size_t chosen[SPIN_MOVING_ROWS]);
 
 /* Sets m->mask to the mask of a view, in the size of its image. truth: image of the view; NULL:
- * load it if necessary. *n: number of pixels in the mask; 0 if the camera has no median. */
+ * load it if necessary. *n: number of pixels of value 1 in the mask; 0 if the camera has no median.
+ */
 spin_status spin_dynamic_mask_find(struct spin_dynamic_mask *m, size_t view, const float *truth,
                                    size_t *n);
 /* Packs the first n pixels of m->mask into (n + 7) / 8 bytes, lowest bit first. */

@@ -212,7 +212,7 @@ static spin_status measure_camera(struct flicker *f, struct spin_flicker_sums *s
     return SPIN_OK;
 }
 
-/* Measures those static cameras that this rank has to measure. */
+/* Measures this rank's share of the static cameras: one in spin_n_ranks() of them. */
 static spin_status measure_own(struct flicker *f, struct spin_flicker_sums *sums, size_t n)
 {
     for (size_t i = (size_t)spin_rank(); i < n; i += (size_t)spin_n_ranks())

@@ -148,8 +148,8 @@ static spin_status load_ground_truth(struct spin_metrics *m, size_t view, size_t
 
 /* ---- The subject only ------------------------------------------------------------------------ */
 
-/* Returns the number of pixels of mask [h][w] after dilation by half the SSIM window. All other
- * pixels have an SSIM of 1, since their windows contain only background. */
+/* Returns the number of pixels of mask [h][w] after dilation by half the SSIM window. Pixels
+ * outside the dilated mask have an SSIM of 1, since their windows contain only background. */
 static size_t count_grown(const uint8_t *mask, int width, int height)
 {
     size_t n = 0;

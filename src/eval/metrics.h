@@ -34,11 +34,12 @@ struct spin_eval_report {
     size_t n_views;
     int n_frames;        /* number of measured frames */
     int n_bundle_frames; /* number of all frames of the bundle, to which `storage` refers */
-    /* True if retrained, or refined, attributes were measured; if both are false: those of the
-     * source. */
+    /* trained: the retrained attributes were measured; refined: the refined ones; both false: those
+     * of the source. */
     bool trained, refined;
     enum spin_dynamic_from dynamic; /* origin of the masks of dynamic regions; OFF: not measured */
-    /* True if the background changes only at pixels of known alpha in psnr_opposite. */
+    /* True: psnr_opposite was measured with mattes, that is, with the opposite background only at
+     * pixels of known alpha. */
     bool alpha_known;
     /* "masks" or "alpha": only the subject in this mask was measured; NULL: whole images. */
     const char *subject;

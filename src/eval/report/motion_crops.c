@@ -42,9 +42,9 @@ static float pixel_change(const float *a, const float *b, size_t plane, size_t i
 
 /* Computes s->speed of each pixel: its difference from the previous or the next frame, whichever is
  * smaller, minus the difference between the previous and the next frame. A pixel that an object
- * covers in one frame only has a high speed, since its background is the same in the previous and
- * the next frame. A moving striped shirt has a low speed, since all three frames differ. Sets
- * *found to false if the camera has no previous or next frame. */
+ * covers in the current frame only, not in its neighbours, has a high speed, since its background
+ * is the same in the previous and the next frame. A moving striped shirt has a low speed, since all
+ * three frames differ. Sets *found to false if the camera has no previous or next frame. */
 static spin_status find_speed(struct search *s, const struct spin_pair *pair, bool *found)
 {
     const struct spin_camera *c = &s->clip->views.view[pair->view].camera;
