@@ -4,7 +4,11 @@
  * cell form the outermost surface of the cell. A flat splat of about the size of the cell is placed
  * behind that surface, so far behind that sorting by depth always puts it behind the splats of the
  * surface. While the splat is in front of the outermost surface of any other view, it is moved away
- * from the camera. It is dropped if the backdrop already has a splat at that position. */
+ * from the camera. It is dropped if the backdrop already has a splat at that position.
+ *
+ * Finally, surfaces are extended into directions that no training view shows: holes in the
+ * surroundings, and a margin of 14 degrees around them. Their radius and colour are interpolated.
+ */
 #include "train/backdrop.h"
 
 #include "base/base.h"
@@ -24,6 +28,10 @@ enum {
     N_BINS = 96,      /* bins of log depth in a cell */
     DEPTH_BINS = 3,   /* number of adjacent bins that form a surface */
     MOST_SPLATS = 20000,
+    MOST_STEPS = 40,       /* largest number of steps of 5 % away from the camera: 7 times as far */
+    N_DIRECTIONS = 2048,   /* directions from the centre of the scene, 4.5 degrees apart */
+    N_SECTORS = 8,         /* sectors around a direction, */
+    ENCLOSING_SECTORS = 6, /* and how many of them must contain visible surfaces */
     /* With fewer splats per frame, --backdrop auto means off: too few splats do not locate the
        surfaces. */
     FEWEST_SPLATS = 1000
@@ -47,6 +55,10 @@ static const double tolerance = 0.03;
 static const double covered = 0.7;
 /* Minimum of a colour channel, since a channel at 0 would have no gradient. */
 static const double darkest = 0.02;
+/* A direction that no view shows is closed if some view shows a direction within the first angle
+ * (radians) of it, or if views show directions within the second angle in ENCLOSING_SECTORS of the
+ * sectors around it. */
+static const double adjoining_angle = 0.25, enclosing_angle = 1.3;
 static const float logit_opacity = 5; /* opacity 0.993 */
 
 struct cell {
@@ -427,10 +439,6 @@ static void add_splat(struct layout *l, const struct patch *p, const double colo
 
 static void add_view(struct layout *l, const struct view *v)
 {
-    /* 40 calls of push_back() multiply the distance of a splat from the camera by 1.05^40, which is
-     * about 7. */
-    const int most_steps = 40;
-
     for (int i = 0; i < v->columns * v->rows && l->out->n < MOST_SPLATS; i++) {
         struct patch p;
         int steps = 0;
@@ -438,31 +446,209 @@ static void add_view(struct layout *l, const struct view *v)
         if (!v->cell[i].known)
             continue;
         init_patch(v, i, &p);
-        while (!is_covered(l, &p) && sticks_out(l, &p) && steps++ < most_steps)
+        while (!is_covered(l, &p) && sticks_out(l, &p) && steps++ < MOST_STEPS)
             push_back(v, &p);
-        if (steps <= most_steps && !is_covered(l, &p))
+        if (steps <= MOST_STEPS && !is_covered(l, &p))
             add_splat(l, &p, v->cell[i].colour);
     }
+}
+
+/* ---- Directions that no view shows ----------------------------------------------------------- */
+
+/* The surroundings in one direction from the mean position of the cameras. */
+struct direction {
+    double axis[3]; /* unit vector */
+    double n;       /* number of cells of the views in this direction */
+    double log_radius, colour[3];
+};
+
+/* Sets the axes to N_DIRECTIONS unit vectors that cover the sphere evenly: a Fibonacci lattice. */
+static void spread_directions(struct direction *d)
+{
+    const double golden_angle = M_PI * (3 - sqrt(5));
+
+    for (int i = 0; i < N_DIRECTIONS; i++) {
+        double y = 1 - (2 * i + 1.0) / N_DIRECTIONS, r = sqrt(1 - y * y);
+
+        d[i].axis[0] = r * cos(golden_angle * i);
+        d[i].axis[1] = y;
+        d[i].axis[2] = r * sin(golden_angle * i);
+    }
+}
+
+/* Adds the surface of a cell to the nearest direction. */
+static void add_cell(const struct cell *cell, const double centre[3], struct direction *d)
+{
+    double ray[3], radius, largest = -2;
+    struct direction *nearest = d;
+
+    for (int c = 0; c < 3; c++)
+        ray[c] = cell->at[c] - centre[c];
+    radius = normalise(ray);
+    if (!cell->known || !(radius > 0))
+        return;
+    for (int i = 0; i < N_DIRECTIONS; i++) {
+        double cosine = dot(ray, d[i].axis);
+
+        if (cosine > largest) {
+            largest = cosine;
+            nearest = &d[i];
+        }
+    }
+    nearest->n++;
+    nearest->log_radius += log(radius);
+    for (int c = 0; c < 3; c++)
+        nearest->colour[c] += cell->colour[c];
+}
+
+static void find_directions(const struct layout *l, const double centre[3], struct direction *d)
+{
+    spread_directions(d);
+    for (int k = 0; k < l->n_views; k++)
+        for (int i = 0; i < l->view[k].columns * l->view[k].rows; i++)
+            add_cell(&l->view[k].cell[i], centre, d);
+    for (int i = 0; i < N_DIRECTIONS; i++) {
+        double n = fmax(1, d[i].n);
+
+        d[i].log_radius /= n;
+        for (int c = 0; c < 3; c++)
+            d[i].colour[c] /= n;
+    }
+}
+
+/* Sets two unit vectors perpendicular to a unit vector and to each other. */
+static void find_tangents(const double axis[3], double a[3], double b[3])
+{
+    const double helper[3] = {fabs(axis[0]) <= 0.7, fabs(axis[0]) > 0.7, 0};
+
+    cross(axis, helper, a);
+    normalise(a);
+    cross(axis, a, b);
+}
+
+/* Sets the radius and colour of a direction to means of those that views show, weighted by the
+ * inverse cube of the angle. Returns false if the direction is at an open side of the scene, where
+ * a wall would hide the scene from the outside. */
+static bool extrapolate(const struct direction *d, struct direction *to)
+{
+    double a[3], b[3], nearest = M_PI, sum = 0;
+    unsigned sectors = 0;
+
+    find_tangents(to->axis, a, b);
+    for (int i = 0; i < N_DIRECTIONS; i++) {
+        double angle, weight, turn;
+
+        if (d[i].n == 0)
+            continue;
+        angle = acos(fmin(1, fmax(-1, dot(d[i].axis, to->axis))));
+        turn = atan2(dot(d[i].axis, b), dot(d[i].axis, a)) / (2 * M_PI) + 0.5;
+        if (angle < enclosing_angle)
+            sectors |= 1U << (int)fmin(N_SECTORS - 1, turn * N_SECTORS);
+        nearest = fmin(nearest, angle);
+        weight = pow(angle, -3);
+        sum += weight;
+        to->log_radius += weight * d[i].log_radius;
+        for (int c = 0; c < 3; c++)
+            to->colour[c] += weight * d[i].colour[c];
+    }
+    to->log_radius /= sum;
+    for (int c = 0; c < 3; c++)
+        to->colour[c] /= sum;
+    return nearest < adjoining_angle || __builtin_popcount(sectors) >= ENCLOSING_SECTORS;
+}
+
+/* Returns the smallest radius at which a splat in this direction is behind all cameras near it. */
+static double radius_behind_cameras(const struct layout *l, const double centre[3],
+                                    const double axis[3])
+{
+    const double near_cosine = 0.866, distance_behind = 1.2;
+    double radius = 0;
+
+    for (int k = 0; k < l->n_views; k++) {
+        struct spin_camera_f32 camera = spin_camera_f32_from(l->view[k].camera);
+        double ray[3], distance;
+
+        for (int c = 0; c < 3; c++)
+            ray[c] = (double)camera.centre[c] - centre[c];
+        distance = normalise(ray);
+        if (dot(ray, axis) > near_cosine)
+            radius = fmax(radius, distance_behind * distance);
+    }
+    return radius;
+}
+
+/* Adds a splat in a direction. While it is in front of a surface of a view, its radius is
+ * increased. */
+static void close_direction(struct layout *l, const double centre[3], const struct direction *to)
+{
+    const double spacing = sqrt(4 * M_PI / N_DIRECTIONS), step = 1.05;
+    double radius = fmax(step * exp(to->log_radius), radius_behind_cameras(l, centre, to->axis));
+    struct patch p;
+
+    memcpy(p.axis[2], to->axis, sizeof p.axis[2]);
+    find_tangents(to->axis, p.axis[0], p.axis[1]);
+    for (int k = 0; k < MOST_STEPS && l->out->n < MOST_SPLATS; k++, radius *= step) {
+        for (int c = 0; c < 3; c++)
+            p.at[c] = centre[c] + radius * to->axis[c];
+        p.size[0] = p.size[1] = spacing * radius;
+        if (sticks_out(l, &p))
+            continue;
+        if (!is_covered(l, &p))
+            add_splat(l, &p, to->colour);
+        return;
+    }
+}
+
+/* Extends the surfaces into directions that no training view shows. */
+static spin_status close_directions(struct layout *l)
+{
+    double centre[3] = {0};
+    SPIN_FREED struct direction *d = NULL;
+
+    SPIN_TRY(spin_alloc(N_DIRECTIONS, sizeof *d, (void **)&d));
+    for (int k = 0; k < l->n_views; k++)
+        for (int c = 0; c < 3; c++)
+            centre[c] += (double)spin_camera_f32_from(l->view[k].camera).centre[c] / l->n_views;
+    find_directions(l, centre, d);
+    for (int i = 0; i < N_DIRECTIONS; i++) {
+        struct direction to = d[i];
+
+        if (to.n == 0 && extrapolate(d, &to))
+            close_direction(l, centre, &to);
+    }
+    return SPIN_OK;
+}
+
+static size_t common_divisor(size_t a, size_t b)
+{
+    while (b > 0) {
+        size_t rest = a % b;
+
+        a = b;
+        b = rest;
+    }
+    return a;
 }
 
 static spin_status place_splats(struct spin_plan *plan)
 {
     size_t n = plan->n_train < MOST_VIEWS ? plan->n_train : MOST_VIEWS;
+    size_t step = plan->n_train / n + 1;
     SPIN_LEAVES(close_layout) struct layout l = {.out = &plan->backdrop};
 
     SPIN_TRY(sample_points(&l, plan));
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.spacing, (void **)&l.spacing));
     SPIN_TRY(spin_alloc(MOST_SPLATS, sizeof *l.out->row, (void **)&l.out->row));
-    for (size_t i = 0; i < n; i++) {
-        /* The stride is n_train / n + 1. If the stride were a multiple of the number of cameras, as
-         * n_train / n may be, all views would be of the same camera. */
-        size_t pair = (i * (plan->n_train / n) + i) % plan->n_train;
-
-        SPIN_TRY(open_view(&l, &plan->clip.views.view[plan->train[pair].view].camera));
-    }
+    /* If the step and the number of cameras had a common divisor, only some of the cameras would be
+     * used. */
+    while (common_divisor(step, plan->n_train) > 1)
+        step++;
+    for (size_t i = 0; i < n; i++)
+        SPIN_TRY(open_view(
+            &l, &plan->clip.views.view[plan->train[i * step % plan->n_train].view].camera));
     for (int i = 0; i < l.n_views; i++)
         add_view(&l, &l.view[i]);
-    return SPIN_OK;
+    return close_directions(&l);
 }
 
 /* ---- Tracks ---------------------------------------------------------------------------------- */
