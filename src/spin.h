@@ -300,7 +300,8 @@ void spin_views_free(struct spin_views *views);
 
 #define SPIN_PLUGIN_ABI 8
 
-/* A sound track: a sound file in memory, which spin4d copies without decoding it. */
+/* A sound track: a sound file in memory, which spin4d copies without decoding it, except into
+ * videos. */
 struct spin_sound {
     char name[64];             /* name for users, without folder and extension */
     const char *type;          /* "wav", "opus", "vorbis", "m4a", "aac", "mp3" or "flac"; static */
