@@ -191,9 +191,10 @@ static enum spin_name_rank rank_by_unit(const struct spin_name_parts *parts,
                                              : SPIN_RANK_PLAIN;
 }
 
-/* The letters directly after the number determine its rank; if they do not, the letters directly
- * before it do. Before a number at the start of a word, these are the last letters of the previous
- * word, unless they are the unit of a number that precedes them. */
+/* The letters directly after the number determine its rank if they are a known unit; otherwise the
+ * letters directly before it do. If the number begins its word, the letters before it are the last
+ * letters of the previous word. If these follow a digit, they are the unit of that other number,
+ * and do not lower the rank. */
 enum spin_name_rank spin_name_rank(const struct spin_name_parts *parts, size_t number)
 {
     const struct spin_name_number *of = &parts->number[number];

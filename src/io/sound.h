@@ -1,5 +1,6 @@
-/* Sound tracks. spin4d never decodes them: it recognises the format of a file by its content, and
- * passes the file on byte for byte. */
+/* Sound tracks. This file recognises the format of a sound file by its content, and never decodes
+ * the sound: exports store the file byte for byte, except that spin_sound_align() can cut or extend
+ * WAV files. Only videos decode the sound and encode it again (video_sound_ffmpeg.c). */
 #pragma once
 
 #include "spin.h"

@@ -27,9 +27,9 @@ spin_status spin_video_start(void);
 struct spin_video_shim;
 spin_status spin_video_shim(const struct spin_video_shim **shim);
 
-/* Read the size and the number of frames of a video from its packets, without decoding them. The
- * last argument, unless it is NULL, receives the digest of the whole file, which is cached until
- * the file changes. */
+/* Read the size and the number of frames of a video from its packets, without decoding them.
+ * digest: NULL, or receives the digest of the whole file, which is cached until the file changes.
+ */
 spin_status spin_video_info(const char *file, int *width, int *height, int64_t *n_frames,
                             struct spin_digest *digest);
 

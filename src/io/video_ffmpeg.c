@@ -137,7 +137,8 @@ static enum spin_video_result list_frames(AVFormatContext *file, int stream_inde
     return result;
 }
 
-/* Returns the display matrix of the file, in which phones record how they were held, or NULL. */
+/* Returns the display matrix of the file, in which phones record how they were held; NULL if there
+ * is none. */
 static const int32_t *display_matrix(const AVStream *stream)
 {
 #if LIBAVFORMAT_VERSION_INT >= AV_VERSION_INT(60, 15, 100)
