@@ -3,8 +3,8 @@
  * - splats with NaN or infinity, which make some viewers hang;
  * - splats with a rotation of length zero;
  * - splats that are too large: the square of their scale overflows float, or their standard
- *   deviation exceeds the diagonal of the bounding box of the frame's positions, so that they would
- *   cover the whole scene with one colour. */
+ *   deviation exceeds --max-scale (by default 1) times the diagonal of the bounding box of the
+ *   frame's positions, so that they would cover the whole scene with one colour. */
 #pragma once
 
 #include <stddef.h>
