@@ -18,6 +18,7 @@ run_of() { # IMPORTER: one of its runs, inside the large fixtures or those of th
     ed3dgs) echo ed3dgs/annealed_early/model ;;
     gltf) echo splats/glb ;;
     ex4dgs) echo ex4dgs/small/model ;;
+    gaussianflow) echo gaussianflow/dnerf_like ;;
     gifstream) echo gifstream/entropy_knn ;;
     grid4d) echo grid4d/dnerf_like/model ;;
     hybrid4dgs) echo hybrid4dgs/small/model ;;

@@ -152,6 +152,7 @@ realtime4dgs realtime4dgs/rot4d_noshfs
 freetimegs freetimegs/still_sh0_no_optimizers
 freetimegspp freetimegspp/gated_sh3
 rotor4dgs rotor4dgs/old_names
+gaussianflow gaussianflow/dnerf_like
 gifstream gifstream/entropy_knn
 scgs scgs/real_mask_hyper2/model
 shapeofmotion shapeofmotion/fg_only_k4

@@ -44,6 +44,10 @@ static const struct run {
      "gifstream/view_app",
      {"ckpts/ckpt_6999_rank0.pt", "cfg.yml"},
      {"camera", "0,0,-6", NULL}},
+    {"gaussianflow",
+     "gaussianflow/dnerf_like",
+     {"chkpnt30001.pth", "project_file/dnerf.yaml", "project_file/custom.yaml"},
+     {NULL}},
 };
 enum { N_RUNS = sizeof runs / sizeof *runs };
 

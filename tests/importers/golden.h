@@ -178,6 +178,8 @@ static const struct golden goldens[] = {
     G("freetimegspp", "freetimegspp", "", free, ANY_STILL, .seen = {{"opacity", 1 / 255.0}},
       .also = {"gaussians.pt"}),
     G("scgs", "scgs", "model", nodes, ANY_STILL, .last = 1, .also = {"model/deform/*/deform.pth"}),
+    G("gaussianflow", "gaussianflow", "", deformed, SPIN_COL_LOGIT_OPACITIES, .last = 1,
+      .said = "Gaussian-Flow,", .also = {"chkpnt*.pth"}),
     G("shapeofmotion", "shapeofmotion", "checkpoints/last.ckpt", rigid,
       SPIN_COL_LOG_SCALES | SETTLED, .frames = true, .also = {""}),
     G("4dgs", "4dgs", "", states, ANY_STILL, .seen = {{"visible", 0}}, .unless = "centre"),

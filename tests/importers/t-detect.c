@@ -1,7 +1,7 @@
 /* Which importer recognises each fixture without --from and --data-from.
  * K: detect import d3dgs tc3dgs deformable3dgs motiongs ed3dgs ex4dgs grid4d hybrid4dgs dash
  * K: 4dgaussian modecgs 3dgstream realtime4dgs rotor4dgs spacetimegs omg4 ply spz splat ksplat
- * K: splat4d 4dgs sog tsog sogst gltf usd gifstream panoptic colmap dynerf
+ * K: splat4d 4dgs sog tsog sogst gltf usd gifstream gaussianflow panoptic colmap dynerf
  * K: transforms 4danyone easyvolcap */
 #include "tests/importers/runs.h"
 
@@ -29,6 +29,8 @@ static const struct known runs[] = {
     {"ex4dgs/small/model/point_cloud/iteration_40000/dynamic_point_cloud.ply", "ex4dgs"},
     {"freetimegs/*", "freetimegs"},
     {"ftgs_ply/*/scene.ftgs.ply", "freetimegs"},
+    {"gaussianflow/*", "gaussianflow"},
+    {"gaussianflow/dnerf_like/chkpnt30001.pth", "gaussianflow"},
     {"gifstream/view_app", "gifstream"},
     {"gifstream/entropy_knn/ckpts", "gifstream"},
     {"gifstream/entropy_knn/ckpts/ckpt_29999_rank0.pt", "gifstream"},

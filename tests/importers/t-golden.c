@@ -4,7 +4,7 @@
  * K: golden import deformable3dgs motiongs grid4d dash ed3dgs 4dgaussian spacetimegs rotor4dgs
  * K: realtime4dgs hybrid4dgs omg4 modecgs ex4dgs freetimegs ftgs_ply freetimegspp scgs
  * shapeofmotion
- * K: stglite gifstream usd d3dgs pamosplat trackersplat tc3dgs threads */
+ * K: gaussianflow stglite gifstream usd d3dgs pamosplat trackersplat tc3dgs threads */
 #include "tests/importers/golden.h"
 
 static void fixtures_of(const char *method)
@@ -52,6 +52,7 @@ TAP_MAIN
     METHOD_PART(ftgs_ply);
     METHOD_PART(freetimegspp);
     METHOD_PART(scgs);
+    METHOD_PART(gaussianflow);
     METHOD_PART(shapeofmotion);
     METHOD_PART(4dgs);
     METHOD_PART(stglite);
