@@ -143,21 +143,21 @@ static spin_status find_degree(const struct spin_model *base, int *degree)
     return SPIN_OK;
 }
 
-static spin_status load_series(struct model *m, int which, int64_t n)
+static spin_status load_series(struct model *m, int which, size_t n)
 {
-    const int64_t shape[4] = {n, -1, series[which].width, 3};
     struct spin_model *base = &m->base;
-    const struct spin_value *v = spin_model_get(base, "%s", series[which].key);
-    struct spin_array t;
+    const char *key = series[which].key;
+    const struct spin_value *v = spin_model_get(base, "%s", key);
+    uint64_t n_orders = v && v->tensor.n_dims == 4 ? v->tensor.shape[1] : 1;
+    size_t step = 3 * (size_t)series[which].width * (size_t)n_orders;
+    const int64_t shape[4] = {(int64_t)n, (int64_t)n_orders, series[which].width, 3};
 
-    if (v) /* checks the size of the storage before memory is allocated */
-        SPIN_TRY(spin_chkpnt_bind(&base->torch, v, series[which].key, 4, shape, &t));
-    SPIN_TRY(spin_model_floats(base, series[which].key, 4, shape, &t, &m->factor[which]));
-    if (t.shape[1] < 1 || t.shape[1] > MOST_ORDERS)
-        return spin_malformed("tensor '%s%s' has %llu orders, expected 1 to %d", base->prefix,
-                              series[which].key, (unsigned long long)t.shape[1], MOST_ORDERS);
-    m->n_orders[which] = (int)t.shape[1];
-    return SPIN_OK;
+    if (n_orders < 1 || n_orders > MOST_ORDERS)
+        return spin_malformed("tensor '%s%s' has %llu orders, expected 1 to %d", base->prefix, key,
+                              (unsigned long long)n_orders, MOST_ORDERS);
+    m->n_orders[which] = (int)n_orders;
+    SPIN_TRY(spin_model_alloc(base, n, step * sizeof(float), (void **)&m->factor[which]));
+    return read_rows(base, key, 4, shape, step, m->factor[which], step);
 }
 
 static spin_status load_columns(struct model *m, size_t n, int degree)
@@ -200,7 +200,7 @@ static spin_status read_checkpoint(struct spin_model *base)
                               base->prefix, (unsigned long long)t.shape[0]);
     SPIN_TRY(find_degree(base, &degree));
     for (int i = 0; i < N_SERIES; i++)
-        SPIN_TRY(load_series(m, i, (int64_t)t.shape[0]));
+        SPIN_TRY(load_series(m, i, (size_t)t.shape[0]));
     return load_columns(m, (size_t)t.shape[0], degree);
 }
 

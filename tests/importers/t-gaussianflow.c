@@ -112,7 +112,9 @@ static void test_files(const char *model, const char *dnerf)
     run_close(&run);
     edit_file(second, "text 1.2=>1.3");
     model_fails(NULL, copy, NULL, "second.yml", "--config", "two files that differ in the factor");
-    ok(opens(copy, config, &run) && strstr(run.sequence.notes, "1.2"), "--config chooses");
+    ok(opens(copy, config, &run) &&
+           strstr(run.sequence.notes, "1.2 and offset_value is -0.25, from 'custom.yaml';"),
+       "--config chooses");
     run_close(&run);
     copy_file(yaml, second);
     edit_file(second, "text -0.25=>-0.2");
@@ -204,6 +206,24 @@ static void test_lies(const char *from)
     ok(opens(path, own, &run) && run.sequence.sh_degree == 3 && read_all(NULL, path) == SPIN_OK,
        "quaternions of zeros are not divided by zero; without sh_degree, all SH are read");
     run_close(&run);
+    for (int i = 0; i < pth.n; i++) {
+        char name[50];
+
+        snprintf(name, sizeof name, "%s", pth.tensor[i].name);
+        snprintf(pth.tensor[i].name, sizeof pth.tensor[i].name, "point_cloud.%s", name);
+    }
+    pth.within = "model";
+    pth_put(&pth, "camera.velocity", 1, (uint64_t[1]){4});
+    pth_save(&pth, path);
+    ok(opens(path, own, &run), "other parts of the model are not read");
+    run_close(&run);
+    pth_put(&pth, "point_cloud.velocity", 1, (uint64_t[1]){4});
+    pth_save(&pth, path);
+    model_fails(FROM, path, NULL, "chkpnt1.pth", "'point_cloud.velocity'", "unlike its attributes");
+    pth_drop(&pth, "point_cloud.velocity");
+    pth_drop(&pth, "point_cloud.opacity");
+    pth_save(&pth, path);
+    model_fails(FROM, path, NULL, "chkpnt1.pth", "'point_cloud.opacity'", "a part that lacks");
     pth.within = "cloud";
     pth_save(&pth, path);
     model_fails(FROM, path, NULL, "chkpnt1.pth", "'point_cloud'", "another dict");
