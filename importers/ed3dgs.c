@@ -147,7 +147,7 @@ static spin_status read_settings(struct model *m)
         return spin_malformed("'%s': c2f_temporal_iter is %g, expected above 0", cfg->path,
                               s->resized_until);
     if (s->n_frames != 0 && !is_count(s->n_frames))
-        return spin_malformed("'%s': total_num_frames is %g, expected a number of frames",
+        return spin_malformed("'%s': total_num_frames is %g, expected a positive integer",
                               cfg->path, s->n_frames);
     return SPIN_OK;
 }

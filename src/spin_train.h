@@ -170,7 +170,7 @@ void spin_retrain_defaults(struct spin_retrain_options *o);
 /* Sets all options to those of a preset. "quick": the method TRACKS with one image per iteration,
  * densification and antialiasing; the number of iterations grows with the number of frames. "best":
  * "quick" with three times as many iterations and adapted learning rates of tracks. "paper": the
- * method NETWORK with the settings of the paper, which takes hours on a GPU. "short": the method
+ * method NETWORK with the settings of the paper, which takes hours on a CPU. "short": the method
  * NETWORK in minutes on a CPU. Since "short" trains each frame in about a hundred iterations
  * instead of thousands, it differs in three ways: learning rates are higher; all images of an
  * iteration show the same frame, so that the field is evaluated for one frame only; scales and

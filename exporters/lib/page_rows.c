@@ -419,8 +419,8 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
     unit_of(a, q);
     spin_splat_rows_get(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
-        /* number_path() quantises the position. The centre of the scene is used here, since its
-         * number is 0. */
+        /* The position is quantised by number_path(), not here. The centre of the scene is a
+         * placeholder, which quantises to 0. */
         value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];
         value[SPIN_PAGE_COLOUR + c] = is.colour[c];
         value[SPIN_PAGE_SCALE + c] = is.log_scale[c];

@@ -37,13 +37,17 @@ static spin_status describe_views(const struct spin_views *views, char out[120])
     return SPIN_OK;
 }
 
-/* Quotes a path for the shell if it contains special characters. */
-static const char *quote(const char *path, char *out, size_t n)
+/* Quotes a path for the shell if it contains special characters: out has QUOTED(length) bytes. */
+#define QUOTED(length) (4 * (length) + 3)
+static const char *quote(const char *path, char *out)
 {
     bool plain = strpbrk(path, " \t'\"$`\\&;()<>|*?[]!#~") == NULL;
+    char *to = out;
 
-    snprintf(out, n, "%s%s%s", plain ? "" : "'", path, plain ? "" : "'");
-    return out;
+    for (*to++ = '\''; *path; path++)
+        to += *path == '\'' ? sprintf(to, "'\\''") : sprintf(to, "%c", *path);
+    strcpy(to, plain ? "" : "'");
+    return plain ? out + 1 : out;
 }
 
 /* Returns whether to suggest a still of the first frame, made from the points of the data set. If
@@ -67,13 +71,14 @@ static spin_status offer_points(const char *path, const struct spin_views *views
                                 size_t n)
 {
     SPIN_FREED char *points = NULL, *absolute = NULL;
-    char input[300], data[300], name[200];
+    enum { LONGEST = 300 };
+    char input[QUOTED(LONGEST)], data[QUOTED(LONGEST)], name[200], quoted[QUOTED(200)];
     bool per_frame, still;
 
     *out = '\0';
     SPIN_TRY(spin_data_points(path, &points, &per_frame));
     SPIN_TRY(spin_path_absolute(path, &absolute));
-    if (!points || strlen(points) >= sizeof input - 2 || strlen(path) >= sizeof data - 2)
+    if (!points || strlen(points) > LONGEST || strlen(path) > LONGEST)
         return SPIN_OK;
     snprintf(name, sizeof name, "%.180s.html", spin_path_name(absolute));
     still = !per_frame && makes_still(views);
@@ -81,10 +86,8 @@ static spin_status offer_points(const char *path, const struct spin_views *views
              per_frame ? "the points of its frames"
              : still   ? "its points, for a still of its first frame"
                        : "its points",
-             quote(points, input, sizeof input),
-             spin_text_ends_any_case(points, ".ply") ? " --from points" : "",
-             quote(path, data, sizeof data), still ? " --frames 1" : "",
-             quote(name, (char[204]){0}, 204));
+             quote(points, input), spin_text_ends_any_case(points, ".ply") ? " --from points" : "",
+             quote(path, data), still ? " --frames 1" : "", quote(name, quoted));
     return SPIN_OK;
 }
 

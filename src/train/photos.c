@@ -452,7 +452,7 @@ static spin_status write_previews(struct spin_plan *plan, struct spin_photos *ph
 {
     SPIN_LEAVES(spin_player_close) struct spin_player source = {0};
     bool with_source = spin_plan_has_source(plan);
-    int middle = plan->clip.n_frames / 2;
+    int middle = spin_plan_middle_frame(plan);
 
     if (!plan->o->preview || plan->n_test == 0)
         return SPIN_OK;

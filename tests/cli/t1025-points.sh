@@ -21,7 +21,7 @@ offered() { # FOLDER CONTENT OFFER FRAMES SPLATS
     out_has "\"mean\": $5\b" "of $5 points"
 }
 
-cp -r fixtures/datasets/panoptic_mini "$work/pan optic"
+cp -r fixtures/datasets/panoptic_mini "$work/pan op'tic"
 cp -r fixtures/datasets/blender_mini "$work/blender"
 printf 'ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n%s' \
     'property uchar red
@@ -33,14 +33,14 @@ end_header
 0 0.5 0 0 0 255
 0 0 0.5 9 9 9
 ' >"$work/blender/fused.ply"
-offered "$work/pan optic" "panoptic) of 11 cameras and 6 frames" "its points, for a still of its first frame" 1 290
+offered "$work/pan op'tic" "panoptic) of 11 cameras and 6 frames" "its points, for a still of its first frame" 1 290
 offered "$work/blender" "transforms) of 2 cameras and 7 frames" "its points" 7 4
 offered "$work/sets/multipleview" "colmap) of 3 cameras and 3 frames" "its points, for a still of its first frame" 1 2
 offered "$work/sets/colmap_t" "colmap) of 3 cameras and 3 frames" "the points of its frames" 3 2
 
 # Without points nothing is offered.
-rm "$work/pan optic/init_pt_cld.npz"
-run "$bin/spin4d" "$work/pan optic" -o "$work/none.html"
+rm "$work/pan op'tic/init_pt_cld.npz"
+run "$bin/spin4d" "$work/pan op'tic" -o "$work/none.html"
 is "$(grep -c 'not a run: give the folder' "$work/err") $(grep -c 'or start from' "$work/err")" "1 0" "a data set without points"
 
 # Each kind of file.
