@@ -434,7 +434,7 @@ static spin_status open_model(void *self, const char *path)
             wanted ? wanted : "<N>",
             spin_model_search(path, "deformation.pth", &coarse)
                 ? "; a run with 'deformation.pth' alone is of 4DGaussians, or of MoDec-GS without "
-                  "GLMD, which is not supported"
+                  "GLMD (MoDec-GS without GLMD is not supported)"
                 : "");
     SPIN_TRY(spin_model_cfg(base, path, base->path));
     SPIN_TRY(spin_camera_places_parse(spin_model_option(base, "camera"), &model->cameras));

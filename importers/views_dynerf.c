@@ -68,9 +68,9 @@ static spin_status add_image(struct set *set, const char *folder, const char *na
     return SPIN_OK;
 }
 
-/* Moves the names of images to the front of the names of a folder, sets *n to the number of images,
- * and sets *camera to the camera of each: the given camera or, if that is -1, the number in the
- * name. */
+/* `names` lists the *n files of a folder. Moves images to the front of this list and sets *n to
+ * their number. Sets (*camera)[i] to the camera of image i: `given` or, if `given` is -1, the
+ * number in the name of the image. */
 static spin_status find_cameras(struct set *set, const char *folder, char **names, int given,
                                 size_t *n, int **camera)
 {

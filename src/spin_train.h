@@ -131,7 +131,8 @@ struct spin_retrain_options {
      * track_iterations / 20. */
     int densify_every;
     /* densify_threshold: a splat or track is split if the mean gradient of its screen position, in
-     * normalised device coordinates, is at least this value. densify_until: share of
+     * normalised device coordinates, is at least this value. The gradient is the sum over the
+     * pixels of absolute values. densify_until: share of
      * track_iterations, 0..1, after which densification stops. */
     double densify_threshold, densify_until;
     enum spin_residual residual;

@@ -153,7 +153,10 @@ struct spin_splat2d {
 /* The gradient of a projected Gaussian. */
 struct spin_splat2d_grad {
     float u_px, v_px, conic[3], opacity, colour[3];
-    float spare[3];
+    /* The sums over the pixels of the absolute values of the pixels' contributions to u_px and to
+     * v_px; 0 unless the batch of views asks for them. */
+    float absolute_u_px, absolute_v_px;
+    float spare;
 };
 
 /* Maximum number of (splat, tile) pairs of one view, whose list occupies 1 GiB. */
@@ -243,6 +246,10 @@ struct spin_view_batch {
     int n_views;
     size_t max_pixels, max_tiles;
     float background[3];
+    /* true: blend_back() sets absolute_u_px and absolute_v_px, and densify_stats() uses them. In
+     * u_px and v_px, the contributions of pixels cancel out if a splat is too large for the detail
+     * that it covers. */
+    bool absolute;
     struct spin_view_of_batch {
         int frame; /* index of the view's frame in the frame batch */
         /* First row and number of rows of the view in splat2d, which has one row for every splat of
@@ -455,7 +462,8 @@ struct spin_device_ops {
 
     /* Updates the statistics for densification. For every splat that is visible in a view, adds to
      * `gradient` of its frame the length of the gradient of the loss with respect to the splat's
-     * centre in normalised device coordinates, and adds 1 to `seen`. */
+     * centre in normalised device coordinates, and adds 1 to `seen`. If views->absolute, the
+     * gradient is that of absolute_u_px and absolute_v_px. */
     void (*densify_stats)(struct spin_device *d, const struct spin_view_batch *views,
                           const struct spin_frame_batch *frames,
                           const struct spin_splat2d SPIN_DEV *splat2d,

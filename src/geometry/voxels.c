@@ -204,8 +204,8 @@ double spin_voxels_area(const struct spin_voxels *v, const struct spin_voxel_spl
 }
 
 /* Adds the areas of the splats of sampled frame f, or of all frames if f is -1, to the cells of
- * `field`. Each area is multiplied by a factor according to `channel`: a channel of the splat's
- * colour (0 to 2), the squared length of its colour (3), or 1 (-1). */
+ * `field`. Each area is multiplied by the factor that `channel` selects. 0 to 2: this channel of
+ * the splat's colour; 3: the squared length of the colour; -1: no factor. */
 static void add_mass(const struct spin_voxels *v, int f, int channel, float *field)
 {
     for (size_t i = 0; i < v->n_splats; i++) {

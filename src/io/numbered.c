@@ -406,8 +406,8 @@ static spin_status fail_two(const struct reader *r, const struct field *a, const
     write_pattern(r, a, first, sizeof first);
     write_pattern(r, b, second, sizeof second);
     return spin_malformed(
-        "cannot find the frame number in names such as '%s', since two numbers may be "
-        "it: give either --pattern '%s' or --pattern '%s'",
+        "cannot find the frame number in names such as '%s', since either of two numbers "
+        "may be it: give either --pattern '%s' or --pattern '%s'",
         r->parts[0].name, first, second);
 }
 

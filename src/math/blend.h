@@ -140,6 +140,7 @@ SPIN_FN float spin_blend_expected(const struct spin_blend_pixel *pixel)
  * de dx^2, de dx dy and de dy^2, where de is the gradient of the exponent to the base e. */
 struct spin_blend_sums {
     float colour[3], e, ex, ey, exx, exy, eyy;
+    float absolute_u, absolute_v; /* sums of |de (2 a dx + b dy)| and of |de (2 c dy + b dx)| */
 };
 
 struct spin_blend_pixel_adj {
@@ -180,6 +181,14 @@ SPIN_FN void spin_blend_add_adj(const float g[3], float weight, float de, float 
     sums->eyy += de * dy * dy;
 }
 
+/* Adds the terms of one pixel to absolute_u and absolute_v. */
+SPIN_FN void spin_blend_add_absolute(const struct spin_blend_splat *s, float de, float dx, float dy,
+                                     struct spin_blend_sums *sums)
+{
+    sums->absolute_u += fabsf(de * (2 * s->a * dx + s->b * dy));
+    sums->absolute_v += fabsf(de * (2 * s->c * dy + s->b * dx));
+}
+
 SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, float dy,
                                  struct spin_blend_pixel_adj *pixel, struct spin_blend_sums *sums)
 {
@@ -187,6 +196,7 @@ SPIN_FN void spin_blend_step_adj(const struct spin_blend_splat *s, float dx, flo
 
     spin_blend_pixel_adj(s, spin_blend_power(s, dx, dy), pixel, &weight, &de);
     spin_blend_add_adj(pixel->g, weight, de, dx, dy, sums);
+    spin_blend_add_absolute(s, de, dx, dy, sums);
 }
 
 /* Computes the gradients of u, v, the conic and the opacity from the sums. */
@@ -200,4 +210,12 @@ SPIN_FN void spin_blend_finish_adj(const float *conic, float opacity,
     d_conic[1] = -sums->exy;
     d_conic[2] = -0.5f * sums->eyy;
     *d_opacity = opacity > 0 ? sums->e / opacity : 0;
+}
+
+/* Computes the absolute gradients of u and v from the sums. a, b and c of struct spin_blend_splat
+ * are in units of the logarithm to the base 2. */
+SPIN_FN void spin_blend_finish_absolute(const struct spin_blend_sums *sums, float *u, float *v)
+{
+    *u = sums->absolute_u / SPIN_LOG2_E;
+    *v = sums->absolute_v / SPIN_LOG2_E;
 }

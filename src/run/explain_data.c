@@ -96,7 +96,7 @@ spin_status spin_explain_data_set(const char *path, spin_status status)
     const struct spin_importer *importer;
     SPIN_LEAVES(spin_views_free) struct spin_views views = {0};
     SPIN_FREED char *error = NULL;
-    char content[120], offer[900];
+    char content[120], offer[3 * QUOTED(300) + 200];
 
     SPIN_TRY(spin_strdup(spin_last_error(), &error));
     if (spin_importer_guess(path, true))

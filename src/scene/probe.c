@@ -14,7 +14,7 @@
 
 /* Scores are estimates: if the two highest differ by less than this, detection fails. */
 #define TIE 10
-/* Minimum score of spin_importer_guess(). */
+/* Minimum score that spin_importer_guess() accepts. */
 #define SURE 60
 /* If a folder is not recognised, at most this many of its subfolders are searched for a run. */
 #define MAX_BELOW 256

@@ -150,6 +150,7 @@ static spin_status run_iteration(const struct spin_loop *l, const struct spin_sa
 
     l->checkpoint->sound = false;
     t->gather = gathers_at(l, now);
+    t->absolute = !is_single_frame(l);
     t->hold = due_now && is_single_frame(l);
     SPIN_TRY(spin_trainer_step(t, &sampler->images.images, sampler->items, l->plan->o->batch,
                                &steps->last));
@@ -407,9 +408,10 @@ static spin_status check_visibility(const struct spin_loop *l, const struct spin
 static void warn_blind(const struct spin_steps *steps)
 {
     if (steps->blind > 0)
-        spin_warn("no splat was visible in any view of %lld of %lld iterations, first in iteration "
-                  "%lld: these iterations learned nothing",
-                  (long long)steps->blind, (long long)steps->done, (long long)steps->first_blind);
+        spin_warn(
+            "in %lld of %lld iterations, no splat was visible in any view (first in iteration "
+            "%lld): these iterations learned nothing",
+            (long long)steps->blind, (long long)steps->done, (long long)steps->first_blind);
 }
 
 static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *sampler,

@@ -90,6 +90,7 @@ static spin_status draw_frames(struct spin_trainer *t, const struct batch *b, co
 {
     struct spin_view_batch views = spin_raster_batch(&t->raster, t->background);
 
+    views.absolute = t->gather && t->absolute;
     for (int f = 0; f < frames->n_frames; f++) {
         struct spin_frame_of_batch *frame = &frames->frame[f];
 

@@ -166,7 +166,8 @@ struct spin_trainer {
     /* The last n_backdrop tracks are the backdrop: their opacity is fixed, and they are neither
      * split nor pruned. */
     size_t n_backdrop;
-    bool gather; /* set by the caller: iterations gather densification statistics */
+    bool gather;   /* set by the caller: iterations gather densification statistics */
+    bool absolute; /* set by the caller: of absolute gradients, see struct spin_view_batch */
     /* Set by the caller: the next iteration renders and gathers statistics, but skips the Adam step
      * of the values that frames own. */
     bool hold;

@@ -164,6 +164,7 @@ static void make_heads(void)
 static void make_views(void)
 {
     views.n_views = VIEWS;
+    views.absolute = true;
     views.max_pixels = (size_t)(width * height);
     for (int k = 0; k < VIEWS; k++) {
         struct spin_camera camera = {.width = width,

@@ -124,7 +124,9 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
     size_t values, off = 0;
     float *image;
     struct spin_blend_sums *sums;
-    double worst = 0, grads[4] = {0}, size[4] = {0};
+    double worst = 0, grads[5] = {0}, size[5] = {0};
+    struct spin_splat2d_grad *without = allocate((size_t)n, sizeof *without);
+    size_t changed = 0;
 
     view_random(&v, &camera, n, size_px, 4);
     values = 3 * view_pixels(&v);
@@ -139,11 +141,21 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
     ok(worst < 0.004 && off <= 9, "%s: as the plain loop (%.2g at most, %zu values over 1e-5)",
        what, worst, off);
     view_backward(d, &v);
+    memcpy(without, v.d_splat2d, (size_t)n * sizeof *without);
+    with_absolute = true;
+    view_backward(d, &v);
+    with_absolute = false;
     for (int i = 0; i < n; i++) {
         const struct spin_splat2d_grad *g = v.d_splat2d + i;
-        float du, dv, dc[3], dop;
+        float du, dv, dc[3], dop, au, av;
         const struct spin_splat2d *s = v.splat2d + i;
         spin_blend_finish_adj(s->conic, s->opacity, sums + i, &du, &dv, dc, &dop);
+        spin_blend_finish_absolute(sums + i, &au, &av);
+        grads[4] = most(most(grads[4], g->absolute_u_px, au), g->absolute_v_px, av);
+        size[4] = most(most(size[4], au, 0), av, 0);
+        changed += memcmp(g, without + i, offsetof(struct spin_splat2d_grad, absolute_u_px)) != 0;
+        changed += without[i].absolute_u_px != 0 || without[i].absolute_v_px != 0;
+        changed += au < fabsf(du) * 0.999f || av < fabsf(dv) * 0.999f;
         grads[0] = most(most(grads[0], g->u_px, du), g->v_px, dv);
         size[0] = most(most(size[0], du, 0), dv, 0);
         grads[1] = most(grads[1], g->opacity, dop);
@@ -158,6 +170,9 @@ static void against_plain(struct spin_device *d, int n, float size_px, const cha
     /* sums over up to all pixels of the image in a different order, and the few pixels above */
     near(grads[0] / size[0], 0, 2e-3, "  gradient of the mean");
     near(grads[1] / size[1], 0, 2e-3, "  gradient of the opacity");
+    near(grads[4] / size[4], 0, 2e-3, "  absolute gradient of the mean");
+    ok(changed == 0, "  which changes no other gradient, and is 0 unless asked for: %zu", changed);
+    free(without);
     near(grads[2] / size[2], 0, 2e-3, "  gradient of the conic");
     near(grads[3] / size[3], 0, 2e-3, "  gradient of the colour");
     free(image);

@@ -12,6 +12,30 @@ static struct spin_splat2d_grad d_splat2d[N];
 static float want_sum[N], sum[N];
 static uint32_t want_seen[N], seen[N];
 
+static void set_gradients(bool absolute)
+{
+    with_absolute = absolute;
+    for (int i = 0; i < N; i++) {
+        volatile float x, y, xx, yy; /* volatile: one rounding per operation */
+        float u = (float)(i * 7919 % 1999) / 1e7f - 1e-4f;
+        float v = (float)(i * 7907 % 1993) / 1e7f - 1e-4f;
+
+        splat2d[i].radius_px = i % 5 - 1;
+        d_splat2d[i].u_px = absolute ? 7 : u;
+        d_splat2d[i].v_px = absolute ? 8 : v;
+        d_splat2d[i].absolute_u_px = absolute ? fabsf(u) : 9;
+        d_splat2d[i].absolute_v_px = absolute ? fabsf(v) : 10;
+        x = 0.5f * (float)W * u;
+        y = 0.5f * (float)H * v;
+        xx = x * x;
+        yy = y * y;
+        if (splat2d[i].radius_px > 0) {
+            want_sum[i] = sqrtf(xx + yy) + sqrtf(xx + yy);
+            want_seen[i] = 2;
+        }
+    }
+}
+
 static void check_path(const char *path, int n_threads)
 {
     struct spin_camera_f32 cam = {.width = W, .height = H};
@@ -78,21 +102,6 @@ TAP_MAIN
 {
     static const char *const paths[] = {"base", "v3", "v4"};
 
-    for (int i = 0; i < N; i++) {
-        volatile float x, y, xx, yy; /* volatile: one rounding per operation */
-
-        splat2d[i].radius_px = i % 5 - 1;
-        d_splat2d[i].u_px = (float)(i * 7919 % 1999) / 1e7f - 1e-4f;
-        d_splat2d[i].v_px = (float)(i * 7907 % 1993) / 1e7f - 1e-4f;
-        x = 0.5f * (float)W * d_splat2d[i].u_px;
-        y = 0.5f * (float)H * d_splat2d[i].v_px;
-        xx = x * x;
-        yy = y * y;
-        if (splat2d[i].radius_px > 0) {
-            want_sum[i] = sqrtf(xx + yy) + sqrtf(xx + yy);
-            want_seen[i] = 2;
-        }
-    }
     for (int p = 0; p < 3; p++) {
         struct spin_device d;
 
@@ -102,9 +111,13 @@ TAP_MAIN
             continue;
         }
         spin_device_close(&d);
-        check_path(paths[p], 1);
-        check_path(paths[p], 3);
+        for (int absolute = 0; absolute <= 1; absolute++) {
+            set_gradients(absolute);
+            check_path(paths[p], 1);
+            check_path(paths[p], 3);
+        }
     }
     unsetenv("SPIN_CPU");
+    set_gradients(false);
     views_together();
 }

@@ -339,6 +339,9 @@ VERB void on_project_back(struct spin_device *d, const struct spin_camera_f32 *c
     settle(&l);
 }
 
+/* Whether on_blend_back() and on_densify_stats() use absolute gradients. */
+__attribute__((unused)) static bool with_absolute;
+
 VERB void on_densify_stats(struct spin_device *d, const struct spin_camera_f32 *cam, size_t n,
                            const struct spin_splat2d *splat2d,
                            const struct spin_splat2d_grad *d_splat2d, float *sum, uint32_t *seen)
@@ -347,6 +350,7 @@ VERB void on_densify_stats(struct spin_device *d, const struct spin_camera_f32 *
     struct spin_frame_batch frames = frame_of(n);
     struct spin_view_batch views = view_of_camera(cam, n);
 
+    views.absolute = with_absolute;
     frames.frame[0].gradient = lend_both(&l, sum, n * sizeof *sum);
     frames.frame[0].seen = lend_both(&l, seen, n * sizeof *seen);
     d->op->densify_stats(d, &views, &frames, lend(&l, splat2d, n * sizeof *splat2d),
@@ -448,6 +452,7 @@ VERB void on_blend_back(struct spin_device *d, const struct spin_camera_f32 *cam
 
     memcpy(views.background, background, sizeof views.background);
     lend_matte(&l, &views);
+    views.absolute = with_absolute;
     d->op->blend_back(d, &views, lend(&l, splat2d, n * sizeof *splat2d), &tiles,
                       lend(&l, final_transmittance, views.max_pixels * sizeof(float)),
                       lend(&l, last_contributor, views.max_pixels * sizeof(int32_t)),

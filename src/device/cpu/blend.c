@@ -37,6 +37,7 @@ struct job {
     const int32_t *n_used_in;
     struct spin_splat2d_grad *d_splat2d;
     struct spin_blend_sums *slots;
+    bool absolute;
 };
 
 /* Position and size of a tile in the image. */
@@ -484,13 +485,15 @@ static void back_begin(const struct job *job, struct back *b, const struct place
 /* Gradient sums of one splat over pixel rows, with one pixel column in each lane. No sums
  * with a factor dx are kept: dx is constant in a column, so it is multiplied in afterwards. */
 struct sums {
-    spin_lanes colour[3], e, ey, eyy;
+    spin_lanes colour[3], e, ey, eyy, absolute_u, absolute_v;
 };
 
-/* Adds the gradient of one splat at one vector of pixels to the sums, like spin_blend_step_adj().
- */
+SPIN_FN spin_lanes lanes_abs(spin_lanes v) { return spin_lanes_max(v, -v); }
+
+/* Adds the gradient of one splat at one vector of pixels to the sums, like spin_blend_step_adj();
+ * if `absolute`, also the absolute values. */
 SPIN_FN void back_step(struct back *b, const struct spin_blend_splat *s, int vec, spin_lanes power,
-                       float dy, float place, struct sums *sums)
+                       spin_lanes dx, float dy, float place, bool absolute, struct sums *sums)
 {
     spin_lanes exponent = power + s->log2_opacity;
     int at = vec * LANES;
@@ -521,12 +524,17 @@ SPIN_FN void back_step(struct back *b, const struct spin_blend_splat *s, int vec
     sums->colour[1] += weight * g1;
     sums->colour[2] += weight * g2;
     sums->e += de;
+    if (absolute) {
+        sums->absolute_u += lanes_abs(de * (2 * s->a * dx + s->b * dy));
+        sums->absolute_v += lanes_abs(de * (2 * s->c * dy + s->b * dx));
+    }
     de *= dy;
     sums->ey += de;
     sums->eyy += de * dy;
 }
 
-static void add_sums(const struct sums *sums, spin_lanes dx, struct spin_blend_sums *out)
+SPIN_FN void add_sums(const struct sums *sums, spin_lanes dx, bool absolute,
+                      struct spin_blend_sums *out)
 {
     spin_lanes edx = sums->e * dx,
                part[8] = {sums->colour[0], sums->colour[1], sums->colour[2], sums->e, edx,
@@ -542,13 +550,17 @@ static void add_sums(const struct sums *sums, spin_lanes dx, struct spin_blend_s
     out->exx += sum[6];
     out->exy += sum[7];
     out->eyy += spin_lanes_sum(sums->eyy);
+    if (absolute) {
+        out->absolute_u += spin_lanes_sum(sums->absolute_u);
+        out->absolute_v += spin_lanes_sum(sums->absolute_v);
+    }
 }
 
-static struct spin_blend_sums back_splat(struct back *b, const struct ready *r, uint32_t i,
-                                         int height, int32_t place)
+SPIN_FN struct spin_blend_sums back_splat(struct back *b, const struct ready *r, uint32_t i,
+                                          int height, int32_t place, bool absolute)
 {
     struct spin_blend_splat s = splat_of(r, i);
-    struct spin_blend_sums out = {{0}, 0, 0, 0, 0, 0, 0};
+    struct spin_blend_sums out = {0};
     const spin_lanes none = {0};
     struct rows rows;
 
@@ -557,15 +569,28 @@ static struct spin_blend_sums back_splat(struct back *b, const struct ready *r, 
         spin_lanes dx = s.u_px - (float)(k * LANES) - spin_lanes_count();
         spin_lanes a = s.a * dx * dx, slope = s.b * dx;
         /* a local variable, so that it stays in registers */
-        struct sums sums = {{none, none, none}, none, none, none};
+        struct sums sums = {{none, none, none}, none, none, none, none, none};
 
         for (int row = rows.begin; row < rows.end; row++)
             if (b->vec_used[row * VECS + k] > place)
-                back_step(b, &s, row * VECS + k, a + slope * rows.dy[row] + rows.c[row],
-                          rows.dy[row], (float)place, &sums);
-        add_sums(&sums, dx, &out);
+                back_step(b, &s, row * VECS + k, a + slope * rows.dy[row] + rows.c[row], dx,
+                          rows.dy[row], (float)place, absolute, &sums);
+        add_sums(&sums, dx, absolute, &out);
     }
     return out;
+}
+
+/* Two functions, so that the compiler omits the absolute values from the first. */
+static struct spin_blend_sums back_signed(struct back *b, const struct ready *r, uint32_t i,
+                                          int height, int32_t place)
+{
+    return back_splat(b, r, i, height, place, false);
+}
+
+static struct spin_blend_sums back_absolute(struct back *b, const struct ready *r, uint32_t i,
+                                            int height, int32_t place)
+{
+    return back_splat(b, r, i, height, place, true);
 }
 
 static struct spin_blend_sums *slot_of(const struct job *job, const struct place *p, uint32_t splat)
@@ -600,7 +625,8 @@ static void back_task(void *context, int tile)
             __builtin_prefetch(slot[i], 1);
         }
         for (uint32_t i = n_batch; i-- > 0;)
-            *slot[i] = back_splat(&b, &ready, i, p.height, (int32_t)(first + i));
+            *slot[i] = job->absolute ? back_absolute(&b, &ready, i, p.height, (int32_t)(first + i))
+                                     : back_signed(&b, &ready, i, p.height, (int32_t)(first + i));
         end = first;
     }
 }
@@ -630,9 +656,12 @@ static void reduce_task(void *context, size_t first, size_t last)
             sum.exx += more->exx;
             sum.exy += more->exy;
             sum.eyy += more->eyy;
+            sum.absolute_u += more->absolute_u;
+            sum.absolute_v += more->absolute_v;
         }
         spin_blend_finish_adj(s->conic, s->opacity, &sum, &d->u_px, &d->v_px, d->conic,
                               &d->opacity);
+        spin_blend_finish_absolute(&sum, &d->absolute_u_px, &d->absolute_v_px);
         memcpy(d->colour, sum.colour, sizeof d->colour);
     }
 }
@@ -669,6 +698,7 @@ void SPIN_CPU(blend_back)(struct spin_device *d, const struct spin_view_batch *v
                           .change = view->background_change,
                           .final_t_in = final_transmittance + (size_t)k * views->max_pixels,
                           .n_used_in = last_contributor + (size_t)k * views->max_pixels,
+                          .absolute = views->absolute,
                           .d_image = d_image + (size_t)k * 3 * views->max_pixels,
                           .d_splat2d = d_splat2d + view->first};
 

@@ -9,6 +9,7 @@ enum { CHUNK = 4096 };
 
 struct job {
     size_t n;
+    bool absolute;
     float half_width, half_height;
     const struct spin_splat2d *splat2d;
     const struct spin_splat2d_grad *d_splat2d;
@@ -23,8 +24,9 @@ static void stats_task(void *context, size_t first, size_t end)
     const struct job *job = context;
 
     for (size_t i = first; i < end; i++) {
-        float x = job->half_width * job->d_splat2d[i].u_px;
-        float y = job->half_height * job->d_splat2d[i].v_px;
+        const struct spin_splat2d_grad *d = &job->d_splat2d[i];
+        float x = job->half_width * (job->absolute ? d->absolute_u_px : d->u_px);
+        float y = job->half_height * (job->absolute ? d->absolute_v_px : d->v_px);
 
         if (job->splat2d[i].radius_px <= 0)
             continue;
@@ -44,6 +46,7 @@ void SPIN_CPU(densify_stats)(struct spin_device *d, const struct spin_view_batch
         const struct spin_view_of_batch *view = &views->view[k];
         const struct spin_frame_of_batch *frame = &frames->frame[view->frame];
         struct job job = {.n = view->n,
+                          .absolute = views->absolute,
                           .half_width = 0.5f * (float)view->camera.width,
                           .half_height = 0.5f * (float)view->camera.height,
                           .splat2d = splat2d + view->first,

@@ -214,6 +214,8 @@ static __device__ void add_sums(struct spin_blend_sums *to, const struct spin_bl
     to->exx += more.exx;
     to->exy += more.exy;
     to->eyy += more.eyy;
+    to->absolute_u += more.absolute_u;
+    to->absolute_v += more.absolute_v;
 }
 
 /* Terms of up to HELD splats for the pixels of a warp: a row for each splat, with a value for each
@@ -230,9 +232,10 @@ static __device__ float at_of(const float4 &v, int k)
 /* Returns the sums of one splat over one row of a warp's pixels. g [3] is the gradient of the image
  * at the warp's pixels, `weight` and `de` are the splat's terms, and (dx, dy) is the offset from
  * the row's first pixel to the splat. */
-static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const float4 *de,
-                                                     const float4 (*g)[WARP / 4], int row, float dx,
-                                                     float dy)
+template <bool absolute>
+static __device__ struct spin_blend_sums
+sums_of_row(const struct spin_blend_splat &s, const float4 *weight, const float4 *de,
+            const float4 (*g)[WARP / 4], int row, float dx, float dy)
 {
     struct spin_blend_sums sums = {};
 
@@ -245,6 +248,8 @@ static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const
             sums.e += e;
             sums.ex += e * x;
             sums.exx += e * x * x;
+            if (absolute)
+                spin_blend_add_absolute(&s, e, x, dy, &sums);
         }
     sums.ey = sums.e * dy;
     sums.exy = sums.ex * dy;
@@ -254,10 +259,10 @@ static __device__ struct spin_blend_sums sums_of_row(const float4 *weight, const
 
 /* Adds up the sums of a splat over the rows of a warp. WARP_Y neighbouring lanes contain the sums
  * of one row each. */
-static __device__ void add_rows(struct spin_blend_sums *sums)
+template <bool absolute> static __device__ void add_rows(struct spin_blend_sums *sums)
 {
     for (int by = 1; by < WARP_Y; by *= 2) {
-        struct spin_blend_sums other;
+        struct spin_blend_sums other = {};
 
         for (int c = 0; c < 3; c++)
             other.colour[c] = __shfl_xor_sync(all_lanes, sums->colour[c], by);
@@ -267,12 +272,17 @@ static __device__ void add_rows(struct spin_blend_sums *sums)
         other.exx = __shfl_xor_sync(all_lanes, sums->exx, by);
         other.exy = __shfl_xor_sync(all_lanes, sums->exy, by);
         other.eyy = __shfl_xor_sync(all_lanes, sums->eyy, by);
+        if (absolute) {
+            other.absolute_u = __shfl_xor_sync(all_lanes, sums->absolute_u, by);
+            other.absolute_v = __shfl_xor_sync(all_lanes, sums->absolute_v, by);
+        }
         add_sums(sums, other);
     }
 }
 
 /* Computes the sums over a warp's pixels for the n splats in `held`, and stores each in part
  * [BACK]. `mine` is the index in the batch of the splat on which this lane works. */
+template <bool absolute>
 static __device__ void add_held(const struct held &held, int n, uint32_t mine,
                                 const struct front *batch, const float4 (*g)[WARP / 4], int warp_x,
                                 int warp_y, struct spin_blend_sums *part)
@@ -282,11 +292,12 @@ static __device__ void add_held(const struct held &held, int n, uint32_t mine,
 
     __syncwarp(all_lanes);
     if (of < n) {
-        sums = sums_of_row(held.weight[of] + row * ROW, held.de[of] + row * ROW, g, row,
-                           batch[mine].splat.u_px - (float)warp_x,
-                           batch[mine].splat.v_px - (float)(warp_y + row));
+        const struct spin_blend_splat &s = batch[mine].splat;
+
+        sums = sums_of_row<absolute>(s, held.weight[of] + row * ROW, held.de[of] + row * ROW, g,
+                                     row, s.u_px - (float)warp_x, s.v_px - (float)(warp_y + row));
     }
-    add_rows(&sums);
+    add_rows<absolute>(&sums);
     if (of < n && row == 0)
         part[mine] = sums;
 }
@@ -336,7 +347,9 @@ static __device__ uint32_t most_of_warp(uint32_t v)
     return v;
 }
 
-static __global__ void __launch_bounds__(PIXELS, 5)
+/* With absolute values, a thread needs more registers. */
+template <bool absolute>
+static __global__ void __launch_bounds__(PIXELS, absolute ? 4 : 5)
     blend_back_kernel(struct picture p, const float *final_transmittance,
                       const int32_t *last_contributor, const float *d_image,
                       struct spin_blend_sums *slots)
@@ -416,12 +429,14 @@ static __global__ void __launch_bounds__(PIXELS, 5)
             n_held += two ? 2 : 1;
             if (n_held < HELD)
                 continue;
-            add_held(held[warp], n_held, mine, &loaded[in], g[warp], warp_x, warp_y, part[warp]);
+            add_held<absolute>(held[warp], n_held, mine, &loaded[in], g[warp], warp_x, warp_y,
+                               part[warp]);
             __syncwarp(all_lanes);
             n_held = 0;
         }
         if (n_held > 0)
-            add_held(held[warp], n_held, mine, &loaded[in], g[warp], warp_x, warp_y, part[warp]);
+            add_held<absolute>(held[warp], n_held, mine, &loaded[in], g[warp], warp_x, warp_y,
+                               part[warp]);
         if (lane == 0)
             seen_by[warp] = seen;
         __syncthreads();
@@ -458,6 +473,7 @@ static __global__ void reduce_kernel(size_t n, const struct spin_splat2d *splat2
             add_sums(&sum, slots[k]);
         spin_blend_finish_adj(splat2d[i].conic, splat2d[i].opacity, &sum, &d.u_px, &d.v_px, d.conic,
                               &d.opacity);
+        spin_blend_finish_absolute(&sum, &d.absolute_u_px, &d.absolute_v_px);
         for (int c = 0; c < 3; c++)
             d.colour[c] = sum.colour[c];
     }
@@ -474,6 +490,8 @@ void cuda_blend_back(struct spin_device *d, const struct spin_view_batch *views,
     struct spin_blend_sums *slots =
         (struct spin_blend_sums *)cuda_scratch(d, CUDA_SCRATCH_BLEND, (most + 1) * sizeof *slots);
 
+    auto *kernel = views->absolute ? blend_back_kernel<true> : blend_back_kernel<false>;
+
     if (!slots)
         return;
     cuda_clocked clocked(d, SPIN_OP_BLEND_BACK);
@@ -482,8 +500,8 @@ void cuda_blend_back(struct spin_device *d, const struct spin_view_batch *views,
         struct picture p = picture_of(views, k, splat2d, tiles);
         size_t at = (size_t)k * views->max_pixels;
 
-        GPU_LAUNCH(gpu_of(d), blend_back_kernel, (unsigned)(p.cam.tiles_x * p.cam.tiles_y), PIXELS,
-                   p, final_transmittance + at, last_contributor + at, d_image + 3 * at, slots);
+        GPU_LAUNCH(gpu_of(d), kernel, (unsigned)(p.cam.tiles_x * p.cam.tiles_y), PIXELS, p,
+                   final_transmittance + at, last_contributor + at, d_image + 3 * at, slots);
         GPU_EACH(gpu_of(d), view->n, reduce_kernel, view->n, splat2d + view->first, slots,
                  d_splat2d + view->first);
     }

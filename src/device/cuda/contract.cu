@@ -72,8 +72,8 @@ void cuda_contract_back(struct spin_device *d, const struct spin_scene_transform
 
 /* Converts gradients from pixel coordinates u to normalised device coordinates x, where u = ((x +
  * 1) width - 1) / 2, and adds their lengths. */
-static __global__ void densify_stats_kernel(size_t n, float half_width, float half_height,
-                                            const struct spin_splat2d *splat2d,
+static __global__ void densify_stats_kernel(size_t n, bool absolute, float half_width,
+                                            float half_height, const struct spin_splat2d *splat2d,
                                             const struct spin_splat2d_grad *d_splat2d, float *sum,
                                             uint32_t *seen)
 {
@@ -82,8 +82,8 @@ static __global__ void densify_stats_kernel(size_t n, float half_width, float ha
 
     if (i >= n || splat2d[i].radius_px <= 0)
         return;
-    x = half_width * d_splat2d[i].u_px;
-    y = half_height * d_splat2d[i].v_px;
+    x = half_width * (absolute ? d_splat2d[i].absolute_u_px : d_splat2d[i].u_px);
+    y = half_height * (absolute ? d_splat2d[i].absolute_v_px : d_splat2d[i].v_px);
     sum[i] += sqrtf(x * x + y * y);
     seen[i]++;
 }
@@ -98,7 +98,7 @@ void cuda_densify_stats(struct spin_device *d, const struct spin_view_batch *vie
         const auto *frame = &frames->frame[view->frame];
 
         if (frame->gradient)
-            GPU_EACH(gpu_of(d), view->n, densify_stats_kernel, view->n,
+            GPU_EACH(gpu_of(d), view->n, densify_stats_kernel, view->n, views->absolute,
                      0.5f * (float)view->camera.width, 0.5f * (float)view->camera.height,
                      splat2d + view->first, d_splat2d + view->first, frame->gradient, frame->seen);
     }
