@@ -58,8 +58,8 @@ struct convert {
     /* true: `import` was trained with tracks, so that 4D splats can be made of its frames */
     bool is_tracks;
     bool renders; /* true: the clip is retrained on renders of itself */
-    /* true: the frames of the import share no rows. Before the clip is retrained, it is rewritten so
-     * that each static splat is stored only once. */
+    /* true: the frames of the import share no rows. Before the clip is retrained, it is rewritten
+     * so that each static splat is stored only once. */
     bool settles;
     spin_json *report;
 };
