@@ -85,6 +85,7 @@ struct pth {
     const char *within;       /* the dict is the value of this key of another, */
     const char *key, *text;   /* which has this text too, */
     const char *number, *yes; /* a number of -1, and a True; NULL: none */
+    const char *zero;         /* a number of 0 among the tensors; NULL: none */
 };
 
 static inline void pth_free(struct pth *pth)
@@ -266,6 +267,10 @@ static inline void pth_save(const struct pth *pth, const char *path)
                 continue;
             pickle_text(&b, pth->tensor[i].name);
             pickle_tensor(&b, &pth->tensor[i], i);
+        }
+        if (pth->zero) {
+            pickle_text(&b, pth->zero);
+            pickle_int(&b, 0);
         }
         pickle_op(&b, "u");
     }

@@ -70,6 +70,9 @@ static void test_settings(const char *model, const char *dnerf)
     same = differ(&plain, 0.35, &run, 0.5);
     ok(same < 1e-5 && differ(&plain, 0.5, &run, 0.5) > 1e-3, "they are 1 and 0 (%g)", same);
     run_close(&run);
+    ok(opens(alone, half, &run) && strstr(run.sequence.notes, "is 1 and offset_value is 0.5: no"),
+       "one option leaves the other value to the defaults");
+    run_close(&run);
     ok(opens(model, half, &run) &&
            strstr(run.sequence.notes, "1.2 and offset_value is 0.5, from 'custom.yaml' and from"),
        "an option overrides the YAML file");
@@ -80,6 +83,12 @@ static void test_settings(const char *model, const char *dnerf)
               "text rescale_value=>rescale_t: false\n      offset_t: False\n      rescale_value");
     ok(opens(off, NULL, &run) && differ(&plain, 0.3, &run, 0.3) == 0,
        "rescale_t and offset_t turn both values off");
+    run_close(&run);
+    edit_file(path_in(off, "custom.yaml"), "text rescale_t: false=>x: 0;text offset_t: False=>y: "
+                                           "0;text rescale_value=>a;text offset_value=>b");
+    ok(opens(off, NULL, &run) && differ(&plain, 0.3, &run, 0.3) == 0 &&
+           strstr(run.sequence.notes, "rescale_value is 1 and offset_value is 0, from"),
+       "a YAML file without the values leaves both to the defaults");
     run_close(&run);
     run_close(&plain);
     ok(opens(model, NULL, &run) && run.importer->frame(run.self, 0, NAN, SPIN_COL_MEANS,
@@ -104,6 +113,12 @@ static void test_files(const char *model, const char *dnerf)
     static const char *const infinite[] = {"offset-value", "1e999", NULL};
     struct run run;
 
+    write_text(copies, "no folder");
+    if (spin_folder_make(path_in(copy, "a.yaml")) != SPIN_OK)
+        exit(1);
+    ok(opens(copy, NULL, &run), "neither a folder for a file nor a file for a folder is read");
+    run_close(&run);
+    remove(copies);
     refuse_lies(NULL, model, NULL, lies, sizeof lies / sizeof *lies);
     if (spin_folder_make(copies) != SPIN_OK)
         exit(1);
@@ -216,6 +231,10 @@ static void test_lies(const char *from)
     pth_put(&pth, "camera.velocity", 1, (uint64_t[1]){4});
     pth_save(&pth, path);
     ok(opens(path, own, &run), "other parts of the model are not read");
+    run_close(&run);
+    pth.zero = "sh_degree";
+    pth_save(&pth, path);
+    ok(opens(path, own, &run) && run.sequence.sh_degree == 0, "SH that were not drawn are dropped");
     run_close(&run);
     pth_put(&pth, "point_cloud.velocity", 1, (uint64_t[1]){4});
     pth_save(&pth, path);
