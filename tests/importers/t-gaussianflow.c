@@ -111,6 +111,7 @@ static void test_files(const char *model, const char *dnerf)
     const char *config[] = {"config", yaml, NULL}, *wrong[] = {"config", NULL, NULL};
     static const char *const word[] = {"rescale-value", "x", NULL};
     static const char *const infinite[] = {"offset-value", "1e999", NULL};
+    static const char *const vast[] = {"rescale-value", "1e999", NULL};
     struct run run;
 
     write_text(copies, "no folder");
@@ -125,6 +126,10 @@ static void test_files(const char *model, const char *dnerf)
     copy_file(yaml, second);
     ok(opens(copy, NULL, &run), "two files that agree");
     run_close(&run);
+    edit_file(second, "text 1.2=>x;text GaussianFlowPointCloud=>GaussianPointCloud");
+    ok(opens(copy, NULL, &run), "values of another method's file do not matter");
+    run_close(&run);
+    copy_file(yaml, second);
     edit_file(second, "text 1.2=>1.3");
     model_fails(NULL, copy, NULL, "second.yml", "--config", "two files that differ in the factor");
     ok(opens(copy, config, &run) &&
@@ -145,6 +150,7 @@ static void test_files(const char *model, const char *dnerf)
     model_fails(NULL, model, wrong, "none.yaml", "--config", "a file that does not exist");
     model_fails(NULL, model, word, NULL, "--rescale-value", "a word for an option");
     model_fails(NULL, model, infinite, NULL, "--offset-value", "an infinite option");
+    model_fails(NULL, model, vast, NULL, "--rescale-value", "an infinite factor");
     model_fails(FROM, new_folder(), NULL, NULL, "chkpnt<N>.pth", "a folder without checkpoints");
 }
 
