@@ -177,9 +177,6 @@ void spin_device_count(struct spin_counting_device *c, const struct spin_device 
     };
     c->device.op = &c->op;
     c->device.state = c;
-    /* With several ranks, spin_rank_sum_open() then reserves no host memory, for which this device
-     * has no verb. */
-    c->device.is_host = true;
 }
 
 struct spin_camera_f32 spin_camera_f32_from(const struct spin_camera *camera)

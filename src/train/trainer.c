@@ -322,7 +322,8 @@ static spin_status need_host(struct spin_rank_sum *s, size_t bytes)
 spin_status spin_rank_sum_open(struct spin_rank_sum *s, struct spin_device *device)
 {
     *s = (struct spin_rank_sum){.device = device};
-    if (spin_n_ranks() == 1 || device->is_host)
+    /* A device that only counts has no verb for host memory. */
+    if (spin_n_ranks() == 1 || device->is_host || !device->op->host_reserve)
         return SPIN_OK;
     SPIN_TRY(need_host(s, FIRST_BYTES));
     spin_log(1, "all-reduce between GPUs uses %s host memory",
