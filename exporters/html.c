@@ -603,14 +603,14 @@ static spin_status write_titles(struct export *x)
     return write_text(x, "<style>\n");
 }
 
-/* If the clip has no cameras, makes the first view face the subject. */
+/* Makes the first view show the subject, unless --camera chooses the view. */
 static spin_status find_subject(struct export *x)
 {
     static const double origin[3] = {0};
 
-    if (x->job->views || spin_plugin_value(x->job->values, "camera", NULL))
+    if (spin_plugin_value(x->job->values, "camera", NULL))
         return SPIN_OK;
-    spin_initial_view_first(NULL, 0, false, origin, 1, &x->view);
+    spin_initial_view_first(NULL, x->job->up, 0, false, origin, 1, &x->view);
     return spin_initial_view_subject(x->job, 1280, 720, &x->view, &x->faces_subject);
 }
 
@@ -638,7 +638,8 @@ static spin_status set_space(struct export *x, const struct spin_splats *s, int 
     if (x->size == 0)
         SPIN_TRY(spin_initial_view_middle(s, x->space.centre, &x->size));
     if (!x->faces_subject) {
-        spin_initial_view_first(x->job->views, row, false, x->space.centre, x->size, &x->view);
+        spin_initial_view_first(x->job->views, x->job->up, row, false, x->space.centre, x->size,
+                                &x->view);
         SPIN_TRY(spin_initial_view_chosen(x->job, row, x->space.centre, x->size, &x->view));
     }
     SPIN_TRY(spin_page_bounds_from(x->job->values, x->size, &x->space.bounds));

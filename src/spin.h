@@ -298,7 +298,7 @@ void spin_views_free(struct spin_views *views);
 
 /* A plug-in may call the functions of parts 1 to 4 and of part 6; src/plugin.sym lists them. */
 
-#define SPIN_PLUGIN_ABI 8
+#define SPIN_PLUGIN_ABI 9
 
 /* A sound track: a sound file in memory, which spin4d copies without decoding it, except into
  * videos. */
@@ -374,6 +374,7 @@ struct spin_sequence_info {
     double shift[3];
     /* The sound track, whose `start` is relative to the first frame of the source; NULL: none. */
     const struct spin_sound *sound;
+    double up[3]; /* unit vector that points up; 0 0 0: unknown */
 };
 
 struct spin_importer {
@@ -554,6 +555,7 @@ struct spin_export_job {
     /* The sound track, whose `start` is relative to the first exported frame; NULL: none, or the
      * exporter does not set `sound`. If it is not NULL, `fps` is known. */
     const struct spin_sound *sound;
+    const double *up; /* [3] unit vector that points up; NULL: unknown */
 };
 
 struct spin_frame_info {

@@ -211,7 +211,7 @@ static void set_lens(struct spin_camera_path *d)
         static const double middle[3] = {0};
         double focal;
 
-        spin_initial_view_first(NULL, 0, false, middle, 1, &front);
+        spin_initial_view_first(NULL, NULL, 0, false, middle, 1, &front);
         focal = spin_initial_view_focal(&front, OWN_HEIGHT);
         d->lens = (struct spin_camera){.width = OWN_WIDTH,
                                        .height = OWN_HEIGHT,
@@ -246,7 +246,7 @@ static spin_status look_at_subject(struct spin_camera_path *d)
 {
     static const double origin[3] = {0};
 
-    spin_initial_view_first(NULL, 0, false, origin, 1, &d->initial);
+    spin_initial_view_first(NULL, d->job->up, 0, false, origin, 1, &d->initial);
     SPIN_TRY(spin_initial_view_subject(d->job, d->lens.width, d->lens.height, &d->initial,
                                        &d->has_initial));
     if (d->has_initial)
@@ -515,7 +515,7 @@ static spin_status set_first_view(struct spin_camera_path *d, const struct spin_
 
     if (d->reach == 0)
         SPIN_TRY(spin_initial_view_middle(splats, d->middle, &d->reach));
-    spin_initial_view_first(views, d->row, true, d->middle, d->reach, &d->initial);
+    spin_initial_view_first(views, d->job->up, d->row, true, d->middle, d->reach, &d->initial);
     if (!spin_plugin_value(d->job->values, "camera", NULL))
         move_into_rig(d, d->row);
     SPIN_TRY(spin_initial_view_chosen(d->job, d->row, d->middle, d->reach, &d->initial));

@@ -75,22 +75,20 @@ const struct spin_view *spin_initial_view_view(const struct spin_views *views, i
 }
 
 /* Sets `up` to the normalised mean of the up vectors of the cameras in data-set frame `row` (-1:
- * all frames). Returns false if these vectors cancel out. */
-static bool mean_up(const struct spin_views *views, int row, double up[3])
+ * all frames) or, if these vectors cancel out, to that of the camera `first`. */
+static void set_mean_up(const struct spin_views *views, int row, const struct spin_camera *first,
+                        double up[3])
 {
-    double length = 0;
+    double sum[3] = {0}, length = 0;
 
-    for (int c = 0; c < 3; c++)
-        up[c] = 0;
     for (size_t i = 0; i < views->n; i++)
         for (int c = 0; c < 3; c++)
             if (row < 0 || views->view[i].dataset_frame == row)
-                up[c] -= views->view[i].camera.w2c[4 + c];
+                sum[c] -= views->view[i].camera.w2c[4 + c];
     for (int c = 0; c < 3; c++)
-        length += up[c] * up[c];
+        length += sum[c] * sum[c];
     for (int c = 0; c < 3; c++)
-        up[c] /= sqrt(length) + 1e-300;
-    return length > 1e-6;
+        up[c] = length > 1e-6 ? sum[c] / sqrt(length) : -first->w2c[4 + c];
 }
 
 /* Sets out->reach, the range of distances from the target: from a third of the distance of the data
@@ -132,7 +130,15 @@ static void set_camera(const struct spin_camera *camera, const double middle[3],
     out->aspect = camera->width * camera->fy / (camera->height * camera->fx);
 }
 
-void spin_initial_view_first(const struct spin_views *views, int row, bool test,
+/* Places the camera in front of its target, on the axis z or, if z points up or down, on the axis
+ * y. */
+static void set_front(double away, struct spin_initial_view *out)
+{
+    memcpy(out->eye, out->target, sizeof out->eye);
+    out->eye[fabs(out->up[2]) > 0.7 ? 1 : 2] -= away;
+}
+
+void spin_initial_view_first(const struct spin_views *views, const double *up, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out)
 {
     const struct spin_view *first = spin_initial_view_view(views, row, test);
@@ -141,19 +147,17 @@ void spin_initial_view_first(const struct spin_views *views, int row, bool test,
     if (!first) {
         double away = 3 * size;
 
-        for (int c = 0; c < 3; c++)
-            out->eye[c] = out->target[c] = middle[c];
-        out->eye[2] -= away;
+        if (up)
+            memcpy(out->up, up, sizeof out->up);
+        memcpy(out->target, middle, sizeof out->target);
+        set_front(away, out);
         out->reach[0] = away / 10;
         out->reach[1] = 3 * away;
         /* The near plane must be in front of the target, whose smallest distance is reach[0]. */
         out->z_near = SPIN_NEAR * fmin(size, 1);
         return;
     }
-    if (!mean_up(views, row, out->up)) {
-        for (int c = 0; c < 3; c++)
-            out->up[c] = -first->camera.w2c[4 + c];
-    }
+    set_mean_up(views, row, &first->camera, out->up);
     set_camera(&first->camera, middle, size, out);
     set_reach(views, row, out);
 }
@@ -323,6 +327,8 @@ spin_status spin_initial_view_chosen(const struct spin_export_job *job, int row,
     for (int c = 0; c < 3 && camera && !job->views; c++)
         out->up[c] = -camera->w2c[4 + c];
     SPIN_TRY(set_up(job->values, out->up));
+    if (!camera && !job->views)
+        set_front(3 * size, out);
     if (camera)
         set_camera(camera, middle, size, out);
     if (camera && job->views)
@@ -344,6 +350,114 @@ static void turn_sideways(const double q[4], struct spin_initial_view *out)
         out->eye[c] = out->target[c] + away[c];
 }
 
+/* Share of the subject that narrow windows must show. */
+#define KEPT_SHARE 0.97
+
+/* Projects the sample of the subject with a pose, and returns spin_initial_view.keep: the tangent
+ * of the angle to the right or to the left that contains KEPT_SHARE of the sample. *outside: the
+ * share of the sample that is outside an image of these half sizes, as tangents; off: the distances
+ * of the mean of the sample from its centre, in half sizes. `value` [n_sample] is overwritten. */
+static double project_sample(const struct spin_viewpoints *subject, const double w2c[12],
+                             const double half[2], double *value, double *outside, double off[2])
+{
+    int n = subject->n_sample;
+
+    *outside = off[0] = off[1] = 0;
+    for (int i = 0; i < n; i++) {
+        double at[3];
+        bool inside = true;
+
+        for (int r = 0; r < 3; r++) {
+            at[r] = w2c[4 * r + 3];
+            for (int c = 0; c < 3; c++)
+                at[r] += w2c[4 * r + c] * subject->sample[i][c];
+        }
+        at[2] = fmax(at[2], 1e-9);
+        for (int k = 0; k < 2; k++) {
+            double place = at[k] / at[2] / half[k];
+
+            inside = inside && fabs(place) < 1;
+            off[k] += fmax(-2, fmin(2, place)) / n;
+        }
+        *outside += inside ? 0 : 1.0 / n;
+        value[i] = fabs(at[0]) / at[2];
+    }
+    qsort(value, (size_t)n, sizeof *value, spin_by_double);
+    return n > 0 ? value[(int)ceil(KEPT_SHARE * (n - 1))] : 0;
+}
+
+/* The densest part of a static clip may be a wall. If it is far from the point at which the cameras
+ * look, makes the ball around this point the subject, with the corners of a cube as the sample. */
+static void correct_static_subject(const struct spin_views *views, int row,
+                                   struct spin_viewpoints *subject)
+{
+    double pivot[3], distance, off = 0;
+
+    if (subject->moves || !spin_camera_pivot(views, row, pivot, &distance))
+        return;
+    for (int c = 0; c < 3; c++)
+        off += pow(subject->centre[c] - pivot[c], 2);
+    if (sqrt(off) < 0.5 * distance)
+        return;
+    memcpy(subject->centre, pivot, sizeof pivot);
+    subject->radius = 0.3 * distance;
+    subject->n_sample = subject->n_sample < 8 ? subject->n_sample : 8;
+    for (int i = 0; i < subject->n_sample; i++)
+        for (int c = 0; c < 3; c++)
+            subject->sample[i][c] = pivot[c] + (i >> c & 1 ? 1 : -1) * subject->radius;
+}
+
+/* Sets the view to that of the camera, in data-set frame `row` (-1: in any frame), whose image
+ * shows the most of the subject, and shows it closest to its centre. Held-out cameras are used only
+ * if there are no others. */
+static spin_status set_best_camera(const struct spin_views *views, int row,
+                                   const struct spin_viewpoints *subject,
+                                   struct spin_initial_view *out)
+{
+    const struct spin_view *best = spin_initial_view_view(views, row, false);
+    bool test = best->test;
+    double least = INFINITY;
+    SPIN_FREED double *value = NULL;
+
+    SPIN_TRY(spin_alloc((size_t)subject->n_sample + 1, sizeof *value, (void **)&value));
+    for (size_t i = 0; i < views->n; i++) {
+        const struct spin_view *v = &views->view[i];
+        const struct spin_camera *c = &v->camera;
+        const double half[2] = {0.5 * c->width / c->fx, 0.5 * c->height / c->fy};
+        double outside, off[2], keep;
+
+        if ((row >= 0 && v->dataset_frame != row) || v->test != test)
+            continue;
+        keep = project_sample(subject, c->w2c, half, value, &outside, off);
+        outside = 2 * outside + fmax(fabs(off[0]), fabs(off[1]));
+        if (outside >= least)
+            continue;
+        best = v;
+        least = outside;
+        out->keep = keep;
+    }
+    set_camera(&best->camera, subject->centre, subject->radius, out);
+    set_reach(views, row, out);
+    return SPIN_OK;
+}
+
+/* Sets out->keep of a view that faces the subject: the ball around the subject and KEPT_SHARE of
+ * the sample must be visible. */
+static spin_status set_keep(const struct spin_viewpoints *subject, struct spin_initial_view *out)
+{
+    static const double half[2] = {1, 1};
+    SPIN_FREED double *value = NULL;
+    double w2c[12], outside, off[2], distance = 0, radius = subject->radius;
+
+    SPIN_TRY(spin_alloc((size_t)subject->n_sample + 1, sizeof *value, (void **)&value));
+    for (int c = 0; c < 3; c++)
+        distance += pow(out->eye[c] - out->target[c], 2);
+    spin_initial_view_pose(out->eye, out->target, out->up, w2c);
+    out->keep = fmax(radius / sqrt(fmax(distance - radius * radius, 0.01 * distance)),
+                     project_sample(subject, w2c, half, value, &outside, off));
+    return SPIN_OK;
+}
+
 /* If the distance of a camera from the subject is less than this multiple of the subject's radius,
  * the image shows only a part of the subject. */
 #define LEAST_RADII 1.6
@@ -354,19 +468,31 @@ spin_status spin_initial_view_subject(const struct spin_export_job *job, int wid
     SPIN_LEAVES(spin_viewpoints_close) struct spin_viewpoints placed = {0};
     struct spin_viewpoints_options o = {
         .width = width, .height = height, .fovy_deg = out->fovy_deg};
+    int row = job->dataset_frame_of ? job->dataset_frame_of[0] : -1;
+    const struct spin_view *first = spin_initial_view_view(job->views, row, false);
     double distance = 0, back[4];
     spin_status status;
 
     *found = false;
-    if (!job->again)
+    if (!job->again || (job->views && !first))
         return SPIN_OK;
+    if (first)
+        set_mean_up(job->views, row, &first->camera, out->up);
     SPIN_TRY(set_up(job->values, out->up));
     SPIN_TRY(parse_inverse(job->values, back));
-    turn_by(back, out->up);
+    if (!first)
+        turn_by(back, out->up);
     memcpy(o.up, out->up, sizeof o.up);
     status = spin_viewpoints_open(&o, job->n_frames, job->again, job->context, &placed);
     if (status != SPIN_OK)
         return status == SPIN_E_UNSUPPORTED ? SPIN_OK : status;
+    if (job->views) {
+        correct_static_subject(job->views, row, &placed);
+        SPIN_TRY(set_best_camera(job->views, row, &placed, out));
+        turn_view(back, out);
+        *found = true;
+        return SPIN_OK;
+    }
     for (int c = 0; c < 3; c++)
         distance += pow(placed.front[c] - placed.centre[c], 2);
     distance = sqrt(distance);
@@ -376,8 +502,7 @@ spin_status spin_initial_view_subject(const struct spin_export_job *job, int wid
     memcpy(out->target, placed.centre, sizeof out->target);
     turn_sideways(back, out);
     out->z_near = fmin(SPIN_NEAR, 0.05 * distance);
-    out->keep = placed.radius / sqrt(fmax(distance * distance - placed.radius * placed.radius,
-                                          0.01 * distance * distance));
+    SPIN_TRY(set_keep(&placed, out));
     out->reach[0] = distance / 10;
     out->reach[1] = placed.room ? fmax(placed.distance, distance) : 3 * distance;
     *found = true;

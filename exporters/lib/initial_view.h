@@ -42,14 +42,16 @@ bool spin_initial_view_is_blank(const float *image, size_t n, const float backgr
 
 /* Sets the view to that of the camera of spin_initial_view_view(). The target is the point on the
  * optical axis that is nearest to `middle`. Without a data set, the camera is in front of the
- * scene, and y points down. middle, size: from spin_initial_view_middle(). */
-void spin_initial_view_first(const struct spin_views *views, int row, bool test,
+ * scene, and `up` (NULL: -y) points up. middle, size: from spin_initial_view_middle(). */
+void spin_initial_view_first(const struct spin_views *views, const double *up, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
 
-/* For clips without a data set: makes the view face the subject (geometry/subject.h), from a
- * position where no wall blocks the view. Uses the field of view and the up vector of *out, after
- * applying --up and --rotate to the latter. width, height: size of the image in pixels. If there is
- * no such position, sets *found to false. Must be called before the first frame is exported. */
+/* Makes the view show the subject (geometry/subject.h), and applies --up and --rotate. If there is
+ * a data set, the view is that of the camera whose image shows the subject best. Otherwise, the
+ * view faces the subject from a position where no wall blocks the view; the field of view and,
+ * without
+ * --up, the up vector are those of *out. width, height: size of the image in pixels. If there is no
+ * such view, sets *found to false. Must be called before the first frame is exported. */
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found);
 

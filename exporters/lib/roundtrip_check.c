@@ -80,7 +80,7 @@ static spin_status choose_camera(const struct spin_export_job *job, int frame,
         return SPIN_OK;
     }
     SPIN_TRY(spin_initial_view_middle(s, middle, &size));
-    spin_initial_view_first(NULL, 0, false, middle, size, &front);
+    spin_initial_view_first(NULL, NULL, 0, false, middle, size, &front);
     *out = (struct spin_camera){
         .width = 400,
         .height = 400,

@@ -25,6 +25,8 @@ spin_status spin_model_open(const char *path, const struct spin_plugin_values *v
     m->prefix = "";
     m->path = path;
     status = fn(m, path);
+    if (spin_run_config_is_blender(&m->settings))
+        sequence->up[2] = 1;
     spin_ply_close(&m->ply);
     spin_arena_free(&m->scratch);
     return status;

@@ -2,6 +2,7 @@
 #include "importers/lib/run_config.h"
 
 #include <ctype.h>
+#include <strings.h>
 
 #include "base/base.h"
 
@@ -403,4 +404,48 @@ spin_status spin_run_config_times(const struct run_config *s, const char *asked,
     out->first = pair[0];
     out->last = pair[1];
     return SPIN_OK;
+}
+
+/* ---- The axes of the data set ---------------------------------------------------------------- */
+
+/* Returns whether a name in the path is one of `words`, a list that ends with NULL. If `last`, only
+ * the last name counts. */
+static bool path_names(struct cfg_span path, const char *const *words, bool last)
+{
+    const char *at = path.at, *end = path.end;
+
+    while (end > at && strchr("/\\'\"", end[-1]))
+        end--;
+    while (end > at) {
+        const char *name = end;
+
+        while (name > at && !strchr("/\\'\"", name[-1]))
+            name--;
+        for (size_t i = 0; words[i]; i++)
+            if (strlen(words[i]) == (size_t)(end - name) &&
+                strncasecmp(name, words[i], (size_t)(end - name)) == 0)
+                return true;
+        end = last || name == at ? at : name - 1;
+    }
+    return false;
+}
+
+bool spin_run_config_is_blender(const struct run_config *s)
+{
+    static const char *const keys[] = {"source_path", "model_path", "expname", "configs", "config"};
+    static const char *const sets[] = {"dnerf", "d-nerf", "d_nerf", "nerf_synthetic", NULL};
+    static const char *const scenes[] = {"bouncingballs", "hellwarrior", "hook",
+                                         "jumpingjacks",  "lego",        "mutant",
+                                         "standup",       "trex",        NULL};
+    struct cfg_span yaml = {s->yaml_path,
+                            s->yaml_path ? s->yaml_path + strlen(s->yaml_path) : NULL};
+    bool blender = false;
+
+    if (spin_cfg_bool(spin_cfg_get(&s->cfg, "is_blender"), &blender) && blender)
+        return true;
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
+        if (path_names(spin_cfg_get(&s->cfg, keys[i]), sets, false))
+            return true;
+    return path_names(yaml, sets, false) ||
+           path_names(spin_cfg_get(&s->cfg, "source_path"), scenes, true);
 }

@@ -78,6 +78,11 @@ void spin_yaml_close(struct run_config *s);
  * cfg_args or, if cfg_args lacks it, from the YAML file; the default is 1. */
 spin_status spin_run_config_ratio(const struct run_config *s, double *out);
 
+/* Returns whether cfg_args or the path of the YAML file names a data set of Blender, where z points
+ * up: is_blender is True; a folder in the path of the data set, of the model or of the settings is
+ * named after D-NeRF; or the folder of the data set is named like a scene of D-NeRF. */
+bool spin_run_config_is_blender(const struct run_config *s);
+
 /* Finds the clip's times. They are the first of these that exists: the text "A,B" in `asked`, which
  * may be NULL; time_duration of the YAML file; a guess from `time`, the times of the n Gaussians.
  * The Gaussians' times are those of the data set divided by `ratio`. Methods initialise the

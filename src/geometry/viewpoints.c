@@ -393,20 +393,24 @@ static void add_target(struct placing *p, const float position[3], bool moves, i
     p->n_moving += moves;
 }
 
-/* Samples splats of the subject at random, by their weight, as targets. */
+/* Samples splats of the subject at random, by their weight: for out->sample, and as targets. */
 static spin_status add_subject(struct placing *p)
 {
     const struct spin_subject *s = p->subject;
     SPIN_FREED double *sums = NULL;
 
+    SPIN_TRY(spin_alloc(TARGETS, sizeof *p->out->sample, (void **)&p->out->sample));
     SPIN_TRY(spin_alloc(s->n, sizeof *sums, (void **)&sums));
     for (size_t i = 0; i < s->n; i++)
         sums[i] = s->weight[i] + (i > 0 ? sums[i - 1] : 0);
     for (uint64_t k = 0; k < DRAWS && p->n_targets < TARGETS; k++) {
         double share = (double)spin_rng_uniform(p->o->seed, SUBJECT, k);
-        size_t i = spin_subject_draw(sums, s->n, share);
+        const float *at = p->v->splat[s->splat[spin_subject_draw(sums, s->n, share)]].at;
+        const double place[3] = {(double)at[0], (double)at[1], (double)at[2]};
 
-        add_target(p, p->v->splat[s->splat[i]].at, true, (int)k);
+        if (k < TARGETS && distance_to(place, p->out->centre) < s->span)
+            memcpy(p->out->sample[p->out->n_sample++], place, sizeof place);
+        add_target(p, at, true, (int)k);
     }
     return SPIN_OK;
 }
@@ -587,6 +591,7 @@ static spin_status place_all(struct placing *p)
     set_axes(p);
     memcpy(p->out->centre, p->subject->centre, sizeof p->out->centre);
     p->out->radius = p->subject->radius;
+    p->out->moves = p->subject->moves;
     p->out->reach = p->subject->reach;
     set_view(p);
     find_circle(p);
@@ -622,5 +627,6 @@ spin_status spin_viewpoints_open(const struct spin_viewpoints_options *o, int n_
 void spin_viewpoints_close(struct spin_viewpoints *p)
 {
     free(p->camera);
+    free(p->sample);
     memset(p, 0, sizeof *p);
 }

@@ -22,7 +22,10 @@ struct spin_viewpoint {
 struct spin_viewpoints {
     struct spin_viewpoint *camera; /* [n] cameras, the held-out ones last */
     int n;
+    double (*sample)[3]; /* [n_sample] positions of random splats of the subject, at any time */
+    int n_sample;
     double centre[3], radius; /* the ball around the subject */
+    bool moves;               /* the subject is the part that moves, not the densest part */
     double reach; /* radius of the ball around `centre` that contains 90 % of the scene */
     double up[3]; /* unit vector */
     bool room;    /* walls surround the subject, so the cameras are inside them */

@@ -351,6 +351,9 @@ static spin_status begin_export(struct export *x)
     double sum = 0;
     spin_status status;
 
+    if (x->clip.bundle.meta.up[0] != 0 || x->clip.bundle.meta.up[1] != 0 ||
+        x->clip.bundle.meta.up[2] != 0)
+        job.up = x->clip.bundle.meta.up;
     if (x->sound.sound.data) {
         job.sound = &x->sound.sound;
         job.fps = x->sound.fps;

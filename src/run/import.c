@@ -1148,6 +1148,8 @@ static spin_status run_import(struct import *im)
     SPIN_TRY(keep_cameras(im));
     SPIN_TRY(check_cameras(im));
     memcpy(meta->shift, im->sequence.shift, sizeof meta->shift);
+    if (!im->is_placed)
+        memcpy(meta->up, im->sequence.up, sizeof meta->up);
     if (im->sequence.fps > 0)
         meta->fps = im->sequence.fps;
     if (im->sequence.sound)

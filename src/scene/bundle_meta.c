@@ -215,14 +215,25 @@ static spin_status read_4d(struct spin_bundle_meta *meta, const spin_json *root)
     return SPIN_OK;
 }
 
-static spin_status read_shift(struct spin_bundle_meta *meta, const spin_json *root)
+/* Reads a list of three numbers; if the key is missing, `out` keeps its values. */
+static spin_status read_vector(const spin_json *root, const char *key, double out[3])
 {
-    const spin_json *list = spin_json_get(root, "shift");
+    const spin_json *list = spin_json_get(root, key);
 
     for (size_t c = 0; list && c < 3; c++)
-        if (spin_json_length(list) != 3 ||
-            !spin_json_number(spin_json_at(list, c), &meta->shift[c]) || !isfinite(meta->shift[c]))
-            return spin_meta_fail("shift", "three numbers");
+        if (spin_json_length(list) != 3 || !spin_json_number(spin_json_at(list, c), &out[c]) ||
+            !isfinite(out[c]))
+            return spin_meta_fail(key, "three numbers");
+    return SPIN_OK;
+}
+
+static bool is_zero(const double v[3]) { return v[0] == 0 && v[1] == 0 && v[2] == 0; }
+
+static spin_status read_up(const spin_json *root, double up[3])
+{
+    SPIN_TRY(read_vector(root, "up", up));
+    if (!is_zero(up) && fabs(up[0] * up[0] + up[1] * up[1] + up[2] * up[2] - 1) > 1e-6)
+        return spin_meta_fail("up", "a unit vector");
     return SPIN_OK;
 }
 
@@ -250,7 +261,8 @@ spin_status spin_bundle_meta_read(struct spin_bundle_meta *meta, const spin_json
         return spin_malformed("meta.json: 'static_columns' lists a column that 'columns' does not");
     SPIN_TRY(read_4d(meta, root));
     SPIN_TRY(read_number(root, "fps", &meta->fps));
-    SPIN_TRY(read_shift(meta, root));
+    SPIN_TRY(read_vector(root, "shift", meta->shift));
+    SPIN_TRY(read_up(root, meta->up));
     if (meta->fps < 0)
         return spin_meta_fail("fps", "a number of at least 0");
     SPIN_TRY(read_data(meta, root));
@@ -336,8 +348,10 @@ spin_json *spin_bundle_meta_json(const struct spin_bundle_meta *meta, spin_json 
     spin_json_set_bool(root, "numbered", meta->numbered);
     spin_json_set(root, "columns", spin_column_names(meta->columns));
     spin_json_set(root, "static_columns", spin_column_names(meta->static_columns));
-    if (meta->shift[0] != 0 || meta->shift[1] != 0 || meta->shift[2] != 0)
+    if (!is_zero(meta->shift))
         spin_json_set(root, "shift", spin_json_numbers(meta->shift, 3));
+    if (!is_zero(meta->up))
+        spin_json_set(root, "up", spin_json_numbers(meta->up, 3));
     if (meta->fps > 0)
         spin_json_set_number(root, "fps", meta->fps);
     if (meta->identity)

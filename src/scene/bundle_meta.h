@@ -16,6 +16,7 @@ struct spin_bundle_meta {
     /* number of frames of the source clip, before --range selected some of them */
     int n_source_frames;
     double shift[3]; /* coordinates to add to all positions; see struct spin_sequence_info */
+    double up[3];    /* unit vector that points up; 0 0 0: unknown */
     double fps;      /* frames per second; 0: the source does not specify it */
     /* true: frame numbers come from the source; false: the importer counted the frames */
     bool numbered;

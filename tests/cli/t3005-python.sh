@@ -367,7 +367,7 @@ for path in sys.argv[3:]:
             series = re.sub("^(source|refined)/.*", r"\1/<column>", series)
             assert name == "meta.json" or series in arrays, (name, series, arrays)
 # No bundle of this test has these: those with a sound track are tested in t3023.
-optional = {"fps", "absolute", "cov2d", "shift", "sound", "name", "type", "bytes", "gain"}
+optional = {"fps", "absolute", "cov2d", "shift", "up", "sound", "name", "type", "bytes", "gain"}
 assert listed <= seen | optional, listed - seen
 E
 ok $? "keys and arrays are those of the manual"

@@ -527,7 +527,7 @@ static void check_first(int row, bool test, const double middle[3], double size,
         most = larger(most, sqrt(dot(away, away)));
     }
     mean_up(row, up);
-    spin_initial_view_first(&views, row, test, middle, size, &got);
+    spin_initial_view_first(&views, NULL, row, test, middle, size, &got);
     for (int c = 0; c < 3; c++)
         off += fabs(got.eye[c] - p->eye[c]) + fabs(got.target[c] - target[c]) +
                fabs(got.up[c] - up[c]);
@@ -559,12 +559,12 @@ static void test_first(void)
         if (spin_views_add(&opposed, &v) != SPIN_OK)
             exit(1);
     }
-    spin_initial_view_first(&opposed, 0, false, middle, 2, &got);
+    spin_initial_view_first(&opposed, NULL, 0, false, middle, 2, &got);
     ok(got.up[0] == 0 && got.up[1] == -1 && got.up[2] == 0,
        "cameras that stand on their heads: up is that of the first");
     spin_views_free(&opposed);
     for (int k = 0; k < 2; k++) {
-        spin_initial_view_first(NULL, 0, false, middle, k ? 0.002 : 2, &got);
+        spin_initial_view_first(NULL, NULL, 0, false, middle, k ? 0.002 : 2, &got);
         wide[k] = tan(got.fovy_deg * pi / 360) * (middle[2] - got.eye[2]) / (k ? 0.002 : 2);
     }
     near(wide[1], wide[0], 1e-9, "a small scene fills as much of its picture as a large one");
@@ -581,7 +581,7 @@ static spin_status choose(const struct spin_views *of, const char *camera, const
     struct spin_plugin_values values = {pairs};
     struct spin_export_job job = {.n_frames = 1, .views = of, .values = &values};
 
-    spin_initial_view_first(of, of ? 1 : -1, false, middle, 2, got);
+    spin_initial_view_first(of, NULL, of ? 1 : -1, false, middle, 2, got);
     return spin_initial_view_chosen(&job, of ? 1 : -1, middle, 2, got);
 }
 
@@ -636,7 +636,7 @@ static void test_rotated(void)
     static const double middle[3] = {1.5, 2.5, 2};
     struct spin_initial_view got;
 
-    spin_initial_view_first(NULL, 0, false, middle, 2, &got);
+    spin_initial_view_first(NULL, NULL, 0, false, middle, 2, &got);
     ok(spin_initial_view_chosen(&job, 0, middle, 2, &got) == SPIN_OK, "--rotate 90,0,0");
     near(fabs(got.eye[0] - 1.5) + fabs(got.eye[1] + 3.5) + fabs(got.eye[2] - 2), 0, 1e-9,
          "the front is where y is less");
@@ -706,7 +706,7 @@ static void test_subject(void)
     double off = 0, away = 0, was[3], first[3];
     bool found;
 
-    spin_initial_view_first(NULL, 0, false, origin, 1, &got);
+    spin_initial_view_first(NULL, NULL, 0, false, origin, 1, &got);
     if (!ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found,
             "a view of what moves"))
         return;
@@ -726,14 +726,14 @@ static void test_subject(void)
        "--up y turns it");
     memcpy(was, got.eye, sizeof was);
     values.pairs = upside;
-    spin_initial_view_first(NULL, 0, false, origin, 1, &got);
+    spin_initial_view_first(NULL, NULL, 0, false, origin, 1, &got);
     ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found,
        "--rotate 180,0,0");
     near(fabs(got.up[1] - 1) + fabs(got.eye[0] - was[0]) + fabs(got.eye[1] - was[1]) +
              fabs(got.eye[2] - was[2]),
          0, 1e-9, "is the same as --up y");
     values.pairs = sideways;
-    spin_initial_view_first(NULL, 0, false, origin, 1, &got);
+    spin_initial_view_first(NULL, NULL, 0, false, origin, 1, &got);
     ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found,
        "--rotate 0,90,0");
     near(fabs(got.eye[0] - got.target[0] + first[2] - got.target[2]) +
@@ -744,6 +744,79 @@ static void test_subject(void)
     ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && !found,
        "frames that cannot be read twice");
     spin_splats_free(&s);
+}
+
+/* With cameras, the view is that of the training camera whose image shows the subject best. */
+static void test_best_camera(void)
+{
+    static const double ball[3] = {1.075, -0.8, 5.2}, up[3] = {0, -1, 0};
+    static const double aim[5][3] = {{1.075, -0.8, -9},
+                                     {0.2, -0.8, 5.2},
+                                     {1.2, -0.7, 5.2},
+                                     {1.075, -2.2, 5.2},
+                                     {1.075, -0.8, 5.2}};
+    const char *pairs[] = {NULL, NULL, NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_views of = {0};
+    struct spin_splats s = {0};
+    struct spin_export_job job = {
+        .n_frames = 8, .values = &values, .again = read_ball, .context = &s, .views = &of};
+    struct spin_initial_view got;
+    double off = 0;
+    bool found;
+
+    for (int k = 0; k < 5; k++) {
+        const double eye[3] = {1 + 0.3 * k, -1, 1.5};
+        struct pose p = pose_towards(eye, aim[k], up, 0);
+        struct spin_view v = {.camera_id = k, .path = (char *)"none", .test = k == 4};
+
+        v.camera = camera_of(train_lens, &p);
+        if (spin_views_add(&of, &v) != SPIN_OK)
+            exit(1);
+    }
+    spin_initial_view_first(NULL, NULL, 0, false, ball, 1, &got);
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found,
+       "a view of what moves, from a camera");
+    near(fabs(got.eye[0] - 1.6) + fabs(got.eye[1] + 1) + fabs(got.eye[2] - 1.5), 0, 1e-6,
+         "that which faces it and is not held out");
+    for (int c = 0; c < 3; c++)
+        off += pow(got.target[c] - ball[c], 2);
+    ok(sqrt(off) < 0.5 && got.up[1] < -0.9 && got.keep > 0.2 && got.keep < 0.7,
+       "the target is the ball, %g beside its path; narrow windows show %g", sqrt(off), got.keep);
+    pairs[0] = "up";
+    pairs[1] = "z";
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && got.up[2] == 1,
+       "--up wins over the cameras");
+    pairs[0] = NULL;
+    for (size_t i = 0; i < 5; i++)
+        of.view[i].test = true;
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK &&
+           fabs(got.eye[0] - 2.2) < 1e-6,
+       "if all cameras are held out, the best of them: %g", got.eye[0]);
+    spin_views_free(&of);
+    spin_splats_free(&s);
+}
+
+/* z is vertical: the camera is on the axis y. */
+static void test_up(void)
+{
+    static const double z[3] = {0, 0, 1}, middle[3] = {1, 2, 3};
+    const char *pairs[] = {"up", "-z", NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_export_job job = {.n_frames = 1, .values = &values, .up = z};
+    struct spin_initial_view got;
+
+    spin_initial_view_first(NULL, z, 0, false, middle, 2, &got);
+    ok(got.up[2] == 1 && got.eye[0] == 1 && got.eye[1] == 2 - 6 && got.eye[2] == 3 &&
+           got.target[1] == 2,
+       "in front of a scene in which z points up");
+    spin_initial_view_first(NULL, NULL, 0, false, middle, 2, &got);
+    ok(got.up[1] == -1 && got.eye[1] == 2 && got.eye[2] == 3 - 6, "by default, -y points up");
+    ok(spin_initial_view_chosen(&job, 0, middle, 2, &got) == SPIN_OK && got.up[2] == -1 &&
+           got.eye[1] == 2 - 6 && got.eye[2] == 3,
+       "--up -z moves the camera out of the vertical axis");
+    spin_initial_view_first(&views, z, 1, false, middle, 2, &got);
+    ok(got.up[2] != 1, "cameras win over the vector of the bundle");
 }
 
 /* Medians, and the half extent of nine splats in ten, ignoring nonfinite ones. */
@@ -824,6 +897,8 @@ TAP_MAIN
     test_rotated();
     test_begun();
     test_subject();
+    test_best_camera();
+    test_up();
     test_middle();
     test_pivot();
     spin_splats_free(&splats);

@@ -404,7 +404,7 @@ static void test_front(struct spin_export_job job)
     job.views = NULL;
     job.values = &values;
     job.output = named("front");
-    spin_initial_view_first(NULL, 0, false, middle, 1, &front); /* as export_clip has them */
+    spin_initial_view_first(NULL, NULL, 0, false, middle, 1, &front); /* as export_clip has them */
     ok(export_clip(&spin_exporter_images, &job) == SPIN_OK && n_renders == FRAMES &&
            spin_path_exists(named("front/front_frame_00004.png")),
        "pictures without a data set");
