@@ -4,7 +4,6 @@
  * kinds of files are supported: points without colours, which yield positions only; points with
  * colours, which yield positions and RGB; and Gaussians in SuperSplat's compressed layout. */
 #include <ctype.h>
-#include <float.h>
 #include <strings.h>
 
 #include "formats/compressed_ply.h"
@@ -364,65 +363,18 @@ static spin_status compare_names(const struct clip *clip, const struct spin_ply 
     return SPIN_OK;
 }
 
-/* The median of a coordinate, and the extent of the central 90 % of its values. */
-struct spread {
-    double middle, range;
-};
-
-static spin_status find_spread(const struct spin_ply *ply, const struct spin_ply_element *e, int c,
-                               struct spread *out)
-{
-    const char name[2] = {(char)('x' + c), '\0'};
-    size_t n = (size_t)e->count;
-    SPIN_FREED float *value = NULL;
-
-    SPIN_TRY(spin_alloc(n, sizeof *value, (void **)&value));
-    spin_ply_column(ply, e, spin_ply_find(e, name), value, 1);
-    for (size_t i = n; i-- > 0;)
-        if (!isfinite(value[i]))
-            value[i] = value[--n];
-    if (n == 0)
-        return SPIN_OK;
-    qsort(value, n, sizeof *value, spin_by_float);
-    out->middle = (double)value[n / 2];
-    out->range = (double)(value[n - 1 - n / 20] - value[n / 20]);
-    return SPIN_OK;
-}
-
-/* Chooses a shift if positions are so far from 0 that floats would round them to steps of more than
- * some millionths of the scene's extent. If the file itself contains floats, a shift cannot restore
- * precision, so the function only warns. */
 static spin_status choose_shift(struct clip *clip, const struct spin_ply *ply,
                                 const struct spin_ply_element *e)
 {
-    struct spin_sequence_info *sequence = clip->base.sequence;
     bool wide = ply->ascii || e->property[spin_ply_find(e, "x")].type == SPIN_PLY_F64;
-    double extent = 0, farthest = 0;
-    struct spread s[3] = {0};
+    SPIN_FREED float *means = NULL;
 
-    for (int c = 0; c < 3; c++) {
-        SPIN_TRY(find_spread(ply, e, c, &s[c]));
-        extent = fmax(extent, s[c].range);
-        farthest = fmax(farthest, fabs(s[c].middle));
-    }
-    if (farthest < (extent > 0 ? 1 : 1024) ||
-        FLT_EPSILON * farthest <= (wide ? 2e-6 : 1e-5) * extent)
-        return SPIN_OK;
-    if (!wide) {
-        spin_warn("'%s': positions are up to %g from 0, where floats have steps of %.2g: store "
-                  "them as doubles, or closer to 0",
-                  ply->path, farthest,
-                  (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
-        return SPIN_OK;
-    }
+    SPIN_TRY(spin_alloc(3 * (size_t)e->count, sizeof *means, (void **)&means));
     for (int c = 0; c < 3; c++)
-        sequence->shift[c] = clip->shift[c] = round(s[c].middle);
-    spin_note(sequence,
-              "positions are stored relative to %.15g, %.15g, %.15g, since floats have steps of "
-              "%.2g there; spin-export adds these coordinates again, unless --relative is given",
-              clip->shift[0], clip->shift[1], clip->shift[2],
-              (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
-    return SPIN_OK;
+        spin_ply_column(ply, e, spin_ply_find(e, (const char[2]){(char)('x' + c), '\0'}), means + c,
+                        3);
+    return spin_model_choose_shift(&clip->base, ply->path, means, (size_t)e->count, wide,
+                                   clip->shift);
 }
 
 static spin_status open_frame(struct clip *clip, size_t i)

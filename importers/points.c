@@ -14,7 +14,9 @@ struct points {
     struct spin_model base; /* base.canonical: the points of file `loaded` */
     struct spin_file_sequence files;
     int *numbers;
-    size_t loaded; /* index of the file + 1; 0: none */
+    size_t loaded;   /* index of the file + 1; 0: none */
+    double shift[3]; /* subtracted from all positions, see struct spin_sequence_info */
+    bool wide;       /* the files store positions as doubles or as text */
 };
 
 static int probe(const struct spin_peek *peek)
@@ -45,10 +47,11 @@ static spin_status read_colmap(struct points *m, const char *path)
     struct spin_splats *out = &m->base.canonical;
     spin_status status = spin_colmap_read_points(path, &p);
 
+    m->wide = true;
     if (status == SPIN_OK)
         status = reserve_points(m, path, p.n, true);
     for (size_t i = 0; i < 3 * p.n && status == SPIN_OK; i++) {
-        out->means[i] = (float)p.xyz[i / 3][i % 3];
+        out->means[i] = (float)(p.xyz[i / 3][i % 3] - m->shift[i % 3]);
         out->rgb[i] = p.rgb[i / 3][i % 3] / 255.0f;
     }
     free(p.xyz);
@@ -57,17 +60,18 @@ static spin_status read_colmap(struct points *m, const char *path)
 }
 
 /* Copies rows of x y z red green blue. Colours are in 0..1, or in 0..255 if any exceeds 1. */
-static void split_rows(const float *row, size_t width, struct spin_splats *out)
+static void split_rows(const double *row, size_t width, const double shift[3],
+                       struct spin_splats *out)
 {
-    float largest = 1;
+    double largest = 1;
 
     for (size_t i = 0; i < out->n; i++)
         for (int c = 3; c < 6; c++)
             largest = row[i * width + c] > 1 ? 255 : largest;
     for (size_t i = 0; i < out->n; i++)
         for (int c = 0; c < 3; c++) {
-            out->means[3 * i + c] = row[i * width + c];
-            out->rgb[3 * i + c] = row[i * width + 3 + c] / largest;
+            out->means[3 * i + c] = (float)(row[i * width + c] - shift[c]);
+            out->rgb[3 * i + c] = (float)(row[i * width + 3 + c] / largest);
         }
 }
 
@@ -75,7 +79,7 @@ static spin_status read_npz(struct points *m, const char *path)
 {
     SPIN_LEAVES(spin_npz_close) struct spin_npz npz = {0};
     struct spin_array data;
-    SPIN_FREED float *row = NULL;
+    SPIN_FREED double *row = NULL;
 
     SPIN_TRY(spin_npz_open(path, &npz));
     SPIN_TRY_IN(spin_npz_array_of(&npz, "data", true, 2, (const int64_t[]){-1, -1}, &data), "'%s'",
@@ -85,8 +89,9 @@ static spin_status read_npz(struct points *m, const char *path)
                               path);
     SPIN_TRY(reserve_points(m, path, data.shape[0], true));
     SPIN_TRY(spin_alloc(data.count, sizeof *row, (void **)&row));
-    spin_array_to_f32(&data, 0, data.count, row);
-    split_rows(row, data.shape[1], &m->base.canonical);
+    spin_array_to_f64(&data, 0, data.count, row);
+    split_rows(row, data.shape[1], m->shift, &m->base.canonical);
+    m->wide = data.item_size > 4;
     return SPIN_OK;
 }
 
@@ -100,6 +105,8 @@ static spin_status read_ply(struct points *m, const char *path)
     if (spin_gs_ply_any(e))
         return spin_unsupported("'%s' contains Gaussians, not points: use --from ply", path);
     SPIN_TRY(reserve_points(m, path, (size_t)e->count, spin_ply_has_colours(e)));
+    m->wide = ply->ascii || e->property[spin_ply_find(e, "x")].type == SPIN_PLY_F64;
+    memcpy(ply->shift, m->shift, sizeof ply->shift);
     SPIN_TRY_IN(spin_ply_places(ply, e, out->means), "'%s'", path);
     if (out->rgb)
         spin_ply_colours(ply, e, out->rgb, 3);
@@ -196,6 +203,10 @@ static spin_status open_points(void *self, const char *path)
 
     SPIN_TRY(find_files(m, path));
     SPIN_TRY(load(m, 0));
+    SPIN_TRY(spin_model_choose_shift(&m->base, m->files.frame[0].path, m->base.canonical.means,
+                                     m->base.canonical.n, m->wide, m->shift));
+    if (m->shift[0] != 0 || m->shift[1] != 0 || m->shift[2] != 0)
+        m->loaded = 0; /* read the file again, with the shift */
     m->base.sequence->columns = SPIN_COL_MEANS | (m->base.canonical.rgb ? SPIN_COL_RGB : 0);
     m->base.sequence->sh_degree = -1;
     if (m->files.n_frames > 1)

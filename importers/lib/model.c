@@ -1,6 +1,7 @@
 /* Models of importers: memory, files, clouds, tensors. */
 #include "importers/lib/model.h"
 
+#include <float.h>
 #include <stdarg.h>
 
 struct spin_model_block {
@@ -577,6 +578,59 @@ spin_status spin_model_read(struct spin_model *m, const char *path, const char *
     SPIN_TRY(spin_model_alloc(m, out->n, width * sizeof **values, (void **)values));
     return n_extra > 0 ? spin_model_columns(&m->ply, cloud.vertex, extra, n_extra, *values, width)
                        : spin_model_column(&m->ply, cloud.vertex, extra, *values, 1);
+}
+
+/* The median of a coordinate, and the extent of the central 90 % of its values. */
+struct spread {
+    double middle, range;
+};
+
+static spin_status find_spread(const float *means, size_t n, int c, struct spread *out)
+{
+    SPIN_FREED float *value = NULL;
+    size_t n_finite = 0;
+
+    SPIN_TRY(spin_alloc(n, sizeof *value, (void **)&value));
+    for (size_t i = 0; i < n; i++)
+        if (isfinite(means[3 * i + (size_t)c]))
+            value[n_finite++] = means[3 * i + (size_t)c];
+    if (n_finite == 0)
+        return SPIN_OK;
+    qsort(value, n_finite, sizeof *value, spin_by_float);
+    out->middle = (double)value[n_finite / 2];
+    out->range = (double)(value[n_finite - 1 - n_finite / 20] - value[n_finite / 20]);
+    return SPIN_OK;
+}
+
+spin_status spin_model_choose_shift(struct spin_model *m, const char *path, const float *means,
+                                    size_t n, bool wide, double shift[3])
+{
+    double extent = 0, farthest = 0;
+    struct spread s[3] = {0};
+
+    for (int c = 0; c < 3; c++) {
+        SPIN_TRY(find_spread(means, n, c, &s[c]));
+        extent = fmax(extent, s[c].range);
+        farthest = fmax(farthest, fabs(s[c].middle));
+    }
+    if (farthest < (extent > 0 ? 1 : 1024) ||
+        FLT_EPSILON * farthest <= (wide ? 2e-6 : 1e-5) * extent)
+        return SPIN_OK;
+    if (!wide) {
+        spin_warn("'%s': positions are up to %g from 0, where floats have steps of %.2g: store "
+                  "them as doubles, or closer to 0",
+                  path, farthest,
+                  (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
+        return SPIN_OK;
+    }
+    for (int c = 0; c < 3; c++)
+        m->sequence->shift[c] = shift[c] = round(s[c].middle);
+    spin_note(m->sequence,
+              "positions are stored relative to %.15g, %.15g, %.15g, since floats have steps of "
+              "%.2g there; spin-export adds these coordinates again, unless --relative is given",
+              shift[0], shift[1], shift[2],
+              (double)(nextafterf((float)farthest, INFINITY) - (float)farthest));
+    return SPIN_OK;
 }
 
 /* ---- Tensors --------------------------------------------------------------------------------- */

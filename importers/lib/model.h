@@ -208,6 +208,13 @@ spin_status spin_model_columns(const struct spin_ply *ply, const struct spin_ply
                                const char *prefix, int n, float *out, size_t step);
 /* Returns the number of properties whose names begin with `prefix`. */
 int spin_model_count(const struct spin_ply_element *e, const char *prefix);
+/* Chooses a shift if positions are so far from 0 that floats would round them to steps of more than
+ * some millionths of the scene's extent, and stores it as `shift` and as that of m->sequence, with
+ * a note. means [n][3]: the positions, rounded to floats; nonfinite ones are ignored. If the file
+ * itself contains floats (`wide` is false), a shift cannot restore precision, so the function only
+ * warns. */
+spin_status spin_model_choose_shift(struct spin_model *m, const char *path, const float *means,
+                                    size_t n, bool wide, double shift[3]);
 /* Opens a PLY file as m->ply, whatever elements it contains. */
 spin_status spin_model_ply(struct spin_model *m, const char *path);
 /* Open a PLY file as m->ply and find its vertices. spin_model_vertices() accepts any properties but

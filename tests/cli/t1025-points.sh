@@ -59,6 +59,41 @@ printf '# points\n7 -1 1 2.5 red 0 51 0.1\n' >"$work/text/points3D.txt"
 run "$bin/spin-import" "$work/text/points3D.txt" -o "$work/none.spin"
 fails 1 spin-import "a colour that is no number"
 err_has "point 7: a colour is 'red', expected a number" "is named"
+# Points far from 0, as text, as doubles in .bin and .npz, and as PLY: each keeps its digits.
+mkdir -p "$work/utm/floats"
+python3 - "$work/utm" <<'PY'
+import io, struct, sys, zipfile
+place = [(448262.5, y, 120.0) for y in (5411932.001, 5411932.002, 5411933.003, 5411934.125)]
+with open(sys.argv[1] + "/points3D.txt", "w") as f:
+    for i, p in enumerate(place):
+        f.write("%d %.6f %.6f %.6f 255 0 51 0.1\n" % (i, *p))
+with open(sys.argv[1] + "/points3D.bin", "wb") as f:
+    f.write(struct.pack("<Q", len(place)))
+    for i, p in enumerate(place):
+        f.write(struct.pack("<Q3d3BdQ", i, *p, 255, 0, 51, 0.1, 0))
+with open(sys.argv[1] + "/fused.ply", "w") as f:
+    f.write("ply\nformat ascii 1.0\nelement vertex 4\n" + "".join("property double %s\n" % c for c in "xyz") + "end_header\n")
+    for p in place:
+        f.write("%.6f %.6f %.6f\n" % p)
+for code, name in ("<f8", "init_pt_cld.npz"), ("<f4", "floats/init_pt_cld.npz"):
+    head = "{'descr': '%s', 'fortran_order': False, 'shape': (4, 7), }" % code
+    head = (head + " " * (117 - len(head)) + "\n").encode()
+    rows = struct.pack("<28" + ("d" if code == "<f8" else "f"), *[v for p in place for v in (*p, 1, 0, 0.2, 0)])
+    with zipfile.ZipFile(sys.argv[1] + "/" + name, "w") as z:
+        z.writestr("data.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head + rows)
+PY
+for name in points3D.txt points3D.bin init_pt_cld.npz fused.ply; do
+    run "$bin/spin-import" --from points "$work/utm/$name" --force -o "$work/utm.spin"
+    out_has "relative to 44826[23], 541193[23], 120" "$name: the shift is named"
+    is "$(python3 -c 'import json, struct, sys, zipfile
+z = zipfile.ZipFile(sys.argv[1]); b = z.read("source/means/00000.npy") if "source/means/00000.npy" in z.namelist() else z.read("source/means.npy")
+at = len(b) - 48; shift = json.loads(z.read("meta.json"))["shift"]
+print(*["%.5f" % (struct.unpack_from("<f", b, at + 12 * i + 4)[0] + shift[1]) for i in range(4)])' "$work/utm.spin")" \
+        "5411932.00100 5411932.00200 5411933.00300 5411934.12500" "$name: the digits of the file"
+done
+run "$bin/spin-import" "$work/utm/floats/init_pt_cld.npz" --force -o "$work/utm.spin"
+is "$code" 0 "floats far from 0"
+err_has "init_pt_cld.npz': positions are up to 5.41193e+06 from 0, where floats have steps of 0.5" "are warned of"
 printf '# points\n' >"$work/text/points3D.txt"
 run "$bin/spin-import" "$work/text/points3D.txt" -o "$work/none.spin"
 fails 1 spin-import "a model without points"
