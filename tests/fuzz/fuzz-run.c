@@ -48,6 +48,10 @@ static const struct run {
      "gaussianflow/dnerf_like",
      {"chkpnt30001.pth", "project_file/dnerf.yaml", "project_file/custom.yaml"},
      {NULL}},
+    {"points", "none", {"f1/init_pt_cld.npz"}, {"pattern", "f%d/init_pt_cld.npz", NULL}},
+    {"points", "none", {"f1/points3D.bin"}, {"pattern", "f%d/points3D.bin", NULL}},
+    {"points", "none", {"f1/points3D.txt"}, {"pattern", "f%d/points3D.txt", NULL}},
+    {"points", "none", {"f1/fused.ply"}, {"pattern", "f%d/fused.ply", NULL}},
 };
 enum { N_RUNS = sizeof runs / sizeof *runs };
 
