@@ -370,8 +370,8 @@ static spin_status read_mask(struct tc_run *run, int frame)
     return SPIN_OK;
 }
 
-/* Returns the presence of a Gaussian, which is the sigmoid of its mask. In mode FRAME, a Gaussian is
- * visible if its presence is above the threshold; in the other modes, also if it is equal to it. */
+/* Returns the presence of a Gaussian, which is the sigmoid of its mask. In mode FRAME, a Gaussian
+ * is visible if its presence is above the threshold; in the other modes, also if it is equal. */
 static double presence(float mask) { return 1 / (1 + exp(-(double)mask)); }
 
 /* Sets base.counts, the number of Gaussians that are kept in each frame, in one pass over the mask.

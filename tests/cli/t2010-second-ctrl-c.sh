@@ -24,7 +24,7 @@ interrupted_twice() {
         done
         kill -INT $pid
         kill -INT $pid
-        # Two signals that are pending at the same time are one: send more, as an impatient user does.
+        # Two signals that are pending at the same time are one: send more, as impatient users do.
         while kill -INT $pid 2>/dev/null; do :; done
         wait $pid 2>/dev/null
         code=$?

@@ -1,9 +1,9 @@
 #!/bin/sh
 # K: results long
 # The rows of docs/results.md and the figures of docs/tutorial.md that anyone can reproduce from the
-# bundled clip. On the SIMD path they were measured with, which docs/pictures.txt names, they agree to
-# the last digit; on others small differences grow as large as those between seeds. RESULTS=all, which `make results`
-# sets, runs every seed and prints the measurements.
+# bundled clip. On the SIMD path they were measured with, which docs/pictures.txt names, they agree
+# to the last digit; on others small differences grow as large as those between seeds. RESULTS=all,
+# which `make results` sets, runs every seed and prints the measurements.
 . tests/cli/lib.sh
 
 run "$bin/spin-import" fixtures/court-mini --data fixtures/court-mini -o "$work/mini.spin"
