@@ -57,8 +57,12 @@ for header in tiny_gltf.h nlohmann/json.hpp; do
     [ -f "/usr/include/$header" ] || fail "$header not found: apt-get install libtinygltf-dev nlohmann-json3-dev"
 done
 mkdir -p "$usr/include/nlohmann" "$usr/lib" || exit 1
-(cd "$to" && apt-get source -q zlib xz-utils jansson libzstd libwebp) >"$to/source.log" 2>&1 ||
-    fail "apt-get source failed, see '$to/source.log': check that apt's sources have a deb-src line"
+# If the newest source is no longer in the archive, the source of the original release is used.
+release=$(sed -n 's/^VERSION_CODENAME=//p' /etc/os-release)
+for package in zlib xz-utils jansson libzstd libwebp; do
+    (cd "$to" && { apt-get source -q "$package" || apt-get source -q "$package/$release"; }) >>"$to/source.log" 2>&1 ||
+        fail "apt-get source failed, see '$to/source.log': check that apt's sources have a deb-src line"
+done
 build zlib of_zlib
 build xz-utils of_xz
 build jansson by_cmake . -DJANSSON_BUILD_DOCS=OFF -DJANSSON_EXAMPLES=OFF -DJANSSON_WITHOUT_TESTS=ON
