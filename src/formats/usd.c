@@ -86,7 +86,7 @@ spin_status spin_usd_count(struct spin_usd_value *v, unsigned width, size_t *n)
 static spin_status read_numbers(struct spin_usd_value *v, unsigned width, size_t n, float *floats,
                                 double *doubles)
 {
-    size_t is;
+    size_t is = 0;
 
     SPIN_TRY(spin_usd_count(v, width, &is));
     if (is != n)
