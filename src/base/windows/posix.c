@@ -3,6 +3,7 @@
 
 #include <psapi.h>
 
+#include <math.h>
 #include <stdarg.h>
 #include <stdbool.h>
 
@@ -787,4 +788,23 @@ void *memmem(const void *in, size_t n, const void *what, size_t n_what)
         if (memcmp(at, what, n_what) == 0)
             return (void *)(uintptr_t)at;
     return NULL;
+}
+
+/* ---- Numbers -------------------------------------------------------------------------------- */
+
+/* Replaces MinGW's function, which rounds the product, too. A double holds the product. The sum is
+ * rounded to a double whose last bit is odd unless the double is exact: rounded to a float, it is
+ * then never taken for a tie that it is not. */
+float fmaf(float x, float y, float z)
+{
+    double product = (double)x * (double)y, sum = product + (double)z;
+    double added = sum - product, lost = (product - (sum - added)) + ((double)z - added);
+    int64_t bits;
+
+    memcpy(&bits, &sum, sizeof bits);
+    if (!isfinite(sum) || lost == 0 || bits & 1)
+        return (float)sum;
+    bits += (lost > 0) == (sum > 0) ? 1 : -1;
+    memcpy(&sum, &bits, sizeof bits);
+    return (float)sum;
 }
