@@ -87,6 +87,9 @@ def read(path):
     names = [l.split()[2].decode() for l in head.splitlines() if l.startswith(b"property")]
     return dict(zip(names, np.frombuffer(body, "<f4").reshape(-1, len(names)).T))
 a, b = map(read, sys.argv[1:])
+# A rotation and its negative are equal.
+sign = np.sign(sum(a[f"rot_{k}"] * b[f"rot_{k}"] for k in range(4)))
+a.update({f"rot_{k}": sign * a[f"rot_{k}"] for k in range(4)})
 for name in a:
     assert np.allclose(a[name], b[name], rtol=1e-3, atol=1e-3), (name, a[name][:3], b[name][:3])
 assert set(a) <= set(b) and len(a) >= 14, set(a) ^ set(b)

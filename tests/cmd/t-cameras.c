@@ -493,11 +493,11 @@ static void near3(const spin_json *clip_json, const char *key, const double want
     ok(off < 1e-5, "the page's %s: %g off", key, off);
 }
 
-/* The page starts at the first training view of the first exported frame. */
+/* The page starts at the training view of the first exported frame that shows the splats best. */
 static void test_page(void)
 {
     const struct pose *p = &pose[1][0];
-    double middle[3], extent = 0, up[3] = {0}, target[3], along, least = INFINITY, most = 0,
+    double middle[3], extent = 0, up[3] = {0}, target[3], along, depth, least = INFINITY, most = 0,
                       away[3];
     char *page, *text;
     spin_json *j = NULL;
@@ -525,7 +525,12 @@ static void test_page(void)
         away[c] = middle[c] - p->eye[c];
     }
     make_long(up, 1);
+    /* The target is on the axis of the camera, about as deep as the middle of the splats. */
+    depth = dot(p->ahead, away);
+    for (size_t c = 0; c < 3; c++)
+        away[c] = number_at(j, "target", c) - p->eye[c];
     along = dot(p->ahead, away);
+    near(along, depth, 0.01, "the depth of the page's target");
     for (int c = 0; c < 3; c++)
         target[c] = p->eye[c] + along * p->ahead[c];
     for (int k = 0; k < CAMERAS; k++) {

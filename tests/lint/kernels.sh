@@ -25,7 +25,7 @@ made() {
                 n = substr(name, 1, RLENGTH)
                 rest = substr(name, RLENGTH + 1 + n)
                 name = substr(name, RLENGTH + 1, n)
-                if (match(rest, /^IL[bi][0-9]+E/))
+                if (match(rest, /^ILi[0-9]+E/))
                     name = name "<" substr(rest, 4, RLENGTH - 4) ">"
                 cards[name]++
             }

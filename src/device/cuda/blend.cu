@@ -347,18 +347,26 @@ static __device__ uint32_t most_of_warp(uint32_t v)
     return v;
 }
 
-/* With absolute values, a thread needs more registers. */
+/* Shared memory of the backward pass. */
+struct back_shared {
+    struct front loaded[LOADED];
+    struct held held[WARPS];
+    float4 g[WARPS][3][WARP / 4];
+    struct spin_blend_sums part[WARPS][BACK];
+    uint32_t slot[LOADED], seen_by[WARPS], last_of[WARPS];
+};
+
 template <bool absolute>
-static __global__ void __launch_bounds__(PIXELS, absolute ? 4 : 5)
-    blend_back_kernel(struct picture p, const float *final_transmittance,
-                      const int32_t *last_contributor, const float *d_image,
-                      struct spin_blend_sums *slots)
+static __device__ __forceinline__ void
+blend_back(const struct picture &p, const float *final_transmittance,
+           const int32_t *last_contributor, const float *d_image, struct spin_blend_sums *slots,
+           struct back_shared &m)
 {
-    __shared__ struct front loaded[LOADED];
-    __shared__ struct held held[WARPS];
-    __shared__ float4 g[WARPS][3][WARP / 4];
-    __shared__ struct spin_blend_sums part[WARPS][BACK];
-    __shared__ uint32_t slot[LOADED], seen_by[WARPS], last_of[WARPS];
+    struct front *loaded = m.loaded;
+    struct held *held = m.held;
+    auto &g = m.g;
+    auto &part = m.part;
+    uint32_t *slot = m.slot, *seen_by = m.seen_by, *last_of = m.last_of;
     int me = (int)threadIdx.x, tile = (int)blockIdx.x, lane = me % WARP, warp = me / WARP;
     int tile_x = tile % p.cam.tiles_x, tile_y = tile / p.cam.tiles_x;
     int warp_x = warp % (SIDE / WARP_X) * WARP_X, warp_y = warp / (SIDE / WARP_X) * WARP_Y;
@@ -453,6 +461,27 @@ static __global__ void __launch_bounds__(PIXELS, absolute ? 4 : 5)
     }
 }
 
+static __global__ void __launch_bounds__(PIXELS, 5)
+    blend_back_kernel(struct picture p, const float *final_transmittance,
+                      const int32_t *last_contributor, const float *d_image,
+                      struct spin_blend_sums *slots)
+{
+    __shared__ struct back_shared shared;
+
+    blend_back<false>(p, final_transmittance, last_contributor, d_image, slots, shared);
+}
+
+/* With absolute values, a thread needs more registers. */
+static __global__ void __launch_bounds__(PIXELS, 4)
+    blend_absolute_kernel(struct picture p, const float *final_transmittance,
+                          const int32_t *last_contributor, const float *d_image,
+                          struct spin_blend_sums *slots)
+{
+    __shared__ struct back_shared shared;
+
+    blend_back<true>(p, final_transmittance, last_contributor, d_image, slots, shared);
+}
+
 /* Adds up the slots of each splat, and computes the gradient of the splat from these sums. */
 static __global__ void reduce_kernel(size_t n, const struct spin_splat2d *splat2d,
                                      const struct spin_blend_sums *slots,
@@ -490,7 +519,7 @@ void cuda_blend_back(struct spin_device *d, const struct spin_view_batch *views,
     struct spin_blend_sums *slots =
         (struct spin_blend_sums *)cuda_scratch(d, CUDA_SCRATCH_BLEND, (most + 1) * sizeof *slots);
 
-    auto *kernel = views->absolute ? blend_back_kernel<true> : blend_back_kernel<false>;
+    auto *kernel = views->absolute ? blend_absolute_kernel : blend_back_kernel;
 
     if (!slots)
         return;
