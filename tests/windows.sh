@@ -148,7 +148,7 @@ wine "$there/spin-retrain.exe" 'ä b\日本.spin' --data "$root/fixtures/court-m
     >there.1 2>&1 && fail "a bundle written over itself"
 grep -q 'it is an input' there.1 || fail "a bundle into itself: $(tail -n 1 there.1)"
 wine "$there/spin-export.exe" 'ä b\日本.spin' -o v.mp4 >there.1 2>&1 && fail "a video"
-grep -q 'not in spin4d for Windows' there.1 || fail "not a word of what is not there: $(cat there.1)"
+grep -q 'spin4d for Windows does not include it' there.1 || fail "not a word of what is not there: $(cat there.1)"
 left=$(find . -path ./wine -prune -o \( -name '*.tmp*' -o -name '*.lock' \) -print)
 [ -z "$left" ] || fail "left behind: $left"
 echo "names, --force, a bundle into itself: as elsewhere"
