@@ -244,6 +244,10 @@ const char *spin_path_name(const char *path)
 spin_status spin_path_absolute(const char *path, char **out)
 {
     *out = realpath(path, NULL);
+    /* In a browser, files are in a file system without links, where reading one fails with EPERM.
+     */
+    if (!*out && errno == EPERM && path[0] == '/' && access(path, F_OK) == 0)
+        return spin_strdup(path, out);
     return *out ? SPIN_OK : fail_errno("find", path);
 }
 
