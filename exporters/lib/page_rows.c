@@ -419,8 +419,7 @@ static bool number_piece(const struct spin_page_rows *r, const struct spin_splat
     unit_of(a, q);
     spin_splat_rows_get(rows, p->row, &is);
     for (int c = 0; c < 3; c++) {
-        /* The position is quantised by number_path(), not here. The centre of the scene is a
-         * placeholder, which quantises to 0. */
+        /* The position is quantised by number_path(). Here, the centre of the scene gives 0. */
         value[SPIN_PAGE_PLACE + c] = (float)r->space.centre[c];
         value[SPIN_PAGE_COLOUR + c] = is.colour[c];
         value[SPIN_PAGE_SCALE + c] = is.log_scale[c];

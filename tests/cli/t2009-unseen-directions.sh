@@ -98,6 +98,11 @@ look room 'for sign, c in ((1, 0), (-1, 1)):
     assert len(cap) > 20 and (cap.argmax(1) == c).all(), cap' \
     "in the colour of the nearest surfaces"
 
+# The step through the views has no common divisor with the number of cameras.
+train pair 0,180
+look pair 'assert angle_to([0, 0, 1]).min() < 8 and angle_to([0, 0, -1]).min() < 8' \
+    "both of two cameras are used"
+
 train corner 0,20,40
 look corner 'turn = np.degrees(np.arctan2(axis[:, 0], axis[:, 2]))
 assert n > 50 and len(turn[(turn < -75) | (turn > 115)]) == 0, sorted(turn)' \
