@@ -70,7 +70,7 @@ SPIN_LDLIBS   := -lz -llzma -ljansson -ldl -lm
 # AddressSanitizer intercepts exceptions of shims only if libstdc++ is loaded at start-up.
 SPIN_LDLIBS   += $(if $(filter asan,$(CONFIG)),-Wl$(comma)--no-as-needed -lstdc++)
 SPIN_DEFINES  :=
-COMPILE_C      = $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_DEFINES) $(SPIN_CFLAGS) $(QUICK) $(HOT) $(CFLAGS)
+COMPILE_C      = $(CC) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_DEFINES) $(SPIN_CFLAGS) $(QUICK) $(HOT) $(CONTRACT) $(CFLAGS)
 # Shims in C are compiled without sanitisers.
 COMPILE_SHIM   = $(SPIN_CPPFLAGS) $(CPPFLAGS) $(filter-out -fsanitize%,$(SPIN_CFLAGS)) $(CFLAGS) $(LDFLAGS)
 COMPILE_CXX    = $(CXX) $(SPIN_CPPFLAGS) $(CPPFLAGS) $(SPIN_CXXFLAGS) $(CXXFLAGS) $(LDFLAGS)
@@ -398,9 +398,9 @@ $(EMU):
 	$(SAY) LINK $@
 	$(Q)$(CXX) $(filter -fsanitize%,$(OPT)) -shared -pthread -o $@ $^
 
-# The grid's vertex positions and the statistics of densification round after every operation, so
-# contraction to FMA is disabled and all SIMD paths give identical bits.
-$(B)/src/device/cpu/contract.%.o $(B)/src/device/cpu/grid.%.o \
+# The grid's vertex positions, the statistics of densification and the networks of importers round
+# after every operation, so contraction to FMA is disabled and all SIMD paths give identical bits.
+$(B)/src/device/cpu/contract.%.o $(B)/src/device/cpu/grid.%.o $(B)/src/base/product.o \
 $(B)/src/device/cpu/densify_stats.%.o: CONTRACT := -ffp-contract=off
 
 # Optimise the code in which tests under sanitisers spend most of their time.
@@ -412,7 +412,7 @@ define CPU_RULE
 $(B)/%.$(1).o: %.c
 	@mkdir -p $$(@D)
 	$$(SAY) CC "$$< ($(1))"
-	$$(Q)$$(COMPILE_C) -DSPIN_CPU_PATH=$(1) $$(FLAGS.$(1)) $$(CONTRACT) -MMD -MP -c -o $$@ $$<
+	$$(Q)$$(COMPILE_C) -DSPIN_CPU_PATH=$(1) $$(FLAGS.$(1)) -MMD -MP -c -o $$@ $$<
 endef
 $(foreach p,$(PATHS),$(eval $(call CPU_RULE,$(p))))
 

@@ -13,6 +13,7 @@
 #include "formats/gaussian.h"
 #include "math/activate.h"
 #include "math/quat.h"
+#include "math/rounded.h"
 #include "math/sh.h"
 
 enum { MOST_OFFSETS = 64, MOST_FEATURES = 1024, MOST_FRAMES = 100000, MOST_NEIGHBOURS = 64 };
@@ -397,7 +398,7 @@ static spin_status activate(struct spin_model *base)
         f[i] = f[i] < 0.1f ? 0 : i % 4 == 3 ? 1 : f[i];
     for (size_t i = 0; i < 6 * m->n; i++)
         if (i % 6 < 3) /* scales of the offsets; the other scales stay logarithms */
-            m->tensor[SCALES][i] = expf(m->tensor[SCALES][i]);
+            m->tensor[SCALES][i] = spin_rounded_exp(m->tensor[SCALES][i]);
     return load_networks(base);
 }
 
@@ -568,7 +569,7 @@ static float opacity_of(const struct model *m, size_t i)
 {
     return m->camera.n == 0 && m->n_view
                ? 1
-               : tanhf(m->out[OPACITY][i]) * m->tensor[FACTORS][4 * (i / m->k) + 3];
+               : spin_rounded_tanh(m->out[OPACITY][i]) * m->tensor[FACTORS][4 * (i / m->k) + 3];
 }
 
 static void write_row(const struct model *m, size_t i, float opacity, unsigned columns, size_t to,
@@ -583,7 +584,8 @@ static void write_row(const struct model *m, size_t i, float opacity, unsigned c
         spin_quat_normalise(out->quats + 4 * to);
     }
     for (size_t c = 0; c < 3 && columns & SPIN_COL_LOG_SCALES; c++)
-        out->log_scales[3 * to + c] = scale[c] - log1pf(expf(-fmaxf(shape[c], -80)));
+        out->log_scales[3 * to + c] =
+            (float)((double)scale[c] - log1p(exp(-fmax((double)shape[c], -80))));
     if (columns & SPIN_COL_LOGIT_OPACITIES)
         out->logit_opacities[to] = spin_opacity_logit(opacity);
     for (size_t c = 0; c < 3 && columns & SPIN_COL_SH; c++)

@@ -14,6 +14,7 @@
 #include "importers/lib/deform.h"
 #include "math/grid.h"
 #include "math/quat.h"
+#include "math/rounded.h"
 
 enum { HASH_MAX_LEVELS = 64 };
 
@@ -463,7 +464,7 @@ static float *hidden_layer(const struct deform_job *job, size_t first, int n, fl
     sample_grids(job, first, n, a, b);
     spin_mlp_run(&model->spatial, a, gate, NULL);
     for (int i = 0; i < n_hidden; i++) {
-        gate[i] = 1 / (1 + expf(-gate[i]));
+        gate[i] = 1 / (1 + spin_rounded_exp(-gate[i]));
         if (model->directional)
             gate[i] = 2 * gate[i] - 1;
     }

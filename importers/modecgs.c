@@ -9,6 +9,7 @@
 #include "importers/lib/hexplane.h"
 #include "io/npy.h"
 #include "io/zip.h"
+#include "math/rounded.h"
 
 enum { MAX_OFFSETS = 64, MAX_FEATURES = 1024, MAX_SEGMENTS = 4096 };
 
@@ -101,11 +102,13 @@ static spin_status read_dynamics(const struct spin_model *m, const char *key, st
 
 static float dynamics_factor(const struct dynamics *d, float x)
 {
-    float sigmoid = 1 / (1 + expf(-x));
+    float sigmoid = 1 / (1 + spin_rounded_exp(-x));
 
     if (d->type == 0)
         return sigmoid > 0.01f ? 1 : 0;
-    return d->activation == SIGMOID ? sigmoid : d->activation == RELU ? (x > 0 ? x : 0) : tanhf(x);
+    return d->activation == SIGMOID ? sigmoid
+           : d->activation == RELU  ? (x > 0 ? x : 0)
+                                    : spin_rounded_tanh(x);
 }
 
 /* Reads the flags in cfg_args that change positions, and refuses a flag with a value whose effect
@@ -192,7 +195,7 @@ static spin_status read_columns(const struct spin_ply *ply, const struct spin_pl
     SPIN_TRY(spin_model_columns(ply, e, "f_anchor_feat_", model->n_features, model->feature, a));
     SPIN_TRY(spin_model_columns(ply, e, "scale_", 6, model->scaling, 6));
     for (size_t i = 0; i < 6 * model->n; i++)
-        model->scaling[i] = expf(model->scaling[i]);
+        model->scaling[i] = spin_rounded_exp(model->scaling[i]);
     for (int i = 0; i < 2; i++) {
         const char *name = shared ? "dynamics" : i == 0 ? "dynamics_0" : "dynamics_1";
 

@@ -1,6 +1,8 @@
 /* The network of Deformable 3D Gaussians: loading, and its inputs. */
 #include "importers/lib/deform_net.h"
 
+#include "math/rounded.h"
+
 enum { MAX_LAYERS = 32, MAX_FREQUENCIES = 64 };
 /* Number of frequencies in the encoding of positions if there is no time network. The tensors do
  * not determine this number then, so it is the default of Deformable 3D Gaussians. */
@@ -110,8 +112,8 @@ static void encode(float v, int frequencies, int width, size_t step, float *out)
     for (int k = 0; k < frequencies; k++) {
         float angle = ldexpf(v, k);
 
-        out[(size_t)(width * (2 * k + 1)) * step] = sinf(angle);
-        out[(size_t)(width * (2 * k + 2)) * step] = cosf(angle);
+        out[(size_t)(width * (2 * k + 1)) * step] = spin_rounded_sin(angle);
+        out[(size_t)(width * (2 * k + 2)) * step] = spin_rounded_cos(angle);
     }
 }
 

@@ -2,6 +2,7 @@
 #include "importers/lib/hexplane.h"
 
 #include "math/plane.h"
+#include "math/rounded.h"
 
 /* For each plane, the axis of its columns and the axis of its rows: 0 to 2 are x, y, z; 3 is time.
  */
@@ -181,8 +182,8 @@ float *spin_hex_hidden(const struct hexplane *hex, const float *xyz, int n, floa
     for (int i = 0; hex->grid_pe > 0 && i < n_features; i++) {
         float f = now[i] * (float)hex->grid_pe;
 
-        now[n_features + i] = sinf(f);
-        now[2 * n_features + i] = cosf(f);
+        now[n_features + i] = spin_rounded_sin(f);
+        now[2 * n_features + i] = spin_rounded_cos(f);
     }
     hidden = spin_mlp_run(&hex->feature, now, next, now);
     *spare = hidden == now ? next : now;

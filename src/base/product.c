@@ -1,5 +1,6 @@
 /* Matrix multiplication in tiles of 1 to 8 rows and 16 columns, whose sums stay in registers. The
- * code is compiled for three instruction sets: SSE, AVX2 and AVX-512. */
+ * code is compiled for three instruction sets: SSE, AVX2 and AVX-512. The Makefile disables FMA, so
+ * that all of them give the same bits. */
 #include "base/product.h"
 
 #include <stdint.h>
