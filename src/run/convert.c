@@ -26,6 +26,7 @@
 #include "render/draw_renders.h"
 #include "render/player.h"
 #include "run/data_hint.h"
+#include "run/explain_data.h"
 #include "run/export_sound.h"
 #include "run/settle.h"
 #include "run/targets.h"
@@ -190,6 +191,30 @@ static spin_status check_output(const struct convert *c)
     if (spin_path_is_taken(c->output) || spin_exporter_for(c->output))
         return spin_output_check_file(c->output, o->force);
     return SPIN_OK;
+}
+
+/* Called if the output cannot be written. If the input is a data set and not a run, replaces the
+ * error `status` by the description of the data set, which needs no output. */
+static spin_status explain_input(const struct convert *c, spin_status status)
+{
+    const char *input = c->o->input;
+    const struct spin_importer *importer = NULL;
+    SPIN_FREED char *error = NULL, *below = NULL;
+    spin_status found;
+
+    if (!c->imports || c->o->from || !spin_path_is_folder(input))
+        return status;
+    SPIN_TRY(spin_strdup(spin_last_error(), &error));
+    found = spin_importer_find_run(input, NULL, &importer, &below);
+    if (found == SPIN_OK && strcmp(importer->name, "ply") == 0 &&
+        spin_run_is_points(input, below ? below : input))
+        found = SPIN_E_NOT_RECOGNISED;
+    (void)spin_fail(status, "%s", error);
+    if (found != SPIN_E_NOT_RECOGNISED)
+        return status;
+    found = spin_explain_data_set(input, status);
+    return found == SPIN_E_NOT_RECOGNISED ? spin_fail_context(found, "cannot import '%s'", input)
+                                          : found;
 }
 
 /* Checks before the training that the exporter has the options that the user gave. */
@@ -515,7 +540,9 @@ static spin_status run_convert(struct convert *c)
 
     SPIN_TRY(name_all(c));
     SPIN_TRY(spin_inputs_add_path(o->input));
-    SPIN_TRY(check_output(c));
+    status = check_output(c);
+    if (status != SPIN_OK)
+        return explain_input(c, status);
     SPIN_TRY(spin_export_sound_check(o->sound));
     SPIN_TRY(check_exporter(c));
     if (c->imports && !o->no_retrain)
