@@ -350,14 +350,18 @@ static void turn_sideways(const double q[4], struct spin_initial_view *out)
         out->eye[c] = out->target[c] + away[c];
 }
 
-/* Share of the subject that narrow windows must show. */
+/* Share of the subject that windows must show. */
 #define KEPT_SHARE 0.97
+/* Height of the image, in heights of this share: the head of a person may be the rest. */
+#define HEADROOM 1.2
+#define MOST_FOVY_DEG 75.0
 
 /* Projects the sample of the subject with a pose, and returns spin_initial_view.keep: the tangent
- * of the angle to the right or to the left that contains KEPT_SHARE of the sample. *outside: the
- * share of the sample that is outside an image of these half sizes, as tangents; off: the distances
- * of the mean of the sample from its centre, in half sizes. `value` [n_sample] is overwritten. */
-static double project_sample(const struct spin_viewpoints *subject, const double w2c[12],
+ * of the angle to the right or to the left that contains KEPT_SHARE of the sample, or up or down if
+ * `axis` is 1 instead of 0. *outside: the share of the sample that is outside an image of these
+ * half sizes, as tangents; off: the distances of the mean of the sample from its centre, in half
+ * sizes. `value` [n_sample] is overwritten. */
+static double project_sample(const struct spin_viewpoints *subject, const double w2c[12], int axis,
                              const double half[2], double *value, double *outside, double off[2])
 {
     int n = subject->n_sample;
@@ -380,7 +384,7 @@ static double project_sample(const struct spin_viewpoints *subject, const double
             off[k] += fmax(-2, fmin(2, place)) / n;
         }
         *outside += inside ? 0 : 1.0 / n;
-        value[i] = fabs(at[0]) / at[2];
+        value[i] = fabs(at[axis]) / at[2];
     }
     qsort(value, (size_t)n, sizeof *value, spin_by_double);
     return n > 0 ? value[(int)ceil(KEPT_SHARE * (n - 1))] : 0;
@@ -428,7 +432,7 @@ static spin_status set_best_camera(const struct spin_views *views, int row,
 
         if ((row >= 0 && v->dataset_frame != row) || v->test != test)
             continue;
-        keep = project_sample(subject, c->w2c, half, value, &outside, off);
+        keep = project_sample(subject, c->w2c, 0, half, value, &outside, off);
         outside = 2 * outside + fmax(fabs(off[0]), fabs(off[1]));
         if (outside >= least)
             continue;
@@ -442,25 +446,57 @@ static spin_status set_best_camera(const struct spin_views *views, int row,
 }
 
 /* Sets out->keep of a view that faces the subject: the ball around the subject and KEPT_SHARE of
- * the sample must be visible. */
-static spin_status set_keep(const struct spin_viewpoints *subject, struct spin_initial_view *out)
+ * the sample must be visible. If `high` is set and the image is not high enough for this share,
+ * increases the field of view, up to MOST_FOVY_DEG. */
+static spin_status set_keep(const struct spin_viewpoints *subject, bool high,
+                            struct spin_initial_view *out)
 {
     static const double half[2] = {1, 1};
     SPIN_FREED double *value = NULL;
-    double w2c[12], outside, off[2], distance = 0, radius = subject->radius;
+    double w2c[12], outside, off[2], tangent, distance = 0, radius = subject->radius;
 
     SPIN_TRY(spin_alloc((size_t)subject->n_sample + 1, sizeof *value, (void **)&value));
     for (int c = 0; c < 3; c++)
         distance += pow(out->eye[c] - out->target[c], 2);
     spin_initial_view_pose(out->eye, out->target, out->up, w2c);
     out->keep = fmax(radius / sqrt(fmax(distance - radius * radius, 0.01 * distance)),
-                     project_sample(subject, w2c, half, value, &outside, off));
+                     project_sample(subject, w2c, 0, half, value, &outside, off));
+    if (!high)
+        return SPIN_OK;
+    tangent = project_sample(subject, w2c, 1, half, value, &outside, off);
+    out->fovy_deg =
+        fmax(out->fovy_deg, fmin(MOST_FOVY_DEG, 2 * atan(HEADROOM * tangent) * DEGREES));
     return SPIN_OK;
 }
 
 /* If the distance of a camera from the subject is less than this multiple of the subject's radius,
  * the image shows only a part of the subject. */
 #define LEAST_RADII 1.6
+#define LEAST_DETAIL_RADII 1.3 /* for a detail, whose ball is large compared with its splats */
+
+/* Returns the distance of the position in front of the subject. */
+static double front_distance(const struct spin_viewpoints *placed)
+{
+    double square = 0;
+
+    for (int c = 0; c < 3; c++)
+        square += pow(placed->front[c] - placed->centre[c], 2);
+    return sqrt(square);
+}
+
+/* Finds the subject. If the densest part of a static clip without cameras cannot be shown as a
+ * whole, it is probably the wall of a room: the subject is then the part of the room with the most
+ * small splats. */
+static spin_status find_subject(const struct spin_export_job *job,
+                                struct spin_viewpoints_options *o, struct spin_viewpoints *placed)
+{
+    SPIN_TRY(spin_viewpoints_open(o, job->n_frames, job->again, job->context, placed));
+    if (job->views || placed->moves || front_distance(placed) >= LEAST_RADII * placed->radius)
+        return SPIN_OK;
+    spin_viewpoints_close(placed);
+    o->detail = true;
+    return spin_viewpoints_open(o, job->n_frames, job->again, job->context, placed);
+}
 
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found)
@@ -470,7 +506,7 @@ spin_status spin_initial_view_subject(const struct spin_export_job *job, int wid
         .width = width, .height = height, .fovy_deg = out->fovy_deg};
     int row = job->dataset_frame_of ? job->dataset_frame_of[0] : -1;
     const struct spin_view *first = spin_initial_view_view(job->views, row, false);
-    double distance = 0, back[4];
+    double distance, back[4];
     spin_status status;
 
     *found = false;
@@ -483,7 +519,7 @@ spin_status spin_initial_view_subject(const struct spin_export_job *job, int wid
     if (!first)
         turn_by(back, out->up);
     memcpy(o.up, out->up, sizeof o.up);
-    status = spin_viewpoints_open(&o, job->n_frames, job->again, job->context, &placed);
+    status = find_subject(job, &o, &placed);
     if (status != SPIN_OK)
         return status == SPIN_E_UNSUPPORTED ? SPIN_OK : status;
     if (job->views) {
@@ -493,16 +529,15 @@ spin_status spin_initial_view_subject(const struct spin_export_job *job, int wid
         *found = true;
         return SPIN_OK;
     }
-    for (int c = 0; c < 3; c++)
-        distance += pow(placed.front[c] - placed.centre[c], 2);
-    distance = sqrt(distance);
-    if (distance < LEAST_RADII * placed.radius)
+    distance = front_distance(&placed);
+    if (distance < (o.detail ? LEAST_DETAIL_RADII : LEAST_RADII) * placed.radius ||
+        (o.detail && !placed.room))
         return SPIN_OK;
     memcpy(out->eye, placed.front, sizeof out->eye);
     memcpy(out->target, placed.centre, sizeof out->target);
     turn_sideways(back, out);
     out->z_near = fmin(SPIN_NEAR, 0.05 * distance);
-    SPIN_TRY(set_keep(&placed, out));
+    SPIN_TRY(set_keep(&placed, placed.moves || o.detail, out));
     out->reach[0] = distance / 10;
     out->reach[1] = placed.room ? fmax(placed.distance, distance) : 3 * distance;
     *found = true;

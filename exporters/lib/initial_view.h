@@ -48,10 +48,10 @@ void spin_initial_view_first(const struct spin_views *views, const double *up, i
 
 /* Makes the view show the subject (geometry/subject.h), and applies --up and --rotate. If there is
  * a data set, the view is that of the camera whose image shows the subject best. Otherwise, the
- * view faces the subject from a position where no wall blocks the view; the field of view and,
- * without
- * --up, the up vector are those of *out. width, height: size of the image in pixels. If there is no
- * such view, sets *found to false. Must be called before the first frame is exported. */
+ * view faces the subject from a position where no wall blocks the view; the field of view, unless
+ * the subject is too high for it, and, without --up, the up vector are those of *out. width,
+ * height: size of the image in pixels. If there is no such view, sets *found to false. Must be
+ * called before the first frame is exported. */
 spin_status spin_initial_view_subject(const struct spin_export_job *job, int width, int height,
                                       struct spin_initial_view *out, bool *found);
 

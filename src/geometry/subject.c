@@ -6,6 +6,10 @@
 /* A cell in which dynamic splats have less than this share of the opaque area is treated as
  * flicker, not as motion. */
 #define LEAST_SHARE 0.3f
+/* Radius of the search for the densest ball, as a share of the radius of the scene. Ground and
+ * walls near a person have small splats, too, so the ball must not be much larger than a person. */
+#define BALL_SHARE 0.6
+#define DETAIL_SHARE 0.3
 
 enum {
     STARTS = 30,  /* number of starting points of the search for the densest ball */
@@ -139,9 +143,10 @@ static spin_status weight_by_share(const struct spin_voxels *v, struct spin_subj
     return SPIN_OK;
 }
 
-/* Lists the dynamic splats if `moving` is set, else all splats. Large dynamic splats are omitted,
- * since they usually belong to a flickering wall or background. */
-static spin_status list_splats(const struct spin_voxels *v, bool moving, struct spin_subject *s)
+/* Lists the dynamic splats if `moving` is set, else all splats. If `small` is set, large splats are
+ * omitted, since they usually belong to a wall or background. */
+static spin_status list_splats(const struct spin_voxels *v, bool moving, bool small,
+                               struct spin_subject *s)
 {
     SPIN_TRY(spin_grow(v->n_splats + 1, sizeof *s->splat, (void **)&s->splat));
     SPIN_TRY(spin_grow(v->n_splats + 1, sizeof *s->weight, (void **)&s->weight));
@@ -149,10 +154,11 @@ static spin_status list_splats(const struct spin_voxels *v, bool moving, struct 
     for (size_t i = 0; i < v->n_splats; i++) {
         const struct spin_voxel_splat *p = &v->splat[i];
 
-        if (moving && !((double)p->largest < 0.5 * v->cell && spin_voxels_moves(v, p)))
+        if ((small && !((double)p->largest < 0.5 * v->cell)) ||
+            (moving && !spin_voxels_moves(v, p)))
             continue;
         s->splat[s->n] = i;
-        s->weight[s->n++] = (double)((moving ? p->opacity : p->area) * p->count);
+        s->weight[s->n++] = (double)((small ? p->opacity : p->area) * p->count);
     }
     return SPIN_OK;
 }
@@ -264,21 +270,27 @@ static spin_status find_radius(const struct spin_voxels *v, struct spin_subject 
     return SPIN_OK;
 }
 
-spin_status spin_subject_find(const struct spin_voxels *v, uint64_t seed, struct spin_subject *s)
+spin_status spin_subject_find(const struct spin_voxels *v, bool detail, uint64_t seed,
+                              struct spin_subject *s)
 {
-    double middle[3], around;
+    double middle[3], around, radius;
 
     memset(s, 0, sizeof *s);
     SPIN_TRY(find_middle(v, middle));
     SPIN_TRY(find_reach(v, middle, &around));
-    SPIN_TRY(list_splats(v, true, s));
+    SPIN_TRY(list_splats(v, true, true, s));
     weight_by_visibility(v, middle, s);
     SPIN_TRY(weight_by_share(v, s));
     s->moves = is_enough(s);
-    if (!s->moves)
-        SPIN_TRY(list_splats(v, false, s));
-    SPIN_TRY(find_ball(v, 0.6 * around, seed, s));
-    s->span = 1.4 * 0.6 * around;
+    detail = detail && !s->moves;
+    if (detail)
+        SPIN_TRY(list_splats(v, false, true, s));
+    detail = detail && is_enough(s);
+    if (!s->moves && !detail)
+        SPIN_TRY(list_splats(v, false, false, s));
+    radius = (detail ? DETAIL_SHARE : BALL_SHARE) * around;
+    SPIN_TRY(find_ball(v, radius, seed, s));
+    s->span = 1.4 * radius;
     SPIN_TRY(find_radius(v, s));
     SPIN_TRY(find_reach(v, s->centre, &s->reach));
     s->reach = fmax(s->reach, s->radius);

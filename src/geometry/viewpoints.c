@@ -139,9 +139,10 @@ static double wall_distance(const struct placing *p, double from, const double d
 }
 
 /* Sets `wall` to the sorted distances of the walls around the centre and returns their number. *n
- * is the number of directions that were searched. */
+ * is the number of directions that were searched. The small splats of a detail are no walls. */
 static int list_walls(const struct placing *p, double wall[DIRECTIONS], int *n)
 {
+    double from = (p->o->detail ? 1 : 0.3) * p->out->radius;
     int n_walls = 0;
 
     *n = 0;
@@ -151,7 +152,7 @@ static int list_walls(const struct placing *p, double wall[DIRECTIONS], int *n)
         if (!find_direction(p, i, DIRECTIONS, 0, direction))
             continue;
         ++*n;
-        wall[n_walls] = wall_distance(p, 0.3 * p->out->radius, direction);
+        wall[n_walls] = wall_distance(p, from, direction);
         n_walls += isfinite(wall[n_walls]);
     }
     qsort(wall, (size_t)n_walls, sizeof *wall, spin_by_double);
@@ -613,7 +614,7 @@ spin_status spin_viewpoints_open(const struct spin_viewpoints_options *o, int n_
 
     memset(out, 0, sizeof *out);
     SPIN_TRY(spin_voxels_open(&v, n_frames, read, context));
-    status = spin_subject_find(&v, o->seed, &subject);
+    status = spin_subject_find(&v, o->detail, o->seed, &subject);
     if (status == SPIN_OK)
         status = place_all(&p);
     free(p.target);

@@ -12,6 +12,7 @@ struct spin_viewpoints_options {
     double fovy_deg;       /* vertical field of view */
     double up[3];          /* {0}: -y, as in most captures */
     uint64_t seed;
+    bool detail; /* see geometry/subject.h */
 };
 
 struct spin_viewpoint {

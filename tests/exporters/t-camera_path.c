@@ -6,6 +6,7 @@
 
 #include "base/log.h"
 #include "geometry/camera_rig.h"
+#include "math/rng.h"
 #include "tests/exporters/frame.h"
 #include "tests/rig.h"
 
@@ -746,6 +747,83 @@ static void test_subject(void)
     spin_splats_free(&s);
 }
 
+enum { ROOM = 20000, PERSON = 3000 };
+
+/* The part of the circle on which the room has walls. */
+static double walled = 1;
+
+/* A person of small splats in a round room of mostly large ones, whose floor is at y = 0. */
+static spin_status read_room(void *context, int f, const struct spin_splats **out)
+{
+    struct spin_splats *s = context;
+
+    (void)f;
+    *out = s;
+    SPIN_TRY(spin_splats_reserve(s, ROOM + PERSON, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    for (size_t i = 0; i < ROOM + PERSON; i++) {
+        double u = (double)spin_rng_uniform(5, 0, i), v = (double)spin_rng_uniform(5, 1, i);
+        double w = (double)spin_rng_uniform(5, 2, i), r = i % 2 ? 4 * sqrt(v) : 4,
+               turn = 2 * pi * (0.35 + walled * u);
+        bool person = i >= ROOM;
+
+        s->means[3 * i] = (float)(person ? 0.3 * u - 2.3 : r * cos(turn));
+        s->means[3 * i + 1] = (float)(person ? -1.8 * v : i % 2 ? 0 : -4 * v);
+        s->means[3 * i + 2] = (float)(person ? 0.4 * w - 0.7 : r * sin(turn));
+        for (size_t c = 0; c < 4; c++)
+            s->quats[4 * i + c] = c == 0;
+        for (size_t c = 0; c < 3; c++) {
+            s->log_scales[3 * i + c] = (float)log(person ? 0.015 : i % 8 == 1 ? 0.03 : 0.1);
+            s->sh[3 * i + c] = (float)(u - v);
+        }
+        s->logit_opacities[i] = 3;
+    }
+    return SPIN_OK;
+}
+
+/* The view of a single frame of a room without cameras shows the person in it as a whole. */
+static void test_room(void)
+{
+    const char *pairs[] = {NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_splats s = {0};
+    struct spin_export_job job = {
+        .n_frames = 1, .values = &values, .again = read_room, .context = &s};
+    static const double origin[3] = {0}, person[3] = {-2.15, -0.9, -0.5};
+    struct spin_initial_view got;
+    double off = 0, w2c[12], high = 0, wide = 0;
+    bool found;
+
+    spin_initial_view_first(NULL, NULL, 0, false, origin, 1, &got);
+    if (!ok(spin_initial_view_subject(&job, 1280, 720, &got, &found) == SPIN_OK && found,
+            "a view of a still in a room"))
+        return;
+    for (int c = 0; c < 3; c++)
+        off += pow(got.target[c] - person[c], 2);
+    ok(sqrt(off) < 0.3, "it looks at the person: %g beside", sqrt(off));
+    ok(hypot(got.eye[0], got.eye[2]) < 4 && got.eye[1] < 0, "from inside the room");
+    spin_initial_view_pose(got.eye, got.target, got.up, w2c);
+    for (size_t i = ROOM; i < ROOM + PERSON; i++) {
+        double at[3];
+
+        for (int r = 0; r < 3; r++) {
+            at[r] = w2c[4 * r + 3];
+            for (int c = 0; c < 3; c++)
+                at[r] += w2c[4 * r + c] * (double)s.means[3 * i + (size_t)c];
+        }
+        wide = larger(wide, fabs(at[0]) / at[2]);
+        high = larger(high, fabs(at[1]) / at[2]);
+    }
+    ok(wide < got.keep, "narrow windows show the whole person: %g of %g", wide, got.keep);
+    ok(high > tan(25 * pi / 180) && high < tan(got.fovy_deg * pi / 360),
+       "and so do wide ones, since the field of view is larger than 50 degrees: %g of %g", high,
+       tan(got.fovy_deg * pi / 360));
+    walled = 0.1;
+    ok(spin_initial_view_subject(&job, 1280, 720, &got, &found) == SPIN_OK && !found,
+       "without a room, the view is that of the whole scene");
+    walled = 1;
+    spin_splats_free(&s);
+}
+
 /* With cameras, the view is that of the training camera whose image shows the subject best. */
 static void test_best_camera(void)
 {
@@ -897,6 +975,7 @@ TAP_MAIN
     test_rotated();
     test_begun();
     test_subject();
+    test_room();
     test_best_camera();
     test_up();
     test_middle();

@@ -16,6 +16,7 @@ struct scene {
     double scale; /* of the twin */
     bool turned;  /* the twin: y up */
     bool moves;
+    bool detail;
     bool flickers; /* a part of the room changes its colour in every frame */
     struct spin_splats splats;
 };
@@ -97,7 +98,8 @@ static void place_cameras(struct scene *s, struct spin_viewpoints *p)
                                         .width = WIDTH,
                                         .height = HEIGHT,
                                         .fovy_deg = 50,
-                                        .up = {0, s->turned ? 1 : -1, 0}};
+                                        .up = {0, s->turned ? 1 : -1, 0},
+                                        .detail = s->detail};
 
     ok(spin_viewpoints_open(&o, FRAMES, read_frame, s, p) == SPIN_OK, "places %d cameras: %s",
        CAMERAS + TESTS, spin_last_error());
@@ -190,6 +192,25 @@ static void check_subject(bool moves)
     spin_splats_free(&s.splats);
 }
 
+/* A static body in a room: the detail is the body, and without `detail` the subject is a wall. */
+static void check_detail(bool detail)
+{
+    struct scene s = {.room = true, .bodies = 1, .scale = 1, .detail = detail};
+    struct spin_viewpoints p = {0};
+    const double body[3] = {0.5, -0.9, 0.4};
+    double off = 0;
+
+    place_cameras(&s, &p);
+    for (int c = 0; c < 3; c++)
+        off += pow(p.centre[c] - body[c], 2);
+    ok(!p.moves && (sqrt(off) < 0.1) == detail && (p.radius < 0.6) == detail,
+       "%s: %g from the body, with a radius of %g", detail ? "the body" : "a wall", sqrt(off),
+       p.radius);
+    ok(!detail || p.room, "a body in a room");
+    spin_viewpoints_close(&p);
+    spin_splats_free(&s.splats);
+}
+
 static void check_twin(void)
 {
     struct scene a = {.room = true, .bodies = 1, .scale = 1, .moves = true};
@@ -248,6 +269,8 @@ TAP_MAIN
     check_two_bodies();
     check_subject(true);
     check_subject(false);
+    check_detail(false);
+    check_detail(true);
     check_twin();
     check_refusals();
 }
