@@ -517,7 +517,7 @@ DEST    := $(DESTDIR)$(PREFIX)
 DESTLIB := $(DESTDIR)$(LIBDIR)
 EXAMPLE := share/doc/spin4d/example-plugin
 # What the manual names, and a clip to try the commands on.
-DOCS    := $(wildcard docs/*.md docs/*.jpg docs/*.png docs/how-to/*)
+DOCS    := $(wildcard docs/*.md docs/*.jpg docs/*.png docs/*.webp docs/how-to/*)
 SAMPLE  := $(filter-out %/gt_points.npz,$(shell find fixtures/court-mini -type f | sort))
 SHARED  := $(notdir $(LIB_SO)) libspin.so.$(SOVERSION) libspin.so
 BASH    := $(COMMANDS:%=share/bash-completion/completions/%)

@@ -64,7 +64,7 @@ for page in man/*.[157]; do
     mkdir -p "$tree/share/man/man${page##*.}" && cp "$page" "$tree/share/man/man${page##*.}/" || exit 1
 done
 mkdir -p "$tree/share/doc/spin4d/docs" &&
-    cp docs/*.md docs/*.jpg docs/*.png "$tree/share/doc/spin4d/docs/" && cp -R docs/how-to "$tree/share/doc/spin4d/docs/" &&
+    cp docs/*.md docs/*.jpg docs/*.png docs/*.webp "$tree/share/doc/spin4d/docs/" && cp -R docs/how-to "$tree/share/doc/spin4d/docs/" &&
     cp exporters/python/spin4d.py "$tree/python/" && cp -R "$B/player" "$tree/share/spin4d/" &&
     cp -R fixtures/court-mini "$tree/share/spin4d/sample" && rm "$tree/share/spin4d/sample/gt_points.npz" &&
     cp LICENSE CHANGELOG.md "$tree/" || exit 1

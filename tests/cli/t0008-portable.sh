@@ -38,6 +38,12 @@ is "$code $(cat "$work/out")" "0 portable: works" "it works alone"
 # The test detects faults: a package without one of its libraries, and one without the image shim.
 tar -C "$work" -xzf "$work/first.tar.gz"
 tree=$(echo "$work"/spin4d-*)
+(cd "$tree/share/doc/spin4d" && for page in docs/*.md docs/how-to/*.md; do
+    grep -o ']([^):#]*' "$page" | cut -c3- | while read -r link; do
+        [ -e "$(dirname "$page")/$link" ] || echo "$page: $link"
+    done
+done) >"$work/broken"
+is "$(cat "$work/broken")" "" "no document links to a file that is not installed"
 for gone in libpng16.so.16 libwebp.so.7 spin-image-plain.so; do
     mv "$tree/lib/spin4d/$gone" "$work/gone"
     tar -C "$work" -cf "$work/less.tar" "${tree##*/}"
