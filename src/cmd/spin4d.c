@@ -138,8 +138,8 @@ static const struct spin_args_command command = {
 };
 
 static const char text[] =
-    "{{#retrain}}{{#test}}held-out views: {{before.psnr %.2f}} dB before, {{psnr %.2f}} dB "
-    "after\n{{/}}{{/}}"
+    "{{#retrain}}{{#test}}held-out views: {{#before.psnr}}{{before.psnr %.2f}} dB before, {{/}}"
+    "{{psnr %.2f}} dB{{#before.psnr}} after{{/}}\n{{/}}{{/}}"
     "{{#rows}}{{#test}}as 4D splats: {{psnr %.2f}} dB\n{{/}}{{/}}"
     "{{#eval}}against renders from held-out viewpoints: {{psnr %.2f}} dB"
     "{{#psnr_dynamic}}, {{psnr_dynamic %.2f}} dB in dynamic regions{{/}}\n"

@@ -6,6 +6,7 @@
 python3 tests/cli/layouts.py make "$work/sets"
 ok $? "the data sets are written"
 PATH=$(cd "$bin" && pwd):$PATH
+n_measured=0
 
 # spin4d describes the data set; its command is run with few iterations.
 offered() { # FOLDER CONTENT OFFER FRAMES SPLATS
@@ -16,6 +17,9 @@ offered() { # FOLDER CONTENT OFFER FRAMES SPLATS
     command=$(sed -n 's/.*; or start from .*: \(spin4d .*\)$/\1/p' "$work/err")
     (cd "$work" && eval "$command --iterations 20 --preset quick") >"$work/out" 2>"$work/err"
     ok $? "the command works"
+    is "$(cat "$work/out" "$work/err" | grep 'held-out views' | grep -vc '^held-out views: [0-9.]* dB$')" 0 \
+        "points have no quality before the training"
+    n_measured=$((n_measured + $(cat "$work/out" "$work/err" | grep -c '^held-out views')))
     run spin-import --info "$work/$(basename "$1").spin" --json
     is "$(member frames)" "$4" "its clip has $4 frames"
     out_has "\"mean\": $5\b" "of $5 points"
@@ -37,6 +41,9 @@ offered "$work/pan op'tic" "panoptic) of 11 cameras and 6 frames" "its points, f
 offered "$work/blender" "transforms) of 2 cameras and 7 frames" "its points" 7 4
 offered "$work/sets/multipleview" "colmap) of 3 cameras and 3 frames" "its points, for a still of its first frame" 1 2
 offered "$work/sets/colmap_t" "colmap) of 3 cameras and 3 frames" "the points of its frames" 3 2
+
+[ "$n_measured" -gt 0 ]
+ok $? "the result is measured: $n_measured"
 
 # Without points nothing is offered.
 rm "$work/pan op'tic/init_pt_cld.npz"
