@@ -11,7 +11,13 @@ const flags = ['--headless', '--no-sandbox', '--remote-debugging-pipe', `--user-
 const chrome = spawn(process.env.CHROMIUM ?? 'chromium', flags, { stdio: ['ignore', 'ignore', 'ignore', 'pipe', 'pipe'] }), waiting = new Map();
 function end(code, text) {
     if (text) console.error(`screenshot: ${url}: ${text}`);
-    chrome.on('close', () => { fs.rmSync(folder, { recursive: true, force: true, maxRetries: 10, retryDelay: 100 }); process.exit(code); });
+    chrome.on('close', async () => {
+        // The browser's last processes may still write to the folder, so that removing it fails.
+        for (let i = 0; i < 20 && fs.existsSync(folder); i++) {
+            try { fs.rmSync(folder, { recursive: true, force: true }); } catch { await new Promise((yes) => setTimeout(yes, 100)); }
+        }
+        process.exit(code);
+    });
     chrome.kill();
 }
 chrome.on('error', (e) => { console.error(`screenshot: ${e.message}`); process.exit(1); });
