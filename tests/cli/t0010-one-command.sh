@@ -5,6 +5,8 @@
 . tests/cli/lib.sh
 bin=$(cd "$bin" && pwd)
 cp -r $clip "$work/run"
+mkdir "$work/taken"
+cp -r fixtures/datasets/blender_mini "$work/taken/set"
 cd "$work" || exit 1
 mkdir alone
 cp run/params.npz alone
@@ -189,4 +191,16 @@ for name in import retrain eval export; do
 done
 run "$bin/spin4d" eval
 fails 2 spin-eval "spin4d eval asked wrongly"
+# A data set without a run is described, even if the page that it would become exists; a run does not
+# overwrite that page.
+cp -r run taken/clip
+touch taken/set.html taken/clip.html taken/transforms_train.html
+run sh -c 'cd taken && "$1/spin4d" set' - "$bin"
+is "$code" 1 "a data set is no run"
+err_has "^spin4d: cannot import 'set': 'set' is a data set (transforms) of 2 cameras" "but described"
+for arguments in clip 'set --from d3dgs' set/transforms_train.json; do
+    run sh -c 'cd taken && "$1/spin4d" $2' - "$bin" "$arguments"
+    is "$code" 1 "$arguments: fails"
+    err_has "cannot write '[a-z_]*.html': it exists; use --force to overwrite" "since the page exists"
+done
 done_testing

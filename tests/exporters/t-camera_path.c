@@ -749,8 +749,8 @@ static void test_subject(void)
 
 enum { ROOM = 20000, PERSON = 3000 };
 
-/* The part of the circle on which the room has walls. */
-static double walled = 1;
+/* The part of the circle on which the room has walls, and the unit of the scene. */
+static double walled = 1, unit = 1;
 
 /* A person of small splats in a round room of mostly large ones, whose floor is at y = 0. */
 static spin_status read_room(void *context, int f, const struct spin_splats **out)
@@ -766,13 +766,15 @@ static spin_status read_room(void *context, int f, const struct spin_splats **ou
                turn = 2 * pi * (0.35 + walled * u);
         bool person = i >= ROOM;
 
-        s->means[3 * i] = (float)(person ? 0.3 * u - 2.3 : r * cos(turn));
-        s->means[3 * i + 1] = (float)(person ? -1.8 * v : i % 2 ? 0 : -4 * v);
-        s->means[3 * i + 2] = (float)(person ? 0.4 * w - 0.7 : r * sin(turn));
+        s->means[3 * i] = (float)(unit * (person ? 0.3 * u - 2.3 : r * cos(turn)));
+        s->means[3 * i + 1] = (float)(unit * (person ? -1.8 * v : i % 2 ? 0 : -4 * v));
+        s->means[3 * i + 2] = (float)(unit * (person ? 0.4 * w - 0.7 : r * sin(turn)));
         for (size_t c = 0; c < 4; c++)
             s->quats[4 * i + c] = c == 0;
         for (size_t c = 0; c < 3; c++) {
-            s->log_scales[3 * i + c] = (float)log(person ? 0.015 : i % 8 == 1 ? 0.03 : 0.1);
+            s->log_scales[3 * i + c] = (float)log(unit * (person       ? 0.015
+                                                          : i % 8 == 1 ? 0.03
+                                                                       : 0.1));
             s->sh[3 * i + c] = (float)(u - v);
         }
         s->logit_opacities[i] = 3;
@@ -790,7 +792,7 @@ static void test_room(void)
         .n_frames = 1, .values = &values, .again = read_room, .context = &s};
     static const double origin[3] = {0}, person[3] = {-2.15, -0.9, -0.5};
     struct spin_initial_view got;
-    double off = 0, w2c[12], high = 0, wide = 0;
+    double off = 0, w2c[12], high = 0, wide = 0, keep;
     bool found;
 
     spin_initial_view_first(NULL, NULL, 0, false, origin, 1, &got);
@@ -817,6 +819,12 @@ static void test_room(void)
     ok(high > tan(25 * pi / 180) && high < tan(got.fovy_deg * pi / 360),
        "and so do wide ones, since the field of view is larger than 50 degrees: %g of %g", high,
        tan(got.fovy_deg * pi / 360));
+    keep = got.keep;
+    unit = 100;
+    ok(spin_initial_view_subject(&job, 1280, 720, &got, &found) == SPIN_OK && found,
+       "a room a hundred times as large");
+    near(got.keep, keep, 0.01 * keep, "fills as much of the image");
+    unit = 1;
     walled = 0.1;
     ok(spin_initial_view_subject(&job, 1280, 720, &got, &found) == SPIN_OK && !found,
        "without a room, the view is that of the whole scene");

@@ -193,17 +193,17 @@ static void check_subject(bool moves)
 }
 
 /* A static body in a room: the detail is the body, and without `detail` the subject is a wall. */
-static void check_detail(bool detail)
+static void check_detail(bool detail, double scale)
 {
-    struct scene s = {.room = true, .bodies = 1, .scale = 1, .detail = detail};
+    struct scene s = {.room = true, .bodies = 1, .scale = scale, .detail = detail};
     struct spin_viewpoints p = {0};
     const double body[3] = {0.5, -0.9, 0.4};
     double off = 0;
 
     place_cameras(&s, &p);
     for (int c = 0; c < 3; c++)
-        off += pow(p.centre[c] - body[c], 2);
-    ok(!p.moves && (sqrt(off) < 0.1) == detail && (p.radius < 0.6) == detail,
+        off += pow(p.centre[c] / scale - body[c], 2);
+    ok(!p.moves && (sqrt(off) < 0.1) == detail && (p.radius < 0.6 * scale) == detail,
        "%s: %g from the body, with a radius of %g", detail ? "the body" : "a wall", sqrt(off),
        p.radius);
     ok(!detail || p.room, "a body in a room");
@@ -269,8 +269,9 @@ TAP_MAIN
     check_two_bodies();
     check_subject(true);
     check_subject(false);
-    check_detail(false);
-    check_detail(true);
+    check_detail(false, 1);
+    check_detail(true, 1);
+    check_detail(true, 100);
     check_twin();
     check_refusals();
 }
