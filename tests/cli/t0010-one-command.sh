@@ -191,8 +191,8 @@ for name in import retrain eval export; do
 done
 run "$bin/spin4d" eval
 fails 2 spin-eval "spin4d eval asked wrongly"
-# A data set without a run is described, even if the page that it would become exists; a run does not
-# overwrite that page.
+# A data set without a run is described, even if the page that it would become exists; a run does
+# not overwrite that page.
 cp -r run taken/clip
 touch taken/set.html taken/clip.html taken/transforms_train.html
 run sh -c 'cd taken && "$1/spin4d" set' - "$bin"
