@@ -99,8 +99,8 @@ static spin_status write_attribute(struct printer *p, const char *type, const ch
     snprintf(line, sizeof line, "    %s %s%s", type, name, changes ? ".timeSamples = {\n" : " = ");
     SPIN_TRY(write_text(p, line));
     for (size_t k = 0; k < (changes ? f->n : f->n > 0); k++) {
-        snprintf(line, sizeof line, changes ? "        %.9g: " : "", f->time[k]);
-        SPIN_TRY(write_text(p, line));
+        snprintf(line, sizeof line, "        %.9g: ", f->time[k]);
+        SPIN_TRY(write_text(p, changes ? line : ""));
         SPIN_TRY(write_array(p, value[k]));
         SPIN_TRY(write_text(p, changes ? ",\n" : "\n"));
     }

@@ -227,6 +227,7 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
     SPIN_FREED char *frames = NULL, *training = NULL;
     size_t n;
     FILE *over_frames = spin_text_open(&frames, &n), *over_training = spin_text_open(&training, &n);
+    bool failed;
     spin_status status =
         over_frames && over_training
             ? SPIN_OK
@@ -240,7 +241,9 @@ static spin_status add_curves(const struct spin_report *r, spin_json *page,
         status = draw_frames(report, over_frames);
     if (status == SPIN_OK && (history.n_tests > 1 || history.n_steps > 1))
         draw_history(&history, over_training);
-    if ((over_frames && fclose(over_frames) != 0) | (over_training && fclose(over_training) != 0))
+    failed = over_frames && fclose(over_frames) != 0;
+    failed |= over_training && fclose(over_training) != 0;
+    if (failed)
         status = spin_fail(SPIN_E_MEMORY, "out of memory for the curves of the report");
     spin_json_set_string(page, "over_frames", frames);
     spin_json_set_string(page, "over_training", training);
