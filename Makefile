@@ -565,7 +565,7 @@ uninstall: ## remove installed files, with the same PREFIX, LIBDIR, PYTHONDIR an
 	rm -f $(addprefix $(DEST)/$(EXAMPLE)/,$(notdir $(wildcard man/example-plugin/*)))
 	rm -f $(addprefix $(DEST)/share/spin4d/player/,$(notdir $(PLAYER)))
 	rm -f $(addprefix $(DEST)/share/doc/spin4d/,$(DOCS)) $(SAMPLE:fixtures/court-mini/%=$(DEST)/share/spin4d/sample/%)
-	-rmdir $(sort $(dir $(SAMPLE:fixtures/court-mini/%=$(DEST)/share/spin4d/sample/%)))
+	-rmdir $(filter-out %/sample/,$(sort $(dir $(SAMPLE:fixtures/court-mini/%=$(DEST)/share/spin4d/sample/%))))
 	-rmdir $(DEST)/share/spin4d/sample/ims $(DEST)/share/spin4d/sample $(DEST)/share/spin4d/player $(DEST)/share/spin4d
 	-rmdir $(DEST)/share/doc/spin4d/docs/how-to $(DEST)/share/doc/spin4d/docs
 	-rmdir $(DEST)/$(EXAMPLE) $(DEST)/share/doc/spin4d $(DEST)/include/spin4d $(DESTLIB)/spin4d

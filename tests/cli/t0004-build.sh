@@ -102,6 +102,7 @@ ok $? "make install"
 run own_make -s DESTDIR="$work/d" PREFIX=/p uninstall
 is "$code $(find "$work/d/p" ! -type d -print)" "0 $work/d/p/bin/other" \
     "make uninstall takes all that, and nothing else"
+is "$(grep -c rmdir "$work/err")" 0 "without a complaint"
 is "$(find "$work/d/p" -name '*spin4d*')" "" "and its folders"
 
 # ---- spin4d.py in the search path of the system's Python -----------------------------------------
