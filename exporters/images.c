@@ -9,6 +9,7 @@
 #include "base/option.h"
 #include "base/text.h"
 #include "exporters/lib/camera_path.h"
+#include "exporters/lib/transforms_file.h"
 #include "io/output.h"
 #include "io/image.h"
 #include "io/pattern.h"
@@ -31,6 +32,9 @@ static const struct spin_plugin_option options[] = {
      "linear"},
     {"clamp", NULL, "limit the colours of EXR files to those of a display, 0 to 1", NULL},
     {"depth", NULL, "write depth to EXR files: the mean as Z, the median as ZMedian", NULL},
+    {"transforms", NULL,
+     "also write the cameras for other trainers, to transforms_train.json and transforms_test.json",
+     NULL},
     {0},
 };
 
@@ -55,6 +59,8 @@ struct export
     bool wants_depth;
     float *layers; /* [3][h][w]: alpha, expected depth, median depth */
     struct spin_camera_path drawing;
+    bool wants_transforms;
+    struct spin_transforms_file transforms;
 };
 
 static bool is_chosen(const struct export *x, const struct spin_view *view)
@@ -129,12 +135,13 @@ static spin_status path_of(const struct export *x, int number, char *name, char 
  * the image. */
 static spin_status export_picture(struct export *x, char *name, int number, int frame,
                                   const struct spin_splats *splats,
-                                  const struct spin_camera *camera, const char *truth)
+                                  const struct spin_camera *camera, const struct spin_view *view)
 {
+    int last = x->job->n_frames > 1 ? x->job->n_frames - 1 : 1;
     SPIN_FREED char *path = NULL;
 
     SPIN_TRY(path_of(x, number, name, &path));
-    SPIN_TRY(spin_camera_path_draw(&x->drawing, frame, splats, camera, truth));
+    SPIN_TRY(spin_camera_path_draw(&x->drawing, frame, splats, camera, view ? view->path : NULL));
     SPIN_TRY(take_layers(x, camera));
     x->film.width = x->drawing.n_panels * camera->width;
     x->film.height = camera->height;
@@ -142,6 +149,9 @@ static spin_status export_picture(struct export *x, char *name, int number, int 
     limit_colours(x);
     SPIN_TRY(spin_film_write(path, &x->film, x->job->sync));
     spin_output_folder_add(&x->folder, spin_path_name(path), number);
+    if (x->wants_transforms)
+        spin_transforms_file_add(&x->transforms, spin_path_name(path), (double)frame / last, camera,
+                                 view && view->test);
     if (x->job->report)
         x->job->report->images++;
     return SPIN_OK;
@@ -153,6 +163,7 @@ static void free_export(void *self)
 
     spin_output_folder_abandon(&x->folder);
     spin_camera_path_free(&x->drawing);
+    spin_transforms_file_close(&x->transforms);
     free(x->layers);
     free(x->output);
     free(x);
@@ -175,6 +186,8 @@ static spin_status check_options(const struct export *x)
             return spin_misuse("--%s needs --format exr", exr[i]);
     if (spin_plugin_value(v, "fps", NULL) && !times && !x->film.exr)
         return spin_misuse("--fps has no effect without --duration or --format exr");
+    if (x->wants_transforms && (x->film.exr || x->drawing.n_panels > 1))
+        return spin_misuse("--transforms needs PNG images of one panel");
     if (x->drawing.camera_id >= 0 && spin_plugin_value(v, "views", NULL))
         return spin_misuse("--camera and --views exclude each other: give one of the two");
     if (spin_camera_path_is_own(&x->drawing) && spin_plugin_value(v, "views", NULL))
@@ -290,6 +303,7 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     SPIN_TRY(spin_camera_path_begin(&x->drawing, job));
     SPIN_TRY(parse_names(x));
     SPIN_TRY(parse_film(x));
+    x->wants_transforms = spin_plugin_value(job->values, "transforms", NULL) != NULL;
     SPIN_TRY(check_options(x));
     SPIN_TRY(spin_option_word(job->values, "views", "test|train|all", &which));
     x->which = (enum which)which;
@@ -343,7 +357,7 @@ static spin_status images_frame(void *self, int frame, const struct spin_frame_i
             return spin_fail_cancelled();
         spin_image_name(views, i, number, NULL, name);
         spin_camera_path_resize(&x->drawing, &camera);
-        SPIN_TRY(export_picture(x, name, number, frame, splats, &camera, view->path));
+        SPIN_TRY(export_picture(x, name, number, frame, splats, &camera, view));
     }
     x->n_unseen += !seen;
     return SPIN_OK;
@@ -360,6 +374,7 @@ static spin_status finish_export(struct export *x)
         spin_warn("%llu pixels are brighter than white: their values, before conversion to linear "
                   "light, are up to %.3g times that of white; --clamp limits them to white",
                   (unsigned long long)x->n_bright, (double)x->brightest);
+    SPIN_TRY(spin_transforms_file_write(&x->transforms, &x->folder, x->job->sync));
     SPIN_TRY(spin_output_folder_list(&x->folder, "images", x->job->sync));
     spin_output_folder_remove_former(&x->folder);
     spin_output_folder_end(&x->folder);

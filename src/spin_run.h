@@ -186,6 +186,10 @@ struct spin_convert_options {
     bool no_retrain;    /* true: do not retrain the clip, even if there is a data set */
     const char *preset; /* preset of the retraining; NULL: the default */
     int iterations;     /* iterations of the retraining; 0: those of the preset */
+    /* Number of splats with which a retraining on renders begins, for frames that consist of
+     * different splats: "50000" per frame, "50%" of all, or "auto" (60 % of the static and 40 % of
+     * the dynamic splats); NULL: all. */
+    const char *splats;
     const char *sound;  /* see struct spin_export_options */
     /* Filters of the export, see struct spin_export_options. The retraining uses all splats. */
     double crop[6];

@@ -80,6 +80,8 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("iterations", 0, "N", INT, options.iterations,
              "stop after N iterations, for a quick preview (set by the preset)", .min = 1,
              .max = 1e9),
+    SPIN_ARG("splats", 0, "N|SHARE%|auto", STRING, options.splats,
+             "frames without images: splats per frame to begin with, for a smaller clip (all)"),
     SPIN_ARG("device", 0, "auto|cpu|cuda", CHOICE, options.device, "device to compute on (auto)"),
     SPIN_ARG_HEADING("Output"),
     SPIN_ARG("output", 'o', "OUT", STRING, options.output,

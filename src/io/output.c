@@ -230,7 +230,9 @@ static bool is_regular(const char *path)
  */
 static const struct {
     const char *format, *name;
-} unnumbered[] = {{"usd", "clip.usda"},
+} unnumbered[] = {{"images", "transforms_train.json"},
+                  {"images", "transforms_test.json"},
+                  {"usd", "clip.usda"},
                   {"usd", "manifest.usda"},
                   {"usd", "still.usda"},
                   {"figures", "psnr.svg"},

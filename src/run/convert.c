@@ -38,6 +38,10 @@
  * it: two seconds. */
 #define DEFAULT_FRAMES 60
 
+/* The shares of static and of dynamic splats to keep with --splats auto. Dynamic splats are stored
+ * for each frame. */
+static const double auto_static = 0.6, auto_dynamic = 0.4;
+
 struct convert {
     const struct spin_convert_options *o;
     const char *to;
@@ -62,6 +66,7 @@ struct convert {
     /* true: the frames of the import share no rows. Before the clip is retrained, it is rewritten
      * so that each static splat is stored only once. */
     bool settles;
+    struct spin_settle_options thinning; /* its members keep_static, keep_dynamic and most */
     spin_json *report;
 };
 
@@ -238,6 +243,35 @@ static spin_status check_preset(const struct convert *c)
         preset);
 }
 
+/* Parses --splats. */
+static spin_status parse_splats(struct convert *c)
+{
+    const char *text = c->o->splats;
+    struct spin_settle_options *t = &c->thinning;
+    char *end;
+    double value;
+
+    t->keep_static = t->keep_dynamic = 1;
+    if (!text)
+        return SPIN_OK;
+    if (strcmp(text, "auto") == 0) {
+        t->keep_static = auto_static;
+        t->keep_dynamic = auto_dynamic;
+        return SPIN_OK;
+    }
+    value = strtod(text, &end);
+    if (end > text && strcmp(end, "%") == 0 && value > 0 && value <= 100) {
+        t->keep_static = t->keep_dynamic = value / 100;
+        return SPIN_OK;
+    }
+    t->most = value;
+    if (end > text && !*end && value >= 1 && value <= 1e9 && value == floor(value))
+        return SPIN_OK;
+    return spin_misuse("--splats '%s': expected a number of splats per frame (50000), a share of "
+                       "the splats (50%%) or auto",
+                       text);
+}
+
 /* Fails if the retrained clip would overwrite the bundle that it is made from. */
 static spin_status check_bundle(const struct convert *c)
 {
@@ -347,14 +381,16 @@ static bool retrains(const struct convert *c)
 }
 
 /* Returns whether to retrain the clip on renders of itself: with --data renders, and by default if
- * there is no data set and the format stores 4D splats. */
+ * there is no data set and either the format stores 4D splats, or a page would store the splats of
+ * every frame, since the frames share none. */
 static bool retrains_on_renders(const struct convert *c, const struct spin_bundle *b)
 {
     bool fits = b->meta.n_frames > 1 && b->meta.four_d.n == 0 && !c->is_trained &&
                 !(SPIN_COL_ATTRIBUTES & ~b->meta.columns);
+    bool gains = c->tracks || (strcmp(c->to, "html") == 0 && !b->meta.identity);
 
     return fits && !c->o->no_retrain &&
-           (asks_renders(c->o) || (!c->has_data && !c->o->data_from && c->tracks));
+           (asks_renders(c->o) || (!c->has_data && !c->o->data_from && gains));
 }
 
 /* Sets the members of *c that depend on the contents of the bundle `import`, and checks that the
@@ -377,6 +413,10 @@ static spin_status inspect_bundle(struct convert *c)
         return spin_unsupported("'%s' cannot be retrained on renders of itself: this needs a clip "
                                 "of two or more frames that has opacities and is not yet trained",
                                 c->o->input);
+    if (c->o->splats && !c->settles)
+        return spin_misuse("--splats applies only to a clip of frames that consist of different "
+                           "splats and that is retrained on renders of itself; to leave out splats "
+                           "of other clips, use spin-export --decimate");
     if (retrains(c)) {
         SPIN_TRY(check_preset(c));
         SPIN_TRY(check_bundle(c));
@@ -390,11 +430,13 @@ static spin_status inspect_bundle(struct convert *c)
 /* Sets options for training on renders. Exposures are off, since all renders have the same one. The
  * splats of dynamic and varying tracks learn no residual values per frame, which would only learn
  * the flicker of the source. */
-static void set_recipe(struct spin_retrain_options *o)
+static void set_recipe(const struct convert *c, struct spin_retrain_options *o)
 {
     if (o->method != SPIN_METHOD_4D) {
         o->residual = SPIN_RESIDUAL_SOURCE;
         o->dynamic_residual = false;
+        if (c->o->splats) /* do not add the splats again that were left out */
+            o->densify_every = 0;
     }
     o->learn_exposure = SPIN_EXPOSURE_OFF;
     o->antialias = false;
@@ -412,7 +454,13 @@ static spin_status settle_clip(struct convert *c)
 {
     struct spin_settled s;
 
-    SPIN_TRY(spin_settle(c->import, renders_from(c->o), NULL, c->settled, true, &s));
+    struct spin_settle_options o = c->thinning;
+
+    o.input = c->import;
+    o.output = c->settled;
+    o.data_from = renders_from(c->o);
+    o.force = true;
+    SPIN_TRY(spin_settle(&o, &s));
     spin_log(0, "of %.0f splats per frame, %.0f are static and stored once, and %.0f are dynamic",
              s.n_before, s.n_static, s.n_dynamic);
     return SPIN_OK;
@@ -437,7 +485,7 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
     retrain.antialias &= !c->tracks; /* viewers render files of 4D splats without antialiasing */
     retrain.iterations = o->iterations > 0 ? o->iterations : retrain.iterations;
     if (c->renders)
-        set_recipe(&retrain);
+        set_recipe(c, &retrain);
     retrain.input = input;
     retrain.output = output;
     retrain.data = own_data ? o->data : NULL;
@@ -539,6 +587,7 @@ static spin_status run_convert(struct convert *c)
     spin_status status;
 
     SPIN_TRY(name_all(c));
+    SPIN_TRY(parse_splats(c));
     SPIN_TRY(spin_inputs_add_path(o->input));
     status = check_output(c);
     if (status != SPIN_OK)

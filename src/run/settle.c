@@ -35,6 +35,7 @@ struct settling {
     /* [cells] 1: the cell or a neighbouring cell contains a static row; 0: the cell is a hole */
     uint8_t *taken;
     struct spin_splats base; /* the static rows */
+    double keep[2];          /* the shares of static and of dynamic rows to keep */
     struct spin_splats frame, out;
 };
 
@@ -372,8 +373,9 @@ static bool keeps(double share, uint64_t stream, size_t i)
 }
 
 /* Assembles the rows of a frame: the static rows, followed by the dynamic rows of s->frame. */
-static spin_status make_frame(struct settling *s, int f, const double keep[2])
+static spin_status make_frame(struct settling *s, int f)
 {
+    const double *keep = s->keep;
     const float larger[2] = {(float)(-log(keep[0]) / 3), (float)(-log(keep[1]) / 3)};
     uint64_t own = 1 + (uint64_t)f;
     size_t n = 0;
@@ -390,27 +392,26 @@ static spin_status make_frame(struct settling *s, int f, const double keep[2])
     return SPIN_OK;
 }
 
-static spin_status write_frames(struct settling *s, const double keep[2],
-                                struct spin_bundle_writer *w, struct spin_bundle_meta *meta,
-                                struct spin_settled *settled)
+static spin_status write_frames(struct settling *s, struct spin_bundle_writer *w,
+                                struct spin_bundle_meta *meta, struct spin_settled *settled)
 {
     for (int f = 0; f < s->n_frames; f++) {
         SPIN_TRY(read_rows(s, f));
-        SPIN_TRY(make_frame(s, f, keep));
+        SPIN_TRY(make_frame(s, f));
         meta->frame[f].n = s->out.n;
         settled->n_before += (double)s->frame.n / s->n_frames;
         settled->n_dynamic += (double)s->out.n / s->n_frames;
         SPIN_TRY(spin_bundle_write_frame(w, f, COLUMNS, 0, &s->out));
     }
     for (size_t i = 0; i < s->base.n; i++)
-        settled->n_static += keeps(keep[0], 0, i);
+        settled->n_static += keeps(s->keep[0], 0, i);
     settled->n_dynamic -= settled->n_static;
     return SPIN_OK;
 }
 
 /* Writes the bundle. meta.json is that of the source, except for the rows and the data set. */
-static spin_status write_bundle(struct settling *s, const char *output, const double keep[2],
-                                bool force, struct spin_settled *settled)
+static spin_status write_bundle(struct settling *s, const char *output, bool force,
+                                struct spin_settled *settled)
 {
     struct spin_bundle_meta meta = s->clip.bundle.meta;
     struct spin_bundle_writer w = {0};
@@ -429,7 +430,7 @@ static spin_status write_bundle(struct settling *s, const char *output, const do
     SPIN_TRY(spin_path_folder(output, &folder));
     SPIN_TRY(spin_bundle_writer_open(output, force, false, &w));
     SPIN_TRY_OUT(spin_bundle_set_data_path(&meta, folder, s->clip.data_path));
-    SPIN_TRY_OUT(write_frames(s, keep, &w, &meta, settled));
+    SPIN_TRY_OUT(write_frames(s, &w, &meta, settled));
     status = spin_bundle_writer_finish(&w, &meta, NULL);
     free(meta.data_path);
     free(meta.data_absolute);
@@ -456,17 +457,27 @@ static void close_settling(struct settling *s)
     spin_clip_close(&s->clip);
 }
 
-spin_status spin_settle(const char *input, const char *data_from, const double keep[2],
-                        const char *output, bool force, struct spin_settled *settled)
+/* Sets the shares of rows to keep. */
+static void set_shares(struct settling *s, const struct spin_settle_options *o)
 {
-    static const double all[2] = {1, 1};
-    const struct spin_clip_options o = {
-        .input = input, .data = "renders", .data_from = data_from, .needs_views = true};
+    double rows = (double)s->base.n;
+
+    for (int f = 0; f < s->n_frames; f++)
+        for (size_t i = 0; i < s->clip.bundle.meta.frame[f].n; i++)
+            rows += s->mark[f][i] ? 0 : 1.0 / s->n_frames;
+    s->keep[0] = o->most <= 0 ? o->keep_static : rows > o->most ? o->most / rows : 1;
+    s->keep[1] = o->most <= 0 ? o->keep_dynamic : s->keep[0];
+}
+
+spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled *settled)
+{
+    const struct spin_clip_options clip = {
+        .input = o->input, .data = "renders", .data_from = o->data_from, .needs_views = true};
     struct settling s = {0};
     spin_status status;
 
     memset(settled, 0, sizeof *settled);
-    SPIN_TRY(spin_clip_open(&o, &s.clip));
+    SPIN_TRY(spin_clip_open(&clip, &s.clip));
     SPIN_TRY_OUT(list_views(&s));
     SPIN_TRY_OUT(
         spin_image_cache_open(&s.clip.views, spin_memory_available() / 4, NULL, &s.images));
@@ -475,7 +486,8 @@ spin_status spin_settle(const char *input, const char *data_from, const double k
     set_threshold(&s);
     SPIN_TRY_OUT(mark_rows(&s));
     SPIN_TRY_OUT(gather_static(&s));
-    SPIN_TRY_OUT(write_bundle(&s, output, keep ? keep : all, force, settled));
+    set_shares(&s, o);
+    SPIN_TRY_OUT(write_bundle(&s, o->output, o->force, settled));
 out:
     close_settling(&s);
     return status;

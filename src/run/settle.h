@@ -10,6 +10,18 @@ struct spin_settled {
     double n_before; /* mean number of rows per frame of the source */
 };
 
+struct spin_settle_options {
+    const char *input, *output;
+    const char *data_from; /* options of the data set, "renders:..."; NULL: the defaults */
+    bool force;
+    /* Shares of the static and of the dynamic rows to keep, each above 0 and at most 1. The kept
+     * rows are chosen at random, and enlarged so that they cover the same area as all rows. */
+    double keep_static, keep_dynamic;
+    /* If this is above 0, both shares are chosen such that a frame has at most `most` rows on
+     * average. */
+    double most;
+};
+
 /* Writes the bundle `output`. Its frames begin with the static rows, which are bit-identical in all
  * frames, so that spin-retrain recognises them as static tracks; the dynamic rows of the frame
  * follow. The data set of the new bundle is "renders", drawn from `input`.
@@ -18,9 +30,5 @@ struct spin_settled {
  * colour of its pixel differs from the median of this pixel over time for most cameras that it is
  * visible to. The dynamic splats are thus inside the visual hull of the motion. The test needs no
  * matches between splats, and ignores flicker below a threshold. The static rows are taken from the
- * middle frame; rows of other frames fill its holes.
- *
- * keep: the shares, 0..1, of static and of dynamic rows to keep; NULL keeps all. The kept rows are
- * chosen at random, and enlarged so that they cover the same area as all rows. */
-spin_status spin_settle(const char *input, const char *data_from, const double keep[2],
-                        const char *output, bool force, struct spin_settled *settled);
+ * middle frame; rows of other frames fill its holes. */
+spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled *settled);

@@ -48,13 +48,6 @@ spin_status spin_views_warn_single(const struct spin_views *views);
  * if memory runs out. */
 double spin_views_extent(const struct spin_views *views);
 
-/* Sets the near plane of all views from the n points [n][3] of one frame. Its distance is
- * SPIN_NEAR, or a quarter of the depth of the foreground in the median view if that is less, as in
- * scenes whose coordinates are small numbers. If `warns` is true, a warning is printed if the near
- * plane of a view still cuts off more than 1 % of the points inside its image. */
-spin_status spin_views_set_near(struct spin_views *views, const float *points, size_t n,
-                                bool warns);
-
 /* Checks that the view's image exists, that its header can be read, and that it has the aspect
  * ratio of the camera. Error messages contain the camera id and the path. */
 spin_status spin_view_check_image(const struct spin_view *view);

@@ -4,9 +4,13 @@
 #include "geometry/viewpoints.h"
 #include "io/drawn_image.h"
 #include "scene/bundle.h"
+#include "scene/near_plane.h"
 
-/* Number of camera parameters in the path of an image: focal length, near plane, pose [3][4]. */
-enum { NUMBERS = 14 };
+enum {
+    /* Number of camera parameters in the path of an image: intrinsics, near plane, pose [3][4]. */
+    NUMBERS = 17,
+    LEAST_SOURCE_CAMERAS = 8 /* cameras are placed if the bundle keeps fewer than this */
+};
 
 bool spin_renders_reads(const char *path, const char *from)
 {
@@ -19,9 +23,9 @@ static spin_status format_path(const char *bundle, int frame, const struct spin_
                                char **out)
 {
     size_t n = strlen(bundle) + 64 + NUMBERS * 26, used;
-    double number[NUMBERS] = {c->fx, c->z_near};
+    double number[NUMBERS] = {c->fx, c->fy, c->cx, c->cy, c->z_near};
 
-    memcpy(number + 2, c->w2c, sizeof c->w2c);
+    memcpy(number + 5, c->w2c, sizeof c->w2c);
     SPIN_TRY(spin_alloc(n, 1, (void **)out));
     used = (size_t)snprintf(*out, n, "%s" SPIN_DRAWN_MARK "%d,%d,%d", bundle, frame, c->width,
                             c->height);
@@ -45,11 +49,12 @@ spin_status spin_renders_parse(const char *path, char **bundle, int *frame, stru
         number[n] = strtod(at + 1, (char **)(uintptr_t)&at);
     if (n < NUMBERS || *at || c->width < 1 || c->height < 1)
         return spin_malformed("'%s' is not the path of a drawn image", path);
-    c->fx = c->fy = number[0];
-    c->z_near = number[1];
-    c->cx = 0.5 * c->width;
-    c->cy = 0.5 * c->height;
-    memcpy(c->w2c, number + 2, sizeof c->w2c);
+    c->fx = number[0];
+    c->fy = number[1];
+    c->cx = number[2];
+    c->cy = number[3];
+    c->z_near = number[4];
+    memcpy(c->w2c, number + 5, sizeof c->w2c);
     SPIN_TRY(spin_strdup(path, bundle));
     (*bundle)[mark - path] = '\0';
     return SPIN_OK;
@@ -102,7 +107,7 @@ static spin_status parse_options(const struct spin_plugin_values *v,
     return parse_up(spin_plugin_value(v, "up", "-y"), o->up);
 }
 
-/* ---- Views ----------------------------------------------------------------------------------- */
+/* ---- Cameras --------------------------------------------------------------------------------- */
 
 struct reading {
     struct spin_bundle bundle;
@@ -116,6 +121,113 @@ static spin_status read_frame(void *context, int frame, const struct spin_splats
     *out = &r->splats;
     return spin_bundle_frame(&r->bundle, frame, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &r->splats);
 }
+
+/* Returns whether to use the cameras that the bundle keeps. An option that only placed cameras have
+ * asks for placed cameras. */
+static bool uses_source_cameras(const struct spin_bundle *bundle,
+                                const struct spin_plugin_values *v)
+{
+    return bundle->meta.cameras.n >= LEAST_SOURCE_CAMERAS && !spin_plugin_value(v, "fov", NULL) &&
+           !spin_plugin_value(v, "up", NULL) && !spin_plugin_value(v, "seed", NULL);
+}
+
+/* Chooses the size of the images: that of the option or, by default, as many pixels as that of the
+ * placed cameras, in the aspect ratio of the first camera. */
+static void choose_size(const struct spin_camera *first, const struct spin_plugin_values *v,
+                        struct spin_viewpoints_options *o)
+{
+    double factor = sqrt((double)o->width * o->height / first->width / first->height);
+
+    if (spin_plugin_value(v, "size", NULL))
+        return;
+    o->width = (int)lrint(fmax(16, factor * first->width));
+    o->height = (int)lrint(fmax(16, factor * first->height));
+}
+
+/* Resizes a camera to the size of the images. If the aspect ratios differ, the image shows less
+ * than that of the source, never more. */
+static struct spin_camera resize_camera(struct spin_camera c, int width, int height)
+{
+    double factor = fmax((double)width / c.width, (double)height / c.height);
+
+    c.cx = 0.5 * width + factor * (c.cx - 0.5 * c.width);
+    c.cy = 0.5 * height + factor * (c.cy - 0.5 * c.height);
+    c.fx *= factor;
+    c.fy *= factor;
+    c.width = width;
+    c.height = height;
+    return c;
+}
+
+/* Takes at most n_cameras + n_test of the cameras that the bundle keeps, in steps through the list,
+ * and holds out the share n_test / (n_cameras + n_test) of them. */
+static spin_status take_source_cameras(const struct spin_views *kept,
+                                       const struct spin_viewpoints_options *o,
+                                       struct spin_viewpoints *out)
+{
+    int asked = o->n_cameras + o->n_test, have = (int)kept->n;
+    int n = asked < have ? asked : have, n_test = (n * o->n_test + asked / 2) / asked, test = 0;
+
+    n_test = n_test < n ? n_test : n - 1;
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *out->camera, (void **)&out->camera));
+    out->n = n;
+    for (int i = 0; i < n; i++) {
+        bool held_out = (i + 1) * n_test / n > test;
+        int at = held_out ? n - n_test + test : i - test;
+
+        out->camera[at] = (struct spin_viewpoint){
+            .camera = resize_camera(kept->view[(size_t)i * kept->n / (size_t)n].camera, o->width,
+                                    o->height),
+            .test = held_out};
+        test += held_out;
+    }
+    return SPIN_OK;
+}
+
+/* Sets the near plane of the cameras, which is part of the path of an image. */
+static spin_status set_near(struct reading *r, struct spin_views *kept)
+{
+    const struct spin_bundle_meta *meta = &r->bundle.meta;
+    const struct spin_splats *splats;
+    int f = 0;
+
+    while (f < meta->n_frames - 1 && meta->frame[f].n == 0)
+        f++;
+    SPIN_TRY(read_frame(r, f, &splats));
+    SPIN_TRY(spin_views_set_near(kept, splats->means, splats->n, false));
+    for (size_t i = 0; i < kept->n; i++)
+        kept->view[i].camera.z_near = spin_camera_near(&kept->view[i].camera);
+    return SPIN_OK;
+}
+
+/* Takes the cameras from the bundle if it keeps some, and places cameras if not. */
+static spin_status find_cameras(struct reading *r, const struct spin_plugin_values *values,
+                                struct spin_viewpoints *points, struct spin_views *out)
+{
+    struct spin_views *kept = &r->bundle.meta.cameras;
+    struct spin_viewpoints_options o;
+
+    SPIN_TRY(parse_options(values, &o));
+    if (uses_source_cameras(&r->bundle, values)) {
+        SPIN_TRY(set_near(r, kept));
+        choose_size(&kept->view[0].camera, values, &o);
+        SPIN_TRY(take_source_cameras(kept, &o, points));
+        snprintf(out->notes, sizeof out->notes,
+                 "the images are rendered from the clip itself, for %d of the %zu cameras that "
+                 "the clip keeps",
+                 points->n, kept->n);
+        return SPIN_OK;
+    }
+    SPIN_TRY(spin_viewpoints_open(&o, r->bundle.meta.n_frames, read_frame, r, points));
+    snprintf(
+        out->notes, sizeof out->notes,
+        "the images are rendered from the clip itself, for %d cameras %s; %.1f %% of the dynamic "
+        "splats are visible to fewer than three cameras",
+        points->n, points->room ? "inside a room" : "around the subject", 100 * points->few_moving);
+    return SPIN_OK;
+}
+
+/* ---- Views ----------------------------------------------------------------------------------- */
 
 static spin_status add_views(const struct reading *r, const struct spin_viewpoints *points,
                              struct spin_views *out)
@@ -139,33 +251,21 @@ static spin_status add_views(const struct reading *r, const struct spin_viewpoin
     return SPIN_OK;
 }
 
-static void add_note(const struct spin_viewpoints *p, struct spin_views *out)
-{
-    snprintf(
-        out->notes, sizeof out->notes,
-        "the images are rendered from the clip itself, for %d cameras %s; %.1f %% of the dynamic "
-        "splats are visible to fewer than three cameras\n",
-        p->n, p->room ? "inside a room" : "around the subject", 100 * p->few_moving);
-}
-
 static spin_status read_views(const char *path, const struct spin_plugin_values *values,
                               struct spin_views *out)
 {
     struct reading r = {0};
-    struct spin_viewpoints_options o;
     struct spin_viewpoints points = {0};
     spin_status status;
 
-    SPIN_TRY(parse_options(values, &o));
     SPIN_TRY(spin_bundle_open(path, &r.bundle));
     if (SPIN_COL_ATTRIBUTES & ~r.bundle.meta.columns)
         status =
             spin_unsupported("the clip contains points without opacities, which cannot be drawn");
     else
-        status = spin_viewpoints_open(&o, r.bundle.meta.n_frames, read_frame, &r, &points);
+        status = find_cameras(&r, values, &points, out);
     if (status == SPIN_OK)
         status = add_views(&r, &points, out);
-    add_note(&points, out);
     spin_viewpoints_close(&points);
     spin_splats_free(&r.splats);
     spin_bundle_close(&r.bundle);

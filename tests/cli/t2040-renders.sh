@@ -32,6 +32,45 @@ for wrong in size=9 up=w cameras=0 colour=1; do
     fails 2 spin-eval "renders:$wrong"
 done
 
+# ---- Cameras of the source -----------------------------------------------------------------------
+
+mkdir "$work/kept"
+run "$bin/spin-import" --from d3dgs $clip --data $clip -o "$work/rig.spin"
+run "$bin/spin-export" "$work/rig.spin" --data renders --to images --views all --transforms -o "$work/kept/teacher" --json
+is "$code $(ls "$work/kept/teacher" | grep -c png)" "0 48" "views from the eight cameras that the bundle keeps"
+err_has "8 of the 8 cameras that the clip keeps" "and a note"
+run "$bin/spin-eval" "$work/rig.spin" --data "$work/kept/teacher" --pair order --json
+is "$code $(member psnr | awk '{ print ($1 > 55) }')" "0 1" "images and --transforms are a data set with the same cameras"
+run "$bin/spin-export" "$work/rig.spin" --data renders --data-from renders:cameras=3,test=1 --to images --views train \
+    -o "$work/kept/three"
+is "$code $(ls "$work/kept/three" | grep -c png)" "0 18" "three of them for training"
+run "$bin/spin-export" "$work/rig.spin" --data renders --data-from renders:cameras=3,test=2,up=y --to images \
+    --views all -o "$work/kept/placed"
+is "$code $(ls "$work/kept/placed" | grep -c png)" "0 30" "an option of placed cameras places cameras"
+err_has "around the subject" "as the note says"
+run "$bin/spin-export" "$work/rig.spin" --data renders --to images --transforms --format exr -q -o "$work/kept/exr"
+fails 2 spin-export "--transforms needs PNG"
+
+mkdir "$work/kept/far"
+python3 - "$work/frames" "$work/kept/far" <<'EOF'
+import os, struct, sys
+for name in os.listdir(sys.argv[1]):
+    data = open(os.path.join(sys.argv[1], name), 'rb').read()
+    at = data.index(b'end_header\n') + 11
+    head = data[:at].decode()
+    n = head.count('property float')
+    for c in 'xyz':
+        head = head.replace('property float %s\n' % c, 'property double %s\n' % c)
+    with open(os.path.join(sys.argv[2], name), 'wb') as f:
+        f.write(head.encode())
+        for v in struct.iter_unpack('<%df' % n, data[at:]):
+            f.write(struct.pack('<3d%df' % (n - 3), v[0] + 448262.75, v[1] + 5411932.5, v[2] + 120, *v[3:]))
+EOF
+run "$bin/spin-import" --from ply "$work/kept/far" -o "$work/far.spin"
+is "$code" 0 "imports frames in UTM coordinates"
+run "$bin/spin-eval" "$work/far.spin" --data renders --data-from $views --json
+is "$code $(member psnr | awk '{ print ($1 > 55) }')" "0 1" "their renders are drawn where their splats are"
+
 # ---- Pairing -----------------------------------------------------------------------------------
 
 mkdir "$work/five"
@@ -56,8 +95,28 @@ err_has "static and stored once" "what stands still is stored once"
 is "$(echo $(ls -d moves.*))" "moves.import.spin moves.spin moves.tracks.spin moves.tsog" "what is kept"
 flicker=$(python3 -c 'import json,sys; e = json.load(open(sys.argv[1]))["eval"]; print(e["flicker"] < 1 and e["psnr"] > 20)' "$work/out")
 is "$flicker" True "it is measured in held-out views"
-run "$bin/spin4d" frames -o page.html --data renders --data-from $views --iterations 20
-is "$code $(echo $(ls -d page.*))" "0 page.html page.import.spin page.spin" "--data renders retrains for a page too"
+run "$bin/spin4d" frames -o page.html --iterations 20
+is "$code $(echo $(ls -d page.*))" "0 page.html page.import.spin page.spin" "and a page of frames without shared rows"
+run "$bin/spin4d" run.spin -o shared.html --iterations 20
+is "$code" 0 "a page of frames that share their rows"
+err_lacks "renders of the clip itself" "is not retrained"
+static_and_dynamic() { sed -n 's/^of .* per frame, \([0-9]*\) are static and stored once, and \([0-9]*\) are dynamic/\1 \2/p' "$work/err"; }
+run "$bin/spin4d" frames -o all.tsog --data renders --data-from $views --iterations 2
+whole=$(static_and_dynamic)
+run "$bin/spin4d" frames -o half.tsog --data renders --data-from $views --iterations 2 --splats 50%
+is "$code $(echo "$whole $(static_and_dynamic)" | awk '{ print ($3 / $1 > 0.45 && $3 / $1 < 0.55 && $4 / $2 > 0.45 && $4 / $2 < 0.55) }')" \
+    "0 1" "--splats keeps a share"
+run "$bin/spin4d" frames -o auto.tsog --data renders --data-from $views --iterations 2 --splats auto
+is "$code $(echo "$whole $(static_and_dynamic)" | awk '{ print ($3 / $1 > 0.55 && $3 / $1 < 0.65 && $4 / $2 > 0.35 && $4 / $2 < 0.45) }')" \
+    "0 1" "auto keeps fewer of what moves"
+run "$bin/spin4d" frames -o most.tsog --data renders --data-from $views --iterations 2 --splats 1000
+is "$code $(static_and_dynamic | awk '{ print ($1 + $2 > 950 && $1 + $2 < 1050) }')" "0 1" "a number is that of a frame"
+for wrong in 0 101% half 2.5; do
+    run "$bin/spin4d" frames -o wrong.tsog --splats $wrong
+    fails 2 spin4d "--splats '$wrong': expected"
+done
+run "$bin/spin4d" run.spin -o shared.tsog --splats auto
+fails 2 spin4d "frames that consist of different splats"
 run "$bin/spin4d" frames -o plain.tsog --no-retrain
 is "$code $(ls -d plain.*.spin 2>/dev/null)" "0 " "--no-retrain converts"
 mkdir one && cp "$(ls -d frames/*.ply | head -n 1)" one

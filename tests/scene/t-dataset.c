@@ -9,6 +9,7 @@
 #include "io/image.h"
 #include "scene/probe.h"
 #include "scene/dataset.h"
+#include "scene/near_plane.h"
 #include "scene/image_cache.h"
 #include "tests/check.h"
 #include "tests/tap.h"
