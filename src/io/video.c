@@ -1,5 +1,5 @@
 /* Reads frames of videos: indexes the videos, keeps decoders open between calls, and seeks to
- * frames. */
+ * frames. Threads decode different videos at the same time; each video has one decoder. */
 #include "io/video.h"
 
 #include <ctype.h>
@@ -22,12 +22,17 @@ struct video {
     struct stat was;           /* the file's status when it was indexed */
     struct spin_digest digest; /* digest of the file; its size is 0 if it was not computed yet */
     struct spin_video_index index;
+    unsigned long used;        /* value of clock_now at the last use */
+    int users;                 /* number of threads that decode the video or wait for that */
+    bool replaced;             /* the file has changed: freed when there are no users */
+
+    pthread_mutex_t decoding;         /* protects the members below while there are users */
     struct spin_video_stream *stream; /* decoder of the video; NULL: closed */
     int64_t at;                       /* frame that the stream decoded last; -1: none */
-    unsigned long used;               /* value of clock_now at the last use */
 };
 
-static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER; /* protects all variables below */
+/* Protects all variables below, and of each video all members that its own mutex does not. */
+static pthread_mutex_t mutex = PTHREAD_MUTEX_INITIALIZER;
 static const struct spin_video_shim *shim;
 /* [n_videos] Each struct is allocated separately, since the stream of a video points to its index.
  */
@@ -77,6 +82,7 @@ static void free_video(struct video *v)
         return;
     if (v->stream)
         shim->close(v->stream);
+    pthread_mutex_destroy(&v->decoding);
     free(v->index.entry);
     free(v->file);
     free(v);
@@ -137,6 +143,7 @@ static spin_status add_video(const char *file, struct video **out)
     SPIN_TRY_OUT(spin_grow(n_videos + 1, sizeof *video, (void **)&video));
     SPIN_TRY_OUT(spin_alloc(1, sizeof *new, (void **)&new));
     new->at = -1;
+    pthread_mutex_init(&new->decoding, NULL);
     (void)stat(file, &new->was);
     SPIN_TRY_OUT(spin_strdup(file, &new->file));
     result = shim->index(file, MAX_PIXELS, &new->index);
@@ -170,7 +177,9 @@ static spin_status find_video(const char *file, struct video **out)
             *out = video[i];
             return SPIN_OK;
         }
-        free_video(video[i]);
+        video[i]->replaced = video[i]->users > 0;
+        if (!video[i]->replaced)
+            free_video(video[i]);
         video[i] = video[--n_videos];
         break;
     }
@@ -189,8 +198,8 @@ static size_t cost_of(const struct video *v)
     return (size_t)v->index.width * (size_t)v->index.height * DECODER_BYTES;
 }
 
-/* Close the least recently used decoders until the memory of the open ones plus `bytes` does not
- * exceed OPEN_BYTES. */
+/* Close the least recently used decoders that have no users, until the memory of the open ones plus
+ * `bytes` does not exceed OPEN_BYTES. */
 static void limit_open_streams(size_t bytes)
 {
     for (;;) {
@@ -198,9 +207,11 @@ static void limit_open_streams(size_t bytes)
         size_t held = bytes;
 
         for (size_t i = 0; i < n_videos; i++) {
-            if (!video[i]->stream)
+            if (video[i]->users == 0 && !video[i]->stream)
                 continue;
             held += cost_of(video[i]);
+            if (video[i]->users > 0)
+                continue;
             if (!oldest || video[i]->used < oldest->used)
                 oldest = video[i];
         }
@@ -210,14 +221,37 @@ static void limit_open_streams(size_t bytes)
     }
 }
 
+/* Finds a video and counts the calling thread among its users. */
+static spin_status take_video(const char *file, struct video **out)
+{
+    spin_status status;
+
+    pthread_mutex_lock(&mutex);
+    status = find_video(file, out);
+    if (status == SPIN_OK) {
+        (*out)->used = ++clock_now;
+        if ((*out)->users == 0 && !(*out)->stream)
+            limit_open_streams(cost_of(*out));
+        (*out)->users++;
+    }
+    pthread_mutex_unlock(&mutex);
+    return status;
+}
+
+static void give_video_back(struct video *v)
+{
+    pthread_mutex_lock(&mutex);
+    if (--v->users == 0 && v->replaced)
+        free_video(v);
+    pthread_mutex_unlock(&mutex);
+}
+
 static spin_status open_stream(struct video *v)
 {
     enum spin_video_result result;
 
-    v->used = ++clock_now;
     if (v->stream)
         return SPIN_OK;
-    limit_open_streams(cost_of(v));
     result = shim->open(v->file, &v->index, &v->stream);
     v->at = -1;
     return result == SPIN_VIDEO_OK ? SPIN_OK : fail_video(result, v->file);
@@ -332,17 +366,15 @@ static spin_status decode_up_to(struct video *v, int64_t frame,
     return fail_video(result, v->file);
 }
 
-static spin_status read_frame(const char *file, int64_t frame,
+static spin_status read_frame(struct video *v, int64_t frame,
                               const struct spin_video_passer *passer, int *width, int *height,
                               uint8_t **rgb)
 {
-    struct video *v;
     spin_status status;
     size_t pixels;
 
-    SPIN_TRY(find_video(file, &v));
     if (frame < 0 || frame >= v->index.n)
-        return spin_not_found("video '%s' has no frame %lld, only 0 to %lld", file,
+        return spin_not_found("video '%s' has no frame %lld, only 0 to %lld", v->file,
                               (long long)frame, (long long)v->index.n - 1);
     SPIN_TRY(open_stream(v));
     pixels = (size_t)v->index.width * (size_t)v->index.height;
@@ -362,11 +394,14 @@ static spin_status read_frame(const char *file, int64_t frame,
 spin_status spin_video_read(const char *file, int64_t frame, const struct spin_video_passer *passer,
                             int *width, int *height, uint8_t **rgb)
 {
+    struct video *v;
     spin_status status;
 
     *rgb = NULL;
-    pthread_mutex_lock(&mutex);
-    status = read_frame(file, frame, passer, width, height, rgb);
-    pthread_mutex_unlock(&mutex);
+    SPIN_TRY(take_video(file, &v));
+    pthread_mutex_lock(&v->decoding);
+    status = read_frame(v, frame, passer, width, height, rgb);
+    pthread_mutex_unlock(&v->decoding);
+    give_video_back(v);
     return status;
 }

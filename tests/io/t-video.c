@@ -1,5 +1,6 @@
 /* Frames of videos: names, any order, what is passed on the way, files that are damaged.
  * K: video dynerf datasets */
+#include <pthread.h>
 #include <unistd.h>
 
 #include "io/image.h"
@@ -113,6 +114,70 @@ static void test_passing(const char *path)
     free(rgb);
     ok(good && p.n_asked == 6 && p.seen[8] == 1 && p.seen[12] == 1 && !p.seen[9],
        "from the key frame before it on, and given only where they are wanted");
+}
+
+/* Reads another video while the first one is being decoded. */
+struct meeting {
+    const char *other;
+    pthread_t thread;
+    bool started, good;
+};
+
+static void *read_other(void *context)
+{
+    struct meeting *m = context;
+    uint8_t *rgb = NULL;
+    int w, h;
+
+    m->good = spin_video_read(m->other, 9, NULL, &w, &h, &rgb) == SPIN_OK && off_by(rgb, 9) < 6;
+    free(rgb);
+    return NULL;
+}
+
+static bool wants_all(void *context, int64_t frame)
+{
+    (void)context, (void)frame;
+    return true;
+}
+
+/* Is called in the middle of decoding the first video. */
+static void wait_for_other(void *context, int64_t frame, int width, int height, const uint8_t *rgb)
+{
+    struct meeting *m = context;
+    struct timespec end;
+
+    (void)frame, (void)width, (void)height, (void)rgb;
+    if (m->started)
+        return;
+    m->started = true;
+    clock_gettime(CLOCK_REALTIME, &end);
+    end.tv_sec += 20;
+    if (pthread_create(&m->thread, NULL, read_other, m) != 0)
+        return;
+    if (pthread_timedjoin_np(m->thread, NULL, &end) != 0) {
+        m->good = false;
+        pthread_detach(m->thread);
+    }
+}
+
+static void test_two_at_once(const char *path)
+{
+    struct spin_map map;
+    struct meeting m = {0};
+    struct spin_video_passer passer = {&m, wants_all, wait_for_other};
+    uint8_t *rgb = NULL;
+    int w, h;
+    bool good;
+
+    if (spin_map_open(path, &map) != SPIN_OK)
+        exit(1);
+    m.other = check_truncated(path, map.size);
+    spin_map_close(&map);
+    good = spin_video_read(path, 0, NULL, &w, &h, &rgb) == SPIN_OK;
+    free(rgb);
+    good = good && spin_video_read(path, 6, &passer, &w, &h, &rgb) == SPIN_OK && off_by(rgb, 6) < 6;
+    free(rgb);
+    ok(good && m.started && m.good, "a video is decoded while another one is");
 }
 
 static void test_images(const char *path)
@@ -280,6 +345,7 @@ TAP_MAIN
     }
     test_order(path);
     test_passing(path);
+    test_two_at_once(path);
     test_images(path);
     test_rotation(path);
     test_damage(path);
