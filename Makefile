@@ -510,8 +510,9 @@ results: all ## reproduce the rows of docs/results.md that use the bundled clip,
 pictures: all ## generate the images of docs/ and their figures (Chromium, Node): [COURT=folder of that clip]
 	@sh src/packaging/pictures.sh $(B)/bin docs $(COURT)
 
-hero: all ## generate docs/hero.webp, for README.md, from a retrained bundle: IN=better.spin [CAMERA=0]
-	@sh src/packaging/hero.sh $(B)/bin $(or $(IN),$(error IN=better.spin: the bundle is missing)) docs/hero.webp $(CAMERA)
+hero: all ## generate docs/hero.webp, for README.md, from a retrained bundle: IN=better.spin [CAMERA=0] [BEFORE=B.spin OUT=W]
+	@sh src/packaging/hero.sh $(B)/bin $(or $(IN),$(error IN=better.spin: the bundle is missing)) $(or $(OUT),docs/hero.webp) \
+	    $(or $(CAMERA),00) $(BEFORE)
 
 DEST    := $(DESTDIR)$(PREFIX)
 DESTLIB := $(DESTDIR)$(LIBDIR)

@@ -459,6 +459,7 @@ static spin_status settle_clip(struct convert *c)
     o.input = c->import;
     o.output = c->settled;
     o.data_from = renders_from(c->o);
+    o.n_threads = c->o->n_threads;
     o.force = true;
     SPIN_TRY(spin_settle(&o, &s));
     spin_log(0, "of %.0f splats per frame, %.0f are static and stored once, and %.0f are dynamic",

@@ -3,12 +3,14 @@
 #include "base/base.h"
 #include "math/activate.h"
 #include "math/rng.h"
+#include "render/player.h"
 #include "scene/data_path.h"
 
 #define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 /* A splat is dynamic if its pixel has changed, in one frame, in at least this share of the cameras
- * that it is visible to. */
-#define SHARE 0.6
+ * that see it. */
+#define SHARE 0.7
+#define BEHIND 1.05 /* a splat is visible up to this factor times the depth of the background */
 #define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
 enum {
     /* A pixel has changed if its difference from the median over time is more than LEAST_CHANGE, in
@@ -29,6 +31,7 @@ struct settling {
     size_t plane;
     int threshold;
     uint8_t *change;     /* [n_cameras][n_frames][plane], difference from the median over time */
+    float *background;   /* [n_cameras][plane] depth of the farthest surface over time */
     uint8_t **mark;      /* [n_frames][rows] 1: static; 2: static and stored in `base` */
     double low[3], cell; /* lowest corner and cell size of the grid of holes */
     int dim[3];
@@ -179,6 +182,67 @@ static void set_threshold(struct settling *s)
     s->threshold = NOISE_FACTOR * median > LEAST_CHANGE ? NOISE_FACTOR * median : LEAST_CHANGE;
 }
 
+/* ---- The background -------------------------------------------------------------------------- */
+
+/* Returns frame k of the FRAMES evenly spaced frames, or of all frames if there are fewer. */
+static int spread_frame(const struct settling *s, int k)
+{
+    return k * s->n_frames / (s->n_frames < FRAMES ? s->n_frames : FRAMES);
+}
+
+static spin_status add_depths(struct settling *s, struct spin_player *player, float *depth)
+{
+    for (int k = 0; k < FRAMES && k < s->n_frames; k++) {
+        SPIN_TRY(spin_player_show(player, spread_frame(s, k)));
+        for (int c = 0; c < s->n_cameras; c++) {
+            float *background = s->background + (size_t)c * s->plane, *median = depth + s->plane;
+            static const float black[3];
+
+            if (spin_cancelled())
+                return spin_fail_cancelled();
+            SPIN_TRY(spin_player_draw(player, &s->view[c * s->n_frames]->camera, black, NULL));
+            SPIN_TRY(spin_player_layers(player, NULL, depth));
+            for (size_t i = 0; i < s->plane; i++) /* a depth of 0: there is no surface */
+                background[i] = median[i] > 0 ? fmaxf(background[i], median[i]) : INFINITY;
+        }
+    }
+    return SPIN_OK;
+}
+
+/* Finds the depth of the background, which hides splats behind it. What moves in front of it hides
+ * a place for a part of the time only. */
+static spin_status find_background(struct settling *s, int n_threads)
+{
+    struct spin_device device;
+    struct spin_player player;
+    SPIN_FREED float *depth = NULL;
+    spin_status status;
+
+    SPIN_TRY(spin_alloc((size_t)s->n_cameras, s->plane * sizeof *s->background,
+                        (void **)&s->background));
+    SPIN_TRY(spin_alloc(2 * s->plane, sizeof *depth, (void **)&depth));
+    SPIN_TRY(spin_device_open("cpu", n_threads, &device));
+    status = spin_player_open(&player, &device, &s->clip.bundle, SPIN_FROM_SOURCE);
+    if (status == SPIN_OK) {
+        status = add_depths(s, &player, depth);
+        spin_player_close(&player);
+    }
+    spin_device_close(&device);
+    return status;
+}
+
+/* Returns whether camera c sees a point, and sets `pixel` to its pixel and depth. */
+static bool sees(const struct settling *s, int c, const float at[3], double pixel[3])
+{
+    const struct spin_camera *camera = &s->view[c * s->n_frames]->camera;
+    size_t i;
+
+    if (!spin_camera_project_visible(camera, at, pixel))
+        return false;
+    i = (size_t)pixel[1] * (size_t)camera->width + (size_t)pixel[0];
+    return pixel[2] <= BEHIND * (double)s->background[(size_t)c * s->plane + i];
+}
+
 /* ---- Static rows ----------------------------------------------------------------------------- */
 
 /* Adds 1 to changed[k] if the pixel to which a point projects in camera c has changed in
@@ -203,11 +267,11 @@ static bool is_static(const struct settling *s, const float at[3], int own)
     int frame[FRAMES + 1] = {own}, changed[FRAMES + 1] = {0}, n = 1, seen = 0;
 
     for (; n <= FRAMES && n <= s->n_frames; n++)
-        frame[n] = (n - 1) * s->n_frames / (s->n_frames < FRAMES ? s->n_frames : FRAMES);
+        frame[n] = spread_frame(s, n - 1);
     for (int c = 0; c < s->n_cameras; c++) {
         double pixel[3];
 
-        if (!spin_camera_project_visible(&s->view[c * s->n_frames]->camera, at, pixel))
+        if (!sees(s, c, at, pixel))
             continue;
         seen++;
         count_changes(s, pixel, c, frame, n, changed);
@@ -450,6 +514,7 @@ static void close_settling(struct settling *s)
     free(s->view);
     free(s->change);
     free(s->taken);
+    free(s->background);
     spin_splats_free(&s->base);
     spin_splats_free(&s->frame);
     spin_splats_free(&s->out);
@@ -484,6 +549,7 @@ spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled
     SPIN_TRY_OUT(draw_images(&s));
     SPIN_TRY_OUT(find_changes(&s));
     set_threshold(&s);
+    SPIN_TRY_OUT(find_background(&s, o->n_threads));
     SPIN_TRY_OUT(mark_rows(&s));
     SPIN_TRY_OUT(gather_static(&s));
     set_shares(&s, o);

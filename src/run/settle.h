@@ -14,6 +14,7 @@ struct spin_settle_options {
     const char *input, *output;
     const char *data_from; /* options of the data set, "renders:..."; NULL: the defaults */
     bool force;
+    int n_threads;
     /* Shares of the static and of the dynamic rows to keep, each above 0 and at most 1. The kept
      * rows are chosen at random, and enlarged so that they cover the same area as all rows. */
     double keep_static, keep_dynamic;
@@ -27,8 +28,8 @@ struct spin_settle_options {
  * follow. The data set of the new bundle is "renders", drawn from `input`.
  *
  * A splat is dynamic if, in its own frame or in one of eight others spread over the clip, the
- * colour of its pixel differs from the median of this pixel over time for most cameras that it is
- * visible to. The dynamic splats are thus inside the visual hull of the motion. The test needs no
+ * colour of its pixel differs from the median of this pixel over time for most cameras that see
+ * it. The dynamic splats are thus inside the visual hull of the motion. The test needs no
  * matches between splats, and ignores flicker below a threshold. The static rows are taken from the
  * middle frame; rows of other frames fill its holes. */
 spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled *settled);

@@ -115,6 +115,11 @@ for wrong in 0 101% half 2.5; do
     run "$bin/spin4d" frames -o wrong.tsog --splats $wrong
     fails 2 spin4d "--splats '$wrong': expected"
 done
+
+python3 "$OLDPWD/tests/cli/stage.py" stage
+run "$bin/spin4d" stage -o stage.tsog --data renders --data-from renders:cameras=9,test=4,size=192x128 --iterations 2
+is "$code $(static_and_dynamic)" "0 861 125" "a ball moves before a wall, although cameras behind the wall do not see it"
+
 run "$bin/spin4d" run.spin -o shared.tsog --splats auto
 fails 2 spin4d "frames that consist of different splats"
 run "$bin/spin4d" frames -o plain.tsog --no-retrain
