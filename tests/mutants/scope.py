@@ -38,6 +38,8 @@ ROOM_TESTS = {
     "src/formats/sog": "formats/t-sog importers/t-tsog cli/t3011 cli/t3010",
     "src/run/export": "run/t-export cmd/t-export cli/t3012 cli/t3001 cli/t3015 cli/t3002 cli/t9005",
     "src/run/decimate": "run/t-decimate cli/t3012 cli/t3015",
+    "src/run/convert": "cli/t0010 cli/t0013 cli/t2040 cli/t9001 cli/t9005",
+    "src/run/settle": "run/t-settle cli/t2040",
     "src/run/eval": "cmd/t-eval cli/t2030 cmd/t-retrain cli/t9005",
     "src/run/describe": "cli/t1012 cli/t1015 cli/t2025 cli/t9005",
     "src/run/row_filter": "run/ cmd/t-export cli/t3015",
@@ -54,6 +56,8 @@ ROOM_TESTS = {
     "exporters/lib/path_file": "cli/t3016 cli/t3017",
     "exporters": "exporters/t-readback run/t-export cmd/t-export cli/t3002 cli/t3009",
     "exporters/html": "cli/t3006",
+    "exporters/lib/usd": "exporters/t-usd importers/t-usd cli/t3022",
+    "exporters/usd": "exporters/t-usd importers/t-usd cli/t3022",
 }
 GENERIC_WORDS = {"spin", "file", "text", "rows", "views", "model", "output", "table", "state", "math", "base", "image",
                  "frames", "import", "export", "eval", "data", "args", "step", "loop", "plan", "lib", "values", "check"}
