@@ -306,7 +306,7 @@ static size_t cell_of(const struct settling *s, const float at[3])
     size_t cell = 0;
 
     for (int c = 0; c < 3; c++) {
-        double i = floor(((double)at[c] - s->low[c]) / s->cell);
+        double i = ((double)at[c] - s->low[c]) / s->cell;
 
         i = fmin(fmax(i, 0), s->dim[c] - 1);
         cell = cell * (size_t)s->dim[c] + (size_t)i;
