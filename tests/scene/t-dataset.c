@@ -246,6 +246,31 @@ static double near_of(float unit, size_t close_one_in, float close)
     return z_near;
 }
 
+/* Only the views of the data set count: not the memory behind them. */
+static void test_near_views(void)
+{
+    static const float depth[4] = {0.1f, 0.2f, 0.3f, 0.4f};
+    float points[300];
+    struct spin_views views;
+
+    make_views(&views, 2, 0);
+    for (size_t i = 0; i < 100; i++)
+        memcpy(points + 3 * i, (float[3]){0, 0, i % 10 ? 4 : 0.125f}, 3 * sizeof(float));
+    for (size_t i = 0; i < 4; i++) {
+        views.view[i].camera.w2c[3] = 0;
+        views.view[i].camera.w2c[11] = (double)depth[i] - 0.125;
+    }
+    views.n = 3;
+    views.view[3].camera.z_near = 1; /* cuts off 10 % */
+    *warned = '\0';
+    ok(spin_views_set_near(&views, points, 100, true) == SPIN_OK, "is set");
+    near(views.view[0].camera.z_near, 0.25 * 0.2, 1e-6, "by the median of three views");
+    ok(*warned == 0 && views.view[3].camera.z_near == 1, "nothing is set or said of a fourth: %s",
+       warned);
+    views.n = 6;
+    spin_views_free(&views);
+}
+
 /* docs/method.md 4.1 */
 static void test_near(void)
 {
@@ -261,6 +286,7 @@ static void test_near(void)
     near_of(1, 30, 0.1f);
     ok(strstr(warned, "camera 0: 3 % of the splats in its image are cut off") != NULL,
        "one in 30 is: %s", warned);
+    test_near_views();
     spin_log_set_sink(NULL);
     spin_log_set_level(-1);
 }
