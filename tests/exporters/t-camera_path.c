@@ -6,6 +6,7 @@
 
 #include "base/log.h"
 #include "geometry/camera_rig.h"
+#include "geometry/viewpoints.h"
 #include "math/rng.h"
 #include "tests/exporters/frame.h"
 #include "tests/rig.h"
@@ -666,6 +667,8 @@ static void test_begun(void)
     near(worst, 0, 1e-9, "an orbit from camera 1, at its height in z");
 }
 
+static double ball_size = 0.03; /* of the ball's splats */
+
 /* A small ball that moves in front of a large wall at z = 9. */
 static spin_status read_ball(void *context, int f, const struct spin_splats **out)
 {
@@ -684,12 +687,41 @@ static spin_status read_ball(void *context, int f, const struct spin_splats **ou
         for (size_t c = 0; c < 4; c++)
             s->quats[4 * i + c] = c == 0;
         for (size_t c = 0; c < 3; c++) {
-            s->log_scales[3 * i + c] = (float)log(wall ? 0.1 : 0.03);
+            s->log_scales[3 * i + c] = (float)log(wall ? 0.1 : ball_size);
             s->sh[3 * i + c] = (float)(u - v);
         }
         s->logit_opacities[i] = 3;
     }
     return SPIN_OK;
+}
+
+/* Splats that are large compared with the distances between them: the ball that contains them is
+ * wider than their centres, and narrow windows show all of it. */
+static void test_wide_subject(void)
+{
+    const char *pairs[] = {NULL};
+    struct spin_plugin_values values = {pairs};
+    struct spin_splats s = {0};
+    struct spin_export_job job = {
+        .n_frames = 8, .values = &values, .again = read_ball, .context = &s};
+    struct spin_viewpoints_options o = {.width = 320, .height = 180, .up = {0, -1, 0}};
+    struct spin_viewpoints placed = {0};
+    static const double origin[3] = {0};
+    struct spin_initial_view got;
+    double square = 0;
+    bool found;
+
+    ball_size = 0.2;
+    spin_initial_view_first(NULL, NULL, 0, false, origin, 1, &got);
+    o.fovy_deg = got.fovy_deg;
+    ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && found, "a wide ball");
+    ok(spin_viewpoints_open(&o, 8, read_ball, &s, &placed) == SPIN_OK, "and its size");
+    for (int c = 0; c < 3; c++)
+        square += pow(got.eye[c] - placed.centre[c], 2);
+    near(got.keep, tan(asin(placed.radius / sqrt(square))), 1e-6, "narrow windows show all of it");
+    spin_viewpoints_close(&placed);
+    spin_splats_free(&s);
+    ball_size = 0.03;
 }
 
 /* Without cameras, the view shows the dynamic part. */
@@ -983,6 +1015,7 @@ TAP_MAIN
     test_rotated();
     test_begun();
     test_subject();
+    test_wide_subject();
     test_room();
     test_best_camera();
     test_up();

@@ -51,7 +51,7 @@ static void put_room(struct scene *s, size_t i)
     put_splat(s, i, i % 3 ? wall : floor, 0.06);
 }
 
-/* A ball that swings beside the middle of the room; or two. */
+/* A ball that swings beside the middle of the room; or two; or two, one twice as dense. */
 static void put_body(struct scene *s, size_t i, int f)
 {
     double swing = s->moves ? 0.35 * sin(0.9 * f) : 0, at[3];
@@ -61,7 +61,7 @@ static void put_body(struct scene *s, size_t i, int f)
         at[c] = 0.5 * (uniform(7 + (uint64_t)c, i) - 0.5);
     at[0] += 0.5 + swing;
     at[1] -= 0.9;
-    at[2] += body == 0 ? 0.4 : -0.8;
+    at[2] += body != 1 ? 0.4 : -0.8;
     put_splat(s, s->splats.n - BODY + i, at, 0.015);
 }
 
@@ -192,6 +192,20 @@ static void check_subject(bool moves)
     spin_splats_free(&s.splats);
 }
 
+/* The densest part of a static clip is the denser of two bodies, not both. */
+static void check_denser(void)
+{
+    struct scene s = {.bodies = 3, .scale = 1};
+    struct spin_viewpoints p = {0};
+
+    place_cameras(&s, &p);
+    ok(!p.moves, "nothing moves");
+    near(p.centre[2], 0.4, 0.05, "the subject is the denser body");
+    ok(p.radius > 0.2 && p.radius < 0.4, "alone: %.2f", p.radius);
+    spin_viewpoints_close(&p);
+    spin_splats_free(&s.splats);
+}
+
 /* A static body in a room: the detail is the body, and without `detail` the subject is a wall. */
 static void check_detail(bool detail, double scale)
 {
@@ -269,6 +283,7 @@ TAP_MAIN
     check_two_bodies();
     check_subject(true);
     check_subject(false);
+    check_denser();
     check_detail(false, 1);
     check_detail(true, 1);
     check_detail(true, 100);
