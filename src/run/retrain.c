@@ -322,6 +322,7 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
     if (!o->dry_run || spin_tracks_pixels(&r->plan) > most_pixels)
         return SPIN_OK;
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
+    SPIN_TRY(spin_photos_measure_content(&r->photos, &r->plan));
     return find_tracks(r);
 }
 
@@ -424,6 +425,7 @@ static spin_status open_inputs(struct run *r)
 {
     SPIN_TRY(spin_photos_open(&r->photos, &r->plan));
     SPIN_TRY(spin_photos_check_images(&r->photos, &r->plan));
+    SPIN_TRY(spin_photos_measure_content(&r->photos, &r->plan));
     SPIN_TRY(choose_exposure(r));
     SPIN_TRY(spin_backdrop_choose(&r->plan, &r->photos));
     SPIN_TRY(spin_photos_choose_alpha(&r->photos, &r->plan));

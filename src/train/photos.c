@@ -86,6 +86,53 @@ spin_status spin_photos_put(struct spin_photos *photos, const struct spin_plan *
     return SPIN_OK;
 }
 
+/* ---- Content --------------------------------------------------------------------------------- */
+
+enum {
+    EXAMINED = 8,    /* number of images */
+    LEAST_EDGE = 24, /* an edge is a mean difference between neighbours above this, of 255 */
+    MOST_NOISE = 16, /* the background is a difference from its colour of at most this, of 255 */
+};
+
+/* Adds the numbers of pixels at edges and of pixels of the background in an image [h][w][3]. */
+static void add_content(const uint8_t *image, size_t width, size_t height,
+                        const float background[3], size_t *n_edges, size_t *n_empty)
+{
+    size_t row = 3 * width;
+
+    for (size_t y = 0; y + 1 < height; y++)
+        for (size_t x = 0; x + 1 < width; x++) {
+            const uint8_t *p = image + y * row + 3 * x;
+            float away = 0;
+            int sum = 0;
+
+            for (size_t c = 0; c < 3; c++) {
+                sum += abs(p[c + 3] - p[c]) + abs(p[c + row] - p[c]);
+                away = fmaxf(away, fabsf((float)p[c] - 255 * background[c]));
+            }
+            *n_edges += sum > 2 * 3 * LEAST_EDGE;
+            *n_empty += away <= MOST_NOISE;
+        }
+}
+
+spin_status spin_photos_measure_content(struct spin_photos *photos, struct spin_plan *plan)
+{
+    size_t n_edges = 0, n_empty = 0, n = 0;
+
+    for (size_t i = 0; i < EXAMINED; i++) {
+        size_t view = plan->train[(2 * i + 1) * plan->n_train / (2 * EXAMINED)].view;
+        const struct spin_camera *c = &plan->clip.views.view[view].camera;
+        size_t width = (size_t)c->width, height = (size_t)c->height;
+
+        SPIN_TRY(spin_image_cache_get_rgb8(&photos->cache, view, photos->image));
+        add_content(photos->image, width, height, plan->o->background, &n_edges, &n_empty);
+        n += width * height;
+    }
+    spin_plan_set_content(plan, (double)n_edges / EXAMINED, (double)n_empty / (double)n,
+                          photos->cache.held);
+    return SPIN_OK;
+}
+
 /* ---- Digests --------------------------------------------------------------------------------- */
 
 static void add_number(uint64_t *hash, double value) { spin_hash(hash, &value, sizeof value); }

@@ -26,6 +26,9 @@ void spin_photos_close(struct spin_photos *photos);
 /* Checks all image files that the run needs, without decoding them, so that a missing or truncated
  * file is reported before the training starts. Computes the digests of the training views. */
 spin_status spin_photos_check_images(struct spin_photos *photos, const struct spin_plan *plan);
+/* Measures plan->edges and plan->empty in a few training images, and updates the estimates of the
+ * plan. */
+spin_status spin_photos_measure_content(struct spin_photos *photos, struct spin_plan *plan);
 /* Returns a digest of the training images of a frame, with their masks and cameras; frame -1 means
  * all frames. Results of an earlier run are reused only if the digest is the same. */
 uint64_t spin_photos_digest(const struct spin_photos *photos, const struct spin_plan *plan,

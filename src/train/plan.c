@@ -10,7 +10,7 @@
 
 /* Memory of the program without its data, in bytes. The additional 130 MB of OpenImageIO, which
  * loads images other than PNG and JPEG, are not included. */
-static const size_t program_bytes = 24 << 20;
+static const size_t program_bytes = 10 << 20;
 
 /* ---- Options --------------------------------------------------------------------------------- */
 
@@ -146,6 +146,7 @@ static void measure_images(struct spin_plan *plan)
         plan->max_pixels = pixels > plan->max_pixels ? pixels : plan->max_pixels;
         plan->max_tiles = tiles > plan->max_tiles ? tiles : plan->max_tiles;
     }
+    plan->edges = 0.05 * (double)plan->max_pixels; /* until they are counted */
 }
 
 /* Computes the extent if all cameras are at one position: 1.1 times the distance of the first
@@ -422,9 +423,45 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
 
 /* ---- Memory and time ------------------------------------------------------------------------- */
 
+/* Limits an estimated factor of growth by --max-points. */
+static double limit_growth(const struct spin_plan *plan, double factor)
+{
+    double most = plan->o->max_points / fmax(plan->clip.n_mean, 1);
+
+    return plan->o->max_points > 0 ? fmin(factor, fmax(most, 1)) : factor;
+}
+
+/* Returns the estimated factor by which densification multiplies the number of splats of a frame.
+ * It adds splats at the edges in the images, in proportion to the square root of their pixels. The
+ * constants of this function and the next were fitted to the clips in tests/bench/README.md. */
+static double guess_growth(const struct spin_plan *plan)
+{
+    return spin_plan_densifies(plan)
+               ? limit_growth(plan, 1 + 415 * sqrt(plan->edges) / fmax(plan->clip.n_mean, 1))
+               : 1;
+}
+
+/* The same for refinement: a densification adds splats by the same relation, but not more than
+ * three fifths. */
+static double guess_refined_growth(const struct spin_plan *plan)
+{
+    struct spin_retrain_options o = *plan->o;
+    const struct spin_plan one = {.o = &o};
+    struct spin_schedule s;
+    double n = fmax(plan->clip.n_mean, 1), grown = n;
+
+    o.method = SPIN_METHOD_FRAMES;
+    o.iterations = o.refine;
+    s = spin_plan_schedule(&one);
+    for (int64_t i = s.every; i > 0 && i < s.until; i += s.every)
+        grown += i > s.first ? fmin(0.6 * grown, 210 * sqrt(plan->edges)) : 0;
+    return limit_growth(plan, grown / n);
+}
+
 size_t spin_plan_refine_bytes(const struct spin_plan *plan)
 {
-    size_t n = 2 * plan->clip.n_max, host = 2 * sizeof(struct spin_refine_point);
+    size_t n = (size_t)(guess_refined_growth(plan) * (double)plan->clip.n_max);
+    size_t host = 2 * sizeof(struct spin_refine_point);
     struct spin_frame_size frame = {n, n, n, n};
     struct spin_trainer_size size = {.n_frames = 1, .frame = &frame, .tracked = true};
     struct spin_trainer t = {0};
@@ -448,27 +485,21 @@ out:
                              : SIZE_MAX;
 }
 
-/* Returns the estimated factor by which densification multiplies the number of splats: the factor
- * that yields one splat per pixel, clamped to 1.1..1.5. Sources with only a few thousand splats
- * grow by more. */
-static double guess_growth(const struct spin_plan *plan)
+/* Estimates how many splats n splats become during the training. */
+static size_t grown_count(const struct spin_plan *plan, size_t n)
 {
-    return spin_plan_densifies(plan)
-               ? fmin(fmax((double)plan->max_pixels / fmax(plan->clip.n_mean, 1), 1.1), 1.5)
-               : 1;
+    return (size_t)((double)n * guess_growth(plan));
 }
 
-/* Estimates the sizes of a frame at the end of the training; tracks must have been found. */
+/* Estimates the sizes of a frame at the end of the training. */
 static struct spin_frame_size grown_size(const struct spin_plan *plan, int f)
 {
-    struct spin_frame_size size = plan->sizes[f];
-    double growth = guess_growth(plan);
+    struct spin_frame_size size =
+        plan->sizes ? plan->sizes[f] : spin_plan_frame_size(plan, plan->counts[f]);
 
-    size.n = (size_t)((double)size.n * growth);
-    size.n_free = (size_t)((double)size.n_free * growth);
-    size.n_pos = (size_t)((double)size.n_pos * growth);
-    size.n_residual = (size_t)((double)size.n_residual * growth);
-    return size;
+    return (struct spin_frame_size){grown_count(plan, size.n), grown_count(plan, size.n_free),
+                                    grown_count(plan, size.n_pos),
+                                    grown_count(plan, size.n_residual)};
 }
 
 /* Opens and closes all objects of a training, on a device that only counts allocated memory. Before
@@ -478,14 +509,13 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
                                  size_t *n_averaged)
 {
     const struct spin_retrain_options *o = plan->o;
-    size_t n_frames = (size_t)plan->clip.n_frames, most = plan->clip.n_max;
+    size_t n_frames = (size_t)plan->clip.n_frames, most = grown_count(plan, plan->clip.n_max);
     struct spin_frame_size *frame = NULL;
-    struct spin_trainer_size size = {
-        .n_frames = plan->clip.n_frames,
-        .tracked = o->tracks || plan->n_rows > 0,
-        .n_tracks = plan->sizes ? (size_t)((double)plan->n_tracks * guess_growth(plan))
-                    : o->tracks ? most
-                                : plan->n_rows};
+    struct spin_trainer_size size = {.n_frames = plan->clip.n_frames,
+                                     .tracked = o->tracks || plan->n_rows > 0,
+                                     .n_tracks = plan->sizes ? grown_count(plan, plan->n_tracks)
+                                                 : o->tracks ? most
+                                                             : plan->n_rows};
     struct spin_trainer t = {0};
     struct spin_image_store images = {0};
     struct spin_field_eval evaluation = {0};
@@ -493,8 +523,7 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
 
     SPIN_TRY(spin_alloc(n_frames, sizeof *frame, (void **)&frame));
     for (size_t f = 0; f < n_frames; f++)
-        frame[f] =
-            plan->sizes ? grown_size(plan, (int)f) : spin_plan_frame_size(plan, plan->counts[f]);
+        frame[f] = grown_size(plan, (int)f);
     size.frame = frame;
     SPIN_TRY_OUT(spin_plan_open_trainer(plan, device, &size, &t));
     SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, false, most, false));
@@ -539,16 +568,16 @@ static void training_bytes(const struct spin_plan *plan, size_t *of_device, size
     size_t image = 3 * plan->max_pixels * sizeof(float);
     int views = d->views_at_once < plan->o->batch ? d->views_at_once : plan->o->batch;
     struct spin_counting_device c;
-    size_t n_averaged = 0;
+    size_t n_averaged = 0, most = grown_count(plan, plan->clip.n_max);
 
     spin_device_count(&c, d);
-    *of_host = 3 * plan->clip.n_max * SPIN_ATTR * sizeof(float) + 12 * image;
+    *of_host = most * SPIN_ATTR * sizeof(float) + 12 * image;
     *of_device = SIZE_MAX / 4; /* result if open_training() fails: more than any device has */
     if (open_training(plan, &c.device, &n_averaged) != SPIN_OK)
         return;
     *of_host += n_averaged * sizeof(float);
     *of_device = c.bytes + scratch_bytes(plan) +
-                 (size_t)views * spin_raster_grows(plan->clip.n_max, plan->max_pixels, true);
+                 (size_t)views * spin_raster_grows(most, plan->max_pixels, true);
 }
 
 /* Sets the budget of the image cache in host memory: a third of `available`, but at most available
@@ -710,27 +739,44 @@ spin_status spin_plan_check_memory(const struct spin_plan *plan)
         free_bytes, report->fitting);
 }
 
-/* Estimates the seconds of refinement on one thread; splats that densification adds are ignored.
- * splat: seconds per splat, of rasteriser and host. pixel: seconds per pixel, of rasteriser and
- * loss. */
-static double guess_refining(const struct spin_plan *plan)
-{
-    double splat = 0.6e-6, pixel = 0.25e-6;
+/* The constants below are seconds on one thread of a server CPU with AVX-512, per unit of work.
+ * They were fitted to the runs in tests/bench/README.md. */
 
-    return (double)plan->clip.n_frames * plan->o->refine *
-           (plan->clip.n_mean * splat + (double)plan->max_pixels * pixel);
+/* Seconds to render and train one pixel, with its loss, and one splat, in one view. */
+static const double pixel_s = 0.1e-6, splat_s = 0.13e-6;
+
+/* Returns the seconds to render and train the pixels of a view, without its splats. */
+static double guess_pixels(const struct spin_plan *plan)
+{
+    return (double)plan->max_pixels * (1 - 0.5 * plan->empty) * pixel_s;
 }
 
-/* Estimates the seconds of an iteration on one thread of a server CPU. The constants are seconds
- * per unit of work. network: forward and backward pass of one splat. raster: one splat in one view.
- * pixel: rasteriser and loss of one pixel. adam: one value of the hash table. values: the residual
- * values of one splat. */
+/* Returns the mean over the iterations of a number that grows by `factor` during the share `until`
+ * of them, at first faster than later; 1 without growth. */
+static double mean_growth(double factor, double until)
+{
+    return 1 + (factor - 1) * (1 - 0.4 * fmin(until, 1));
+}
+
+/* Estimates the seconds of refinement, where views cost less per pixel, since splats are small, and
+ * splats more, since they have SH. */
+static double guess_refining(const struct spin_plan *plan)
+{
+    double splats = plan->clip.n_mean * (1 + guess_refined_growth(plan)) / 2;
+
+    return (double)plan->clip.n_frames * plan->o->refine *
+           (splats * 2 * splat_s + 0.4 * guess_pixels(plan));
+}
+
+/* Estimates the seconds of an iteration. network: forward and backward pass of one splat. adam: one
+ * value of the hash table. values: the residual values of one splat. */
 static double guess_iteration(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
-    double network = 3.2e-6, raster = 0.15e-6, pixel = 0.12e-6, adam = 1.1e-9, values = 0.1e-6;
-    double splats = plan->clip.n_mean * (1 + guess_growth(plan)) / 2;
-    double seconds = o->batch * (splats * raster + (double)plan->max_pixels * pixel);
+    double network = 2.7e-6, adam = 1.1e-9, values = 0.05e-6;
+    double until = (double)spin_plan_schedule(plan).until / o->iterations;
+    double splats = plan->clip.n_mean * mean_growth(guess_growth(plan), until);
+    double seconds = o->batch * (splats * splat_s + guess_pixels(plan));
 
     if (spin_plan_has_residual(plan))
         seconds += decodings(o) * splats * values;
@@ -739,18 +785,30 @@ static double guess_iteration(const struct spin_plan *plan)
     return seconds;
 }
 
-/* Estimates the seconds outside of iterations, on one thread. splat: seconds to load and write one
- * splat of a frame. tested: seconds per splat and per pixel to render and measure a test view. Test
- * views are measured before and after the training, and every `eval_every` iterations. */
+/* Estimates the seconds outside of iterations. splat: to load and write one splat of a frame.
+ * decoded: to decode a pixel and to examine it before the training. tested: per splat and per
+ * pixel, to render and measure a test view. Test views are measured after the training, every
+ * `eval_every` iterations and, if the source has attributes, before the training. table: to
+ * initialise and write one value of the hash table. */
 static double guess_frames(const struct spin_plan *plan)
 {
     const struct spin_retrain_options *o = plan->o;
-    double splat = 5e-6, tested = 0.06e-6, tests = 2;
+    double splat = 4e-6, decoded = 0.045e-6, tested = 0.06e-6, table = 0.18e-6;
+    double splats = plan->clip.n_mean * guess_growth(plan), pixels = (double)plan->max_pixels;
+    double tests = 1 + spin_plan_has_source(plan), seconds;
 
     if (o->eval_every > 0)
         tests += o->iterations / o->eval_every;
-    return plan->clip.n_frames * plan->clip.n_mean * splat +
-           tests * (double)plan->n_test * tested * (plan->clip.n_mean + (double)plan->max_pixels);
+    seconds = plan->clip.n_frames * splats * splat + (double)plan->n_train * pixels * decoded +
+              tests * (double)plan->n_test * tested * (splats + pixels);
+    return seconds + (o->method == SPIN_METHOD_NETWORK ? (double)plan->field.n_table * table : 0);
+}
+
+/* Returns the estimated time on a SIMD path, relative to AVX-512. Forced on one machine, AVX2 takes
+ * 1.1 times as long, but processors without AVX-512 are often slower otherwise, too. */
+static double slowdown_of_path(const char *path)
+{
+    return strcmp(path, "base") == 0 ? 2 : strcmp(path, "v3") == 0 ? 1.3 : 1;
 }
 
 /* Estimates the seconds of the whole run; NaN on a GPU, for which the constants were not measured.
@@ -769,7 +827,7 @@ static double guess_seconds(const struct spin_plan *plan)
     spin_pool_free(pool);
     if (o->method != SPIN_METHOD_FRAMES)
         seconds += o->iterations * guess_iteration(plan) + guess_frames(plan);
-    return seconds / (threads > 1 ? threads : 1);
+    return seconds * slowdown_of_path(plan->device->path) / (threads > 1 ? threads : 1);
 }
 
 /* ---- The plan -------------------------------------------------------------------------------- */
@@ -876,23 +934,33 @@ spin_status spin_plan_beside(const struct spin_plan *plan, spin_status status)
 
 bool spin_plan_is_short(const struct spin_plan *plan) { return is_short(plan->report); }
 
+static void estimate(struct spin_plan *plan, size_t held)
+{
+    plan_memory(plan, held);
+    find_fitting(plan);
+    plan->report->seconds_estimated = guess_seconds(plan);
+}
+
 void spin_plan_set_sizes(struct spin_plan *plan, const struct spin_frame_size *sizes,
                          size_t n_tracks, size_t held)
 {
     plan->sizes = sizes;
     plan->n_tracks = n_tracks;
-    plan_memory(plan, held);
-    find_fitting(plan);
-    plan->report->seconds_estimated = guess_seconds(plan);
+    estimate(plan, held);
+}
+
+void spin_plan_set_content(struct spin_plan *plan, double edges, double empty, size_t held)
+{
+    plan->edges = edges;
+    plan->empty = empty;
+    estimate(plan, held);
 }
 
 void spin_plan_set_device(struct spin_plan *plan, struct spin_device *device)
 {
     plan->device = device;
     memcpy(plan->report->device, device->description, sizeof plan->report->device);
-    plan_memory(plan, 0);
-    find_fitting(plan);
-    plan->report->seconds_estimated = guess_seconds(plan);
+    estimate(plan, 0);
 }
 
 void spin_plan_close(struct spin_plan *plan)

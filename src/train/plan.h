@@ -89,6 +89,10 @@ struct spin_plan {
     size_t max_pixels, max_tiles; /* largest number of pixels, and of tiles, of any view */
     struct spin_backdrop backdrop;
     double extent; /* extent of the training cameras in world units, see spin_views_extent() */
+    /* Of a training image, for the estimates: number of pixels at edges, which determines how many
+     * splats densification adds, and share of pixels of the background colour, which are quick to
+     * render. */
+    double edges, empty;
     size_t pixels_budget; /* size limit of the cache of decoded images, in bytes */
     char *part;           /* path of the checkpoint */
     /* Path of the bundle that an interrupted run writes beside the checkpoint, so that its splats
@@ -183,8 +187,7 @@ void spin_plan_close_frame(struct spin_plan *plan);
 spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_device *device,
                                    struct spin_trainer_size *size, struct spin_trainer *trainer);
 
-/* Returns the memory for refining one frame, in bytes, if densification doubles the number of
- * splats. */
+/* Returns the estimated memory for refining one frame, in bytes. */
 size_t spin_plan_refine_bytes(const struct spin_plan *plan);
 /* SPIN_E_MEMORY if the run needs more memory than is available. */
 spin_status spin_plan_check_memory(const struct spin_plan *plan);
@@ -195,6 +198,8 @@ bool spin_plan_is_short(const struct spin_plan *plan);
  * images that are already cached. */
 void spin_plan_set_sizes(struct spin_plan *plan, const struct spin_frame_size *sizes,
                          size_t n_tracks, size_t held);
+/* Sets plan->edges and plan->empty, and updates the estimates of memory and time. */
+void spin_plan_set_content(struct spin_plan *plan, double edges, double empty, size_t held);
 /* Updates the plan after refinement: copies the numbers of splats from counts [frames] and
  * estimates the memory again. held: size in bytes of the decoded images that are already cached,
  * which counts as available memory. */
