@@ -9,6 +9,9 @@ for name in spin4d spin-import spin-retrain spin-eval spin-export; do
     ok $? "$name --help says nothing on stderr"
     [ "$(wc -l <"$work/out")" -le 40 ] && ! grep -q '.\{101\}' "$work/out"
     ok $? "$name --help is one screen"
+    [ "$(grep -c '^ \{7\}' "$work/out")" = "$(grep -c '^ \{28\}[^ ]' "$work/out")" ]
+    ok $? "$name --help continues lines in the second column"
+    out_has "^  -h, --help " "$name --help shows short names"
     out_has "--help all" "$name --help says where the rest is"
     ! twice=$(sed -n 's/^  \(-., \|    \)\(--[a-z0-9-]*\).*/\2/p' "$work/out" | sort | uniq -d | grep .)
     ok $? "$name --help has no option twice: $twice"

@@ -36,7 +36,7 @@ is "$code $(grep -o '"fps":[ 0-9.]*' slow.html | head -n 1 | tr -d ' ')" '0 "fps
 
 # ---- Refused before anything is read ------------------------------------------------------------
 
-for wrong in --size=64 --size=64x8 --size=64x48x --fps=0 --fps=fast --up=w --crop=1,2,3 --crop=0,0,0,-1 \
+for wrong in --size=64 --size=64x8 --size=64x48x --fps=0 --fps=fast --up=w --crop=1,2,3 --crop=0,0,0,-1 --crop=0,0,0,1,1 \
     --crop=0,0,0,1,1,-1 --floaters=0; do
     run "$bin/spin4d" run -o never.mp4 "$wrong"
     fails 2 spin4d "$wrong"

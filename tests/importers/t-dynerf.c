@@ -172,6 +172,8 @@ static void test_layouts(void)
     static const char *const what[] = {"folders of cameras", "one folder of images",
                                        "folders of frames"};
     struct spin_views views;
+    const char *folder;
+    char name[600];
 
     for (int layout = 0; layout < 3; layout++) {
         if (!set_opens(make_set(layout, 8, 6), NULL, &views, what[layout]))
@@ -184,6 +186,18 @@ static void test_layouts(void)
         ok(views.view[0].camera.w2c[0] == 1 && views.view[0].camera.w2c[5] == 1 &&
                views.view[0].camera.w2c[10] == 1,
            "and LLFF's axes become OpenCV's");
+        spin_views_free(&views);
+    }
+    folder = make_set(2, 8, 6);
+    snprintf(name, sizeof name, "%s", path_in(folder, "frames/0000"));
+    ok(rename(name, path_in(folder, "frames/1.5")) == 0, "folders of frames with");
+    snprintf(name, sizeof name, "%s", path_in(folder, "frames/0001"));
+    ok(rename(name, path_in(folder, "frames/0.25")) == 0, "times as names");
+    if (set_opens(folder, NULL, &views, "decimal numbers")) {
+        ok(views.n == 4 && views.n_dataset_frames == 2 && views.view[0].dataset_frame == 0 &&
+               strstr(views.view[0].path, "/0.25/") && strstr(views.view[3].path, "/1.5/") &&
+               views.view[0].number == 0 && views.view[3].number == 1,
+           "only give the order of the frames");
         spin_views_free(&views);
     }
     if (set_opens(make_set(0, 4, 3), NULL, &views, "images of half the size")) {

@@ -446,8 +446,30 @@ static void test_one_file(void)
         ok(views.n == 3 && n_tests(&views) == 1, "is not held out as a whole");
         spin_views_free(&views);
     }
+    folder = make_one(
+        LENS, FRAME("images/frame_00004.png", "0") "," FRAME("images/frame_00007.png", "0.5"));
+    if (set_opens(folder, NULL, &views, "numbers that differ between times only")) {
+        ok(views.n == 2 && views.n_dataset_frames == 2 && views.view[0].camera_id == 0 &&
+               views.view[1].camera_id == 0,
+           "are of one moving camera");
+        spin_views_free(&views);
+    }
+    for (int k = 0; k < 4; k++)
+        make_image(folder, (const char *[]){"3-0.png", "5-0.png", "3-1.png", "5-1.png"}[k], 8, 6);
+    make_text(folder, "transforms.json",
+              LENS "\"frames\":[" FRAME("5-0.png", "0") "," FRAME("3-0.png", "0") "," FRAME(
+                  "5-1.png", "1") "," FRAME("3-1.png", "1") "]}");
+    if (set_opens(folder, NULL, &views, "two numbers in each name")) {
+        ok(views.n == 4 && view_of(&views, "5-0.png")->camera_id == 5 &&
+               view_of(&views, "5-1.png")->camera_id == 5 &&
+               view_of(&views, "3-0.png")->camera_id == 3 &&
+               view_of(&views, "3-1.png")->camera_id == 3 && n_tests(&views) == 2 &&
+               view_of(&views, "3-1.png")->test,
+           "the one that differs between images of one time is that of the camera");
+        spin_views_free(&views);
+    }
     make_text(folder, "transforms_train.json",
-              LENS "\"frames\":[" FRAME("images/cam04_0000.png", "0") "]}");
+              LENS "\"frames\":[" FRAME("images/frame_00004.png", "0") "]}");
     if (set_opens(folder, NULL, &views, "transforms.json beside the files of D-NeRF")) {
         ok(views.n == 1 && !views.view[0].test, "is not read");
         spin_views_free(&views);

@@ -89,24 +89,26 @@ static void test_values(void)
 
 static void test_defaults(void)
 {
-    const char *path = layer(
-        "#usda 1.0\n(\n    metersPerUnit = 0.01\n)\n" SPLATS
-        "(\n    apiSchemas = [\"ColorSpaceAPI\"]\n"
-        ")\n{\n    point3h[] positionsh = [(1, 2, 3)]\n    half3[] scalesh = [(0.1, 0.2, 0)]\n"
-        "    uniform token colorSpace:name = \"lin_rec709_scene\"\n"
-        "    rel material:binding = </a>\n    float[] opacities.connect = </b.c>\n}\n"
-        "def ParticleField_3DGaussianSplat \"Old\"\n{\n}\n"
-        "class ParticleField3DGaussianSplat \"C\"\n{\n}\n"
-        "def ParticleField3DGaussianSplat \"Off\" (\n    active = false\n)\n{\n}\n");
+    const char *path =
+        layer("#usda 1.0\n(\n    metersPerUnit = 0.01\n)\n" SPLATS
+              "(\n    apiSchemas = [\"ColorSpaceAPI\"]\n"
+              ")\n{\n    point3h[] positionsh = [(1, 2, 3), (4, 5, 6)]\n"
+              "    half3[] scalesh = [(0.1, 0.2, 0), (1, 1, 1)]\n"
+              "    uniform token colorSpace:name = \"lin_rec709_scene\"\n"
+              "    rel material:binding = </a>\n    float[] opacities.connect = </b.c>\n}\n"
+              "def ParticleField_3DGaussianSplat \"Old\"\n{\n}\n"
+              "class ParticleField3DGaussianSplat \"C\"\n{\n}\n"
+              "def ParticleField3DGaussianSplat \"Off\" (\n    active = false\n)\n{\n}\n");
     struct spin_splats s = {0};
     struct run run;
 
     if (ok(opens(path, as_is, &run) &&
                run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK,
            "half attributes and missing arrays")) {
-        ok(s.n == 1 && s.means[2] == 3 && s.quats[0] == 1 && s.logit_opacities[0] == 30 &&
-               s.sh[0] == 0 && isfinite(s.log_scales[2]),
-           "have the schema's defaults; classes and prims that are not active are skipped");
+        ok(s.n == 2 && s.means[2] == 3 && isfinite(s.log_scales[2]), "are read");
+        for (size_t i = 0; i < s.n; i++)
+            ok(s.quats[4 * i] == 1 && s.logit_opacities[i] == 30 && s.sh[3 * i] == 0,
+               "have the schema's defaults; classes and prims that are not active are skipped");
         ok(strstr(run.sequence.notes, "linear light") && strstr(run.sequence.notes, "0.01 m") &&
                strstr(run.sequence.notes, "without opacities") &&
                strstr(run.sequence.notes, "without orientations") &&

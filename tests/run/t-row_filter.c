@@ -1,6 +1,7 @@
 /* Which rows an export drops, and for which reason. K: export rows threads filters */
 #include "base/log.h"
 #include "run/row_filter.h"
+#include "tests/check.h"
 #include "tests/exporters/frame.h"
 
 /* A clip of one frame, number 4, without views. */
@@ -259,6 +260,75 @@ static void test_threads(void)
     spin_splats_free(&s);
 }
 
+/* Writes a clip of one frame whose rows have tracks 0 to 3 or none; the last two are the backdrop.
+ */
+static const char *write_tracks(const uint32_t *track, size_t n)
+{
+    static char path[500];
+    static float values[4][SPIN_TRACK_WIDTH];
+    struct spin_bundle_writer w;
+    struct spin_bundle_meta meta = {
+        .columns = SPIN_COL_MEANS, .sh_degree = -1, .n_source_frames = 1};
+    struct spin_splats s = {0};
+    spin_json *extra = spin_json_object(), *trained = spin_json_object(), *t = spin_json_object();
+    uint64_t of_tracks[2] = {4, SPIN_TRACK_WIDTH}, of_track[1] = {n};
+
+    snprintf(path, sizeof path, "%s/tracks.spin", check_folder());
+    snprintf(meta.from, sizeof meta.from, "test");
+    make_frame(&s, n, 0, 3);
+    if (spin_bundle_meta_reserve(&meta, 1) != SPIN_OK)
+        exit(1);
+    meta.frame[0].n = n;
+    spin_json_set_integer(t, "n", 4);
+    spin_json_set_integer(t, "moving", 0);
+    spin_json_set_integer(t, "varying", 0);
+    spin_json_set_integer(t, "backdrop", 2);
+    spin_json_set_bool(t, "same_rows", true);
+    spin_json_set(trained, "tracks", t);
+    spin_json_set_null(trained, "field");
+    spin_json_set(extra, "trained", trained);
+    if (spin_bundle_writer_open(path, true, false, &w) != SPIN_OK ||
+        spin_bundle_write_frame(&w, 0, SPIN_COL_MEANS, 0, &s) != SPIN_OK ||
+        spin_npz_write(&w.zip, "trained/tracks", "<f4", 2, of_tracks, values) != SPIN_OK ||
+        spin_npz_write(&w.zip, "trained/track/00000", "<u4", 1, of_track, track) != SPIN_OK ||
+        spin_bundle_writer_finish(&w, &meta, extra) != SPIN_OK)
+        exit(1);
+    spin_bundle_meta_free(&meta);
+    spin_splats_free(&s);
+    return path;
+}
+
+static void test_backdrop(void)
+{
+    static const uint32_t track[8] = {2, SPIN_NOT_TRACKED, 0, 3, 1, 2, 3, 0};
+    static const double crop[4] = {0, 0, 0, 1e9};
+    struct spin_export_options o = {.n_threads = 1, .backdrop = SPIN_EXPORT_BACKDROP_OFF};
+    struct spin_clip *clip = one_frame();
+    struct spin_row_filter f = {0};
+    struct spin_splats s = {0};
+
+    make_frame(&s, 8, 0, 3);
+    if (!ok(spin_bundle_open(write_tracks(track, 8), &clip->bundle) == SPIN_OK, "tracks: %s",
+            spin_last_error()))
+        return;
+    ok(spin_row_filter_open(&f, &o, clip, false) == SPIN_OK && f.varies, "opens the filter");
+    ok(n_left(&f, &s) == 4 && f.n_by[SPIN_ROW_BACKDROP] == 4, "drops rows of the backdrop");
+    for (int i = 0; i < 8; i++)
+        ok(f.reason[i] == (track[i] == 2 || track[i] == 3 ? SPIN_ROW_BACKDROP : SPIN_ROW_KEPT),
+           "row %d", i);
+    spin_row_filter_close(&f);
+    memcpy(o.crop, crop, sizeof crop);
+    o.n_crop = 4;
+    s.means[0] = 2e9f;
+    ok(spin_row_filter_open(&f, &o, clip, false) == SPIN_OK && n_left(&f, &s) == 4 &&
+           f.n_by[SPIN_ROW_CROP] == 1 && f.n_by[SPIN_ROW_BACKDROP] == 3,
+       "--crop is the first of two reasons");
+    spin_row_filter_close(&f);
+    spin_bundle_close(&clip->bundle);
+    clip->bundle = (struct spin_bundle){0};
+    spin_splats_free(&s);
+}
+
 TAP_MAIN
 {
     spin_log_set_level(-2);
@@ -270,4 +340,5 @@ TAP_MAIN
     test_floaters(1.25);
     test_floaters(1.5);
     test_threads();
+    test_backdrop();
 }

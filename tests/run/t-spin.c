@@ -32,6 +32,28 @@ static void check_import(const char *run, const char *data)
        spin_last_error());
 }
 
+/* A source of 4D splats, which the bundle stores rounded. */
+static void check_precision(const char *run)
+{
+    char path[600];
+    struct spin_import_options o = {.input = run, .output = path, .precision = 1};
+
+    snprintf(path, sizeof path, "%s.4d", bundle);
+    ok(spin_import(&o, NULL) == SPIN_OK, "imports %s with a precision: %s", run, spin_last_error());
+    o.force = true;
+    o.n_frames = 3;
+    ok(spin_import(&o, NULL) == SPIN_E_USAGE && strstr(spin_last_error(), "--precision requires"),
+       "sampled frames have none");
+    o.n_frames = 0;
+    o.positions_only = true;
+    ok(spin_import(&o, NULL) == SPIN_E_USAGE && strstr(spin_last_error(), "--precision requires"),
+       "nor have positions");
+    o.positions_only = false;
+    o.output = NULL;
+    ok(spin_import(&o, NULL) == SPIN_E_USAGE && strstr(spin_last_error(), "--precision requires"),
+       "nor has a description");
+}
+
 static void check_read(void)
 {
     struct spin_scene *scene = NULL;
@@ -132,6 +154,7 @@ TAP_MAIN
     snprintf(bundle, sizeof bundle, "%s/ball.spin", check_folder());
     snprintf(folder, sizeof folder, "%s.frames", bundle);
     check_import(run, data);
+    check_precision(check_fixture("realtime4dgs/rot4d_noshfs"));
     check_read();
     check_use();
     check_no_memory();
