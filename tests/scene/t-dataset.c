@@ -246,29 +246,45 @@ static double near_of(float unit, size_t close_one_in, float close)
     return z_near;
 }
 
-/* Only the views of the data set count: not the memory behind them. */
-static void test_near_views(void)
+/* Three views of n points, of which the first n_close are close to the cameras: as close as 0.3,
+ * 0.1 and 0.2 of these units. A fourth view, behind the others in memory, does not belong to them.
+ * If `cut` is set, the near plane of view 2 is behind the close points. */
+static double near_of_three(size_t n, size_t n_close, float unit, bool cut)
 {
-    static const float depth[4] = {0.1f, 0.2f, 0.3f, 0.4f};
-    float points[300];
+    static const double close[4] = {0.3, 0.1, 0.2, 0.4};
+    float points[300] = {0};
     struct spin_views views;
+    double z_near;
 
     make_views(&views, 2, 0);
-    for (size_t i = 0; i < 100; i++)
-        memcpy(points + 3 * i, (float[3]){0, 0, i % 10 ? 4 : 0.125f}, 3 * sizeof(float));
+    for (size_t i = 0; i < n; i++)
+        points[3 * i + 2] = unit * (i < n_close ? 0 : 4);
     for (size_t i = 0; i < 4; i++) {
         views.view[i].camera.w2c[3] = 0;
-        views.view[i].camera.w2c[11] = (double)depth[i] - 0.125;
+        views.view[i].camera.w2c[11] = (double)unit * close[i];
     }
+    views.view[2].camera.z_near = cut ? (double)unit : 0;
+    views.view[3].camera.z_near = 9 * (double)unit;
     views.n = 3;
-    views.view[3].camera.z_near = 1; /* cuts off 10 % */
     *warned = '\0';
-    ok(spin_views_set_near(&views, points, 100, true) == SPIN_OK, "is set");
-    near(views.view[0].camera.z_near, 0.25 * 0.2, 1e-6, "by the median of three views");
-    ok(*warned == 0 && views.view[3].camera.z_near == 1, "nothing is set or said of a fourth: %s",
-       warned);
+    ok(spin_views_set_near(&views, points, n, true) == SPIN_OK &&
+           views.view[3].camera.z_near == 9 * (double)unit,
+       "%zu of %zu points are close", n_close, n);
+    z_near = spin_camera_near(&views.view[0].camera);
     views.n = 6;
     spin_views_free(&views);
+    return z_near;
+}
+
+static void test_near_views(void)
+{
+    near(near_of_three(38, 2, 1, false), 0.25 * 0.2, 1e-6,
+         "the point behind the nearest 5 % counts, in the median view");
+    near(near_of_three(40, 2, 1, false), SPIN_NEAR, 0, "which are two of 40, or one of 38");
+    near_of_three(100, 1, 100, true);
+    ok(!*warned, "one point of a hundred may be cut off: %s", warned);
+    near_of_three(99, 1, 100, true);
+    ok(strstr(warned, "camera 2: 1 %") != NULL, "one of 99 may not: %s", warned);
 }
 
 /* docs/method.md 4.1 */

@@ -210,6 +210,43 @@ static void test_lenses(const char *path)
     spin_views_free(&views);
 }
 
+/* Options in range and out of range, and those of placed cameras. */
+static void test_options(const char *path)
+{
+    static const char *const good[][2] = {{"size", "16x8192"}, {"size", "8192x16"}},
+                             *const bad[][2] = {
+                                 {"size", "15x16"},   {"size", "16x15"},   {"size", "8193x16"},
+                                 {"size", "16x8193"}, {"size", "16x16x"},  {"size", "16"},
+                                 {"up", "w"},         {"up", "xy"},        {"up", "-"},
+                                 {"fov", "4"},        {"fov", "151"},      {"seed", "-1"},
+                                 {"cameras", "0"},    {"cameras", "1001"}, {"test", "-1"},
+                                 {"test", "1001"}};
+    static const char *const placed[] = {"cameras", "4",  "test", "0", "size", "64x48",
+                                         "fov",     "90", "up",   "x", NULL};
+    struct spin_views views;
+
+    for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
+        const char *const pairs[] = {good[i][0], good[i][1], NULL};
+
+        ok(read_views(path, pairs, &views), "%s=%s", pairs[0], pairs[1]);
+        spin_views_free(&views);
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        const char *const pairs[] = {bad[i][0], bad[i][1], NULL};
+        struct spin_plugin_values values = {pairs};
+
+        views = (struct spin_views){0};
+        ok(spin_renders.views(path, &values, &views) == SPIN_E_USAGE, "%s=%s is refused: %s",
+           pairs[0], pairs[1], spin_last_error());
+        spin_views_free(&views);
+    }
+    ok(read_views(path, placed, &views) && views.n > 0, "places cameras");
+    for (size_t i = 0; i < views.n && i < 4; i++)
+        ok(fabs(views.view[i].camera.fy - 24) < 1e-9 && views.view[i].camera.w2c[4] < 0,
+           "with this field of view, and x up");
+    spin_views_free(&views);
+}
+
 static void test_paths(void)
 {
     static const char *const wrong[] = {"a.spin", "a.spin#draw=1,2", "a.spin#draw=1,2,3,4"};
@@ -237,5 +274,6 @@ TAP_MAIN
     test_choice(path);
     test_placed(path);
     test_lenses(path);
+    test_options(path);
     test_paths();
 }
