@@ -27,6 +27,7 @@ ROOM_TESTS = {
     "src/cmd/spin-export.c": "cmd/t-export cli/t3001 cli/t3008 cli/t3015 cli/t9005",
     "src/cmd/spin-eval.c": "cmd/t-eval cli/t2030 cli/t9005",
     "src/cmd/spin-retrain.c": "train/t-defaults cmd/t-retrain cli/t2001 cli/t9005",
+    "src/cmd/spin4d.c": "cli/t0002 cli/t0010 cli/t0013 cli/t9005",
     "src/cmd/args.c": "cli/t0002 cli/t0001 cli/t0005 cli/t1012 cli/t1016 cli/t2001 cli/t3008 cmd/t-eval",
     "src/device": "device/ train/t-train cmd/t-retrain cli/t2021",
     "src/device/cuda": "emu/t-emu cli/t2020",
