@@ -17,6 +17,8 @@ ROOM_TESTS = {
     "src/formats": "formats/ exporters/t-readback cli/t1003 cli/t3002",
     "src/math": "math/ model/t-field importers/t-golden exporters/t-readback",
     "src/scene": "scene/ importers/t-golden run/t-spin cli/t1015 cmd/t-cameras",
+    "src/scene/clip": "scene/ run/t-spin cmd/t-cameras cli/t2040",
+    "src/scene/renders": "scene/t-renders cli/t2040",
     "src/model": "model/ importers/t-golden cli/t1001",
     "src/render": "run/t-spin exporters/t-readback importers/t-golden run/t-export cmd/t-export",
     "src/train": "train/t-train cmd/t-retrain cli/t2001 cli/t2007",
