@@ -65,4 +65,14 @@ some=$(needed --method frames --refine 1000 --densify off)
 ok $? "so does the densification of frames"
 [ "$(needed --method frames --refine 1000 --max-points 3000)" -lt "$((some * 11 / 10))" ]
 ok $? "within the same limit"
+
+# Pixels of the background colour are quick to render: here many are black.
+run "$bin/spin-export" "$in" --to images --transforms --views all --decimate 0.3% -o "$work/dark" -q
+is "$code" 0 "exports images of a few splats"
+for background in black white; do
+    run "$bin/spin-retrain" "$in" --data "$work/dark" --dry-run --json --device cpu --background $background
+    member seconds_estimated >"$work/over-$background"
+done
+greater "$(cat "$work/over-white")" "$(cat "$work/over-black")"
+ok $? "an empty background takes less time"
 done_testing
