@@ -8,7 +8,7 @@
 #include "tests/check.h"
 #include "tests/tap.h"
 
-enum { FRAMES = 21, W = 64, H = 48, SEED = 3 };
+enum { FRAMES = 21, W = 64, H = 48, SEED = 3, FPS = 30 };
 
 static void test_names(void)
 {
@@ -25,6 +25,13 @@ static void test_names(void)
     ok(spin_video_is_name("cam00.mp4") && !spin_video_is_name(".mp4") &&
            !spin_video_is_name("cam00.png"),
        "names of videos");
+    for (int i = 0; i < 6; i++) {
+        static const char *const endings[] = {"mp4", "mov", "m4v", "mkv", "webm", "avi"};
+        char name[20];
+
+        snprintf(name, sizeof name, "a.%s#3", endings[i]);
+        ok(spin_video_path(name, &n, &frame) && n == strlen(name) - 2 && frame == 3, "%s", name);
+    }
 }
 
 /* What tests/tools/make-video.c paints: Y, U, V to R, G, B by BT.601, limited range. */
@@ -178,6 +185,19 @@ static void test_two_at_once(const char *path)
     good = good && spin_video_read(path, 6, &passer, &w, &h, &rgb) == SPIN_OK && off_by(rgb, 6) < 6;
     free(rgb);
     ok(good && m.started && m.good, "a video is decoded while another one is");
+}
+
+static void test_times(const char *path)
+{
+    double *times = NULL, worst = 0;
+    int64_t n = 0;
+
+    ok(spin_video_times(path, &times, &n) == SPIN_OK && n == FRAMES, "a time for each frame");
+    for (int64_t i = 0; i < n; i++)
+        worst = larger(worst, fabs(times[i] - (double)i / FPS));
+    near(worst, 0, 1e-9, "in seconds since the first");
+    free(times);
+    ok(spin_video_times("no/such.mp4", &times, &n) == SPIN_E_NOT_FOUND, "none without a file");
 }
 
 static void test_images(const char *path)
@@ -346,6 +366,7 @@ TAP_MAIN
     test_order(path);
     test_passing(path);
     test_two_at_once(path);
+    test_times(path);
     test_images(path);
     test_rotation(path);
     test_damage(path);

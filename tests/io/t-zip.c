@@ -207,6 +207,7 @@ static void good_ones(void)
 {
     static struct build b;
     struct entry e = stored(), f = deflated();
+    struct spin_zip zip;
 
     save_one(stored());
     ok(reads("a.npy", hello, HELLO, 0), "reads a stored member; its local sizes are not trusted");
@@ -226,6 +227,10 @@ static void good_ones(void)
     save(&b, b.n);
     ok(reads("a.npy", hello, HELLO, 100),
        "of two members of one name, the last; comments are skipped");
+    ok(spin_zip_open(path, &zip) == SPIN_OK && zip.n == 2 &&
+           spin_zip_find(&zip, "a.npy") == &zip.member[1],
+       "in the order of the directory");
+    spin_zip_close(&zip);
 
     memset(&b, 0, sizeof b);
     add_end(&b, "");
