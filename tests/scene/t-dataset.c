@@ -146,6 +146,11 @@ static void test_split(void)
            !views.view[2].test && !views.view[5].test,
        "and no others, whatever was before");
     spin_views_free(&views);
+    make_views(&views, 1, 0);
+    ok(spin_views_split(&views, cameras, 2) == SPIN_OK && views.view[0].test &&
+           !views.view[1].test && views.view[2].test,
+       "also a camera whose only view is the first");
+    spin_views_free(&views);
 }
 
 static void test_scale(void)
