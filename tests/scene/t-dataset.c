@@ -344,6 +344,7 @@ static void error_is(spin_status got, spin_status want, const char *word, const 
 static void test_pixels(void)
 {
     struct spin_views views = {0};
+    struct spin_view bad;
     struct spin_image_cache pixels, tight;
     struct spin_view v = {.camera = camera};
     uint8_t rgb[W * H * 3];
@@ -391,6 +392,13 @@ static void test_pixels(void)
              "another shape names the camera");
     error_is(spin_views_check_cameras(&views, false), SPIN_E_MALFORMED, "8 x 4 pixels",
              "it is found among all cameras");
+    bad = views.view[3];
+    views.view[3] = views.view[0];
+    views.view[0] = bad;
+    error_is(spin_views_check_cameras(&views, false), SPIN_E_MALFORMED, "8 x 4 pixels",
+             "and before others");
+    views.view[0] = views.view[3];
+    views.view[3] = bad;
     views.view[3].camera_id = 0;
     ok(spin_views_check_cameras(&views, false) == SPIN_OK, "one image of a camera is looked at");
     views.view[0].path[0] = '?';
