@@ -18,19 +18,32 @@ enum {
     LEAST_CHANGE = 12,
     NOISE_FACTOR = 3,
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
-    FRAMES = 8,         /* frames that are examined for each splat, besides its own */
+    FRAMES = 8,         /* those of them that are examined for each splat, besides its own frame */
     CELLS = 100,        /* cells along the longest side of the grid in which holes are found */
+    DEPTH_STEP = 3,     /* of more than FRAMES frames, every third serves to find the background */
     BLUR = 2,           /* radius of the box filter that is applied to renders */
 };
 
 struct settling {
     struct spin_clip clip;
-    struct spin_image_cache images;
+    struct spin_device device;
+    struct spin_player player; /* renders the frames of the clip */
+    bool opened;               /* device and player are open */
     int n_cameras, n_frames;
-    const struct spin_view **view; /* [n_cameras][n_frames] training views */
-    size_t plane;
+    const struct spin_view *view; /* [n_cameras] training views of the first frame */
+    int width, height;
+    size_t plane;  /* number of pixels */
+    float *image;  /* [3][plane] */
+    float *depth;  /* [2][plane] */
+    uint8_t *part; /* [plane] */
+    /* The median over time is computed from the frames sample[0] to sample[n_samples - 1]. */
+    int sample[MEDIAN_FRAMES], n_samples;
+    uint8_t *picture; /* [n_samples][n_cameras][3][plane] blurred renders of these frames */
+    uint8_t *median;  /* [n_cameras][3][plane] */
+    /* [n_samples + 1][n_cameras][plane] difference of the renders from the median; the last row is
+     * that of the frame `own`, which is not among the samples */
+    uint8_t *change;
     int threshold;
-    uint8_t *change;     /* [n_cameras][n_frames][plane], difference from the median over time */
     float *background;   /* [n_cameras][plane] depth of the farthest surface over time */
     uint8_t **mark;      /* [n_frames][rows] 1: static; 2: static and stored in `base` */
     double low[3], cell; /* lowest corner and cell size of the grid of holes */
@@ -40,138 +53,144 @@ struct settling {
     struct spin_splats base; /* the static rows */
     double keep[2];          /* the shares of static and of dynamic rows to keep */
     struct spin_splats frame, out;
+    struct spin_progress progress;
 };
 
-/* ---- Changed pixels -------------------------------------------------------------------------- */
+/* ---- Renders --------------------------------------------------------------------------------- */
 
-static spin_status list_views(struct settling *s)
+static spin_status open_renders(struct settling *s, int n_threads)
 {
     const struct spin_views *views = &s->clip.views;
-    int n = 0;
+    size_t all;
 
+    s->view = views->view; /* views are sorted by frame, and training cameras come first */
     for (size_t i = 0; i < views->n && views->view[i].dataset_frame == 0; i++)
-        n += !views->view[i].test;
+        s->n_cameras += !views->view[i].test;
     s->n_frames = s->clip.bundle.meta.n_frames;
-    s->plane = (size_t)views->view[0].camera.width * (size_t)views->view[0].camera.height;
-    SPIN_TRY(spin_alloc((size_t)n * (size_t)s->n_frames, sizeof *s->view, (void **)&s->view));
-    for (size_t i = 0; i < views->n; i++) {
-        const struct spin_view *v = &views->view[i];
-
-        if (!v->test) /* training cameras have the lowest numbers */
-            s->view[v->camera_id * s->n_frames + v->dataset_frame] = v;
-    }
-    s->n_cameras = n;
-    return spin_alloc((size_t)n * (size_t)s->n_frames, s->plane, (void **)&s->change);
+    s->width = s->view->camera.width;
+    s->height = s->view->camera.height;
+    s->plane = (size_t)s->width * (size_t)s->height;
+    for (int stride = (s->n_frames + MEDIAN_FRAMES - 1) / MEDIAN_FRAMES, f = 0; f < s->n_frames;
+         f += stride)
+        s->sample[s->n_samples++] = f;
+    all = (size_t)s->n_cameras * s->plane;
+    SPIN_TRY(spin_alloc(5 * s->plane, sizeof *s->image, (void **)&s->image));
+    s->depth = s->image + 3 * s->plane;
+    SPIN_TRY(spin_alloc(s->plane, 1, (void **)&s->part));
+    SPIN_TRY(spin_alloc((size_t)s->n_samples, 3 * all, (void **)&s->picture));
+    SPIN_TRY(spin_alloc(3, all, (void **)&s->median));
+    SPIN_TRY(spin_alloc((size_t)s->n_samples + 1, all, (void **)&s->change));
+    SPIN_TRY(spin_alloc(all, sizeof *s->background, (void **)&s->background));
+    SPIN_TRY(spin_device_open("cpu", n_threads, &s->device));
+    s->opened = true;
+    return spin_player_open(&s->player, &s->device, &s->clip.bundle, SPIN_FROM_SOURCE);
 }
 
-/* Applies a box filter to n lines of `length` values. Consecutive values of a line are `step` bytes
- * apart, consecutive lines line_step bytes. */
-static void blur_lines(const uint8_t *from, int n, size_t line_step, int length, size_t step,
-                       uint8_t *out)
+static int clamped(int i, int n) { return i < 0 ? 0 : i < n ? i : n - 1; }
+
+/* Applies a box filter to an image [height][width], in place. */
+static void blur(const struct settling *s, uint8_t *image)
 {
-    for (int k = 0; k < n; k++)
-        for (int i = 0; i < length; i++) {
-            int sum = 0;
+    enum { N = 2 * BLUR + 1 };
+    int w = s->width, h = s->height;
 
-            for (int d = -BLUR; d <= BLUR; d++) {
-                int at = i + d < 0 ? 0 : i + d >= length ? length - 1 : i + d;
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            int sum = BLUR;
 
-                sum += from[(size_t)k * line_step + (size_t)at * step];
-            }
-            out[(size_t)k * line_step + (size_t)i * step] =
-                (uint8_t)((sum + BLUR) / (2 * BLUR + 1));
+            for (int d = -BLUR; d <= BLUR; d++)
+                sum += image[y * w + clamped(x + d, w)];
+            s->part[y * w + x] = (uint8_t)(sum / N);
+        }
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
+            int sum = BLUR;
+
+            for (int d = -BLUR; d <= BLUR; d++)
+                sum += s->part[clamped(y + d, h) * w + x];
+            image[y * w + x] = (uint8_t)(sum / N);
         }
 }
 
-static spin_status read_blurred(struct settling *s, const struct spin_view *view, uint8_t *part,
-                                uint8_t *out)
+/* Renders the current frame from camera c, blurred, to `out` [3][plane]. */
+static spin_status draw_blurred(struct settling *s, int c, uint8_t *out)
 {
-    int w = view->camera.width, h = view->camera.height;
-    size_t row = 3 * (size_t)w;
+    static const float black[3];
 
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(spin_image_cache_get_rgb8(&s->images, (size_t)(view - s->clip.views.view), out));
-    for (size_t c = 0; c < 3; c++) {
-        blur_lines(out + c, h, row, w, 3, part + c);
-        blur_lines(part + c, w, 3, h, row, out + c);
+    SPIN_TRY(spin_player_draw(&s->player, &s->view[c].camera, black, s->image));
+    for (size_t i = 0; i < 3 * s->plane; i++)
+        out[i] = (uint8_t)lrintf(255 * fminf(fmaxf(s->image[i], 0), 1));
+    for (size_t k = 0; k < 3; k++)
+        blur(s, out + k * s->plane);
+    return SPIN_OK;
+}
+
+/* Updates the depth of the background, which hides splats behind it, from the last render. What
+ * moves in front of the background hides a place for a part of the time only. */
+static spin_status add_depth(struct settling *s, int c)
+{
+    float *background = s->background + (size_t)c * s->plane, *median = s->depth + s->plane;
+
+    SPIN_TRY(spin_player_layers(&s->player, NULL, s->depth));
+    for (size_t i = 0; i < s->plane; i++) /* a depth of 0: there is no surface */
+        background[i] = median[i] > 0 ? fmaxf(background[i], median[i]) : INFINITY;
+    return SPIN_OK;
+}
+
+static spin_status draw_samples(struct settling *s)
+{
+    uint8_t *picture = s->picture;
+
+    for (int k = 0; k < s->n_samples; k++) {
+        SPIN_TRY(spin_player_show(&s->player, s->sample[k]));
+        for (int c = 0; c < s->n_cameras; c++, picture += 3 * s->plane) {
+            SPIN_TRY(draw_blurred(s, c, picture));
+            if (s->n_samples <= FRAMES || k % DEPTH_STEP == 0)
+                SPIN_TRY(add_depth(s, c));
+        }
+        spin_progress_set(&s->progress, k + 1, "%d frames", s->n_frames);
     }
     return SPIN_OK;
 }
 
-/* Returns the median of one value over time, computed from at most MEDIAN_FRAMES frames. */
-static uint8_t median_over_time(const struct settling *s, const uint8_t *value)
+/* ---- Changed pixels -------------------------------------------------------------------------- */
+
+/* Returns the median of n values that are `step` bytes apart, at most MEDIAN_FRAMES. */
+static uint8_t median_of(const uint8_t *value, int n, size_t step)
 {
-    int stride = (s->n_frames + MEDIAN_FRAMES - 1) / MEDIAN_FRAMES, n = 0;
     uint8_t sorted[MEDIAN_FRAMES] = {0};
 
-    for (int f = 0; f < s->n_frames; f += stride, n++) {
-        uint8_t v = value[(size_t)f * 3 * s->plane];
-        int k = n;
+    for (int i = 0; i < n; i++) {
+        int k = i;
 
-        for (; k > 0 && sorted[k - 1] > v; k--)
+        for (; k > 0 && sorted[k - 1] > value[(size_t)i * step]; k--)
             sorted[k] = sorted[k - 1];
-        sorted[k] = v;
+        sorted[k] = value[(size_t)i * step];
     }
     return sorted[n / 2];
 }
 
-/* Sets the changes of one camera from the images of all frames, [n_frames][plane][3]. */
-static void compare_frames(struct settling *s, const uint8_t *image, uint8_t *change)
+/* Sets `change` [plane] to the largest difference, over the colour channels, between an image of
+ * camera c and the median. */
+static void compare(const struct settling *s, int c, const uint8_t *picture, uint8_t *change)
 {
-    for (size_t i = 0; i < 3 * s->plane; i++) {
-        uint8_t median = median_over_time(s, image + i);
+    const uint8_t *median = s->median + (size_t)c * 3 * s->plane;
 
-        for (size_t f = 0; f < (size_t)s->n_frames; f++) {
-            int off = abs(image[f * 3 * s->plane + i] - median);
-            uint8_t *most = &change[f * s->plane + i / 3];
+    memset(change, 0, s->plane);
+    for (int k = 0; k < 3; k++, picture += s->plane, median += s->plane)
+        for (size_t i = 0; i < s->plane; i++) {
+            int off = abs(picture[i] - median[i]);
 
-            *most = off > *most ? (uint8_t)off : *most;
+            change[i] = off > change[i] ? (uint8_t)off : change[i];
         }
-    }
-}
-
-/* Renders all images into the cache, frame by frame: this is faster than camera by camera, since
- * each frame is decoded only once. */
-static spin_status draw_images(struct settling *s)
-{
-    struct spin_progress progress;
-    SPIN_FREED uint8_t *image = NULL;
-    spin_status status = SPIN_OK;
-
-    SPIN_TRY(spin_alloc(s->plane, 3, (void **)&image));
-    spin_progress_begin(&progress, "drawing", "images", 0, (int)s->clip.views.n);
-    for (size_t i = 0; i < s->clip.views.n && status == SPIN_OK; i++) {
-        if (!s->clip.views.view[i].test)
-            status = spin_image_cache_get_rgb8(&s->images, i, image);
-        if (status == SPIN_OK && spin_cancelled())
-            status = spin_fail_cancelled();
-        spin_progress_set(&progress, (int)i + 1, "%d frames", s->n_frames);
-    }
-    spin_progress_end(&progress);
-    return status;
-}
-
-static spin_status find_changes(struct settling *s)
-{
-    size_t n = (size_t)s->n_frames;
-    SPIN_FREED uint8_t *image = NULL, *part = NULL;
-
-    SPIN_TRY(spin_alloc(n, 3 * s->plane, (void **)&image));
-    SPIN_TRY(spin_alloc(s->plane, 3, (void **)&part));
-    for (int c = 0; c < s->n_cameras; c++) {
-        for (int f = 0; f < s->n_frames; f++)
-            SPIN_TRY(read_blurred(s, s->view[c * s->n_frames + f], part,
-                                  image + (size_t)f * 3 * s->plane));
-        compare_frames(s, image, s->change + (size_t)c * n * s->plane);
-    }
-    return SPIN_OK;
 }
 
 /* Derives the threshold from the flicker of the clip, which the median difference measures. */
 static void set_threshold(struct settling *s)
 {
-    size_t all = (size_t)s->n_cameras * (size_t)s->n_frames * s->plane, sum = 0;
+    size_t all = (size_t)s->n_samples * (size_t)s->n_cameras * s->plane, sum = 0;
     size_t count[256] = {0};
     int median = 0;
 
@@ -182,99 +201,66 @@ static void set_threshold(struct settling *s)
     s->threshold = NOISE_FACTOR * median > LEAST_CHANGE ? NOISE_FACTOR * median : LEAST_CHANGE;
 }
 
-/* ---- The background -------------------------------------------------------------------------- */
-
-/* Returns frame k of the FRAMES evenly spaced frames, or of all frames if there are fewer. */
-static int spread_frame(const struct settling *s, int k)
+static void find_changes(struct settling *s)
 {
-    return k * s->n_frames / (s->n_frames < FRAMES ? s->n_frames : FRAMES);
+    size_t row = 3 * (size_t)s->n_cameras * s->plane;
+
+    for (size_t i = 0; i < row; i++)
+        s->median[i] = median_of(s->picture + i, s->n_samples, row);
+    for (int k = 0; k < s->n_samples * s->n_cameras; k++)
+        compare(s, k % s->n_cameras, s->picture + (size_t)k * 3 * s->plane,
+                s->change + (size_t)k * s->plane);
+    set_threshold(s);
 }
 
-static spin_status add_depths(struct settling *s, struct spin_player *player, float *depth)
+/* Sets *row to the row of s->change of frame f, which is computed unless f is among the samples. */
+static spin_status changes_of(struct settling *s, int f, int *row)
 {
-    for (int k = 0; k < FRAMES && k < s->n_frames; k++) {
-        SPIN_TRY(spin_player_show(player, spread_frame(s, k)));
-        for (int c = 0; c < s->n_cameras; c++) {
-            float *background = s->background + (size_t)c * s->plane, *median = depth + s->plane;
-            static const float black[3];
+    uint8_t *change = s->change + (size_t)s->n_samples * (size_t)s->n_cameras * s->plane;
 
-            if (spin_cancelled())
-                return spin_fail_cancelled();
-            SPIN_TRY(spin_player_draw(player, &s->view[c * s->n_frames]->camera, black, NULL));
-            SPIN_TRY(spin_player_layers(player, NULL, depth));
-            for (size_t i = 0; i < s->plane; i++) /* a depth of 0: there is no surface */
-                background[i] = median[i] > 0 ? fmaxf(background[i], median[i]) : INFINITY;
-        }
+    for (*row = 0; *row < s->n_samples; ++*row)
+        if (s->sample[*row] == f)
+            return SPIN_OK;
+    SPIN_TRY(spin_player_show(&s->player, f));
+    for (int c = 0; c < s->n_cameras; c++) {
+        SPIN_TRY(draw_blurred(s, c, s->picture));
+        compare(s, c, s->picture, change + (size_t)c * s->plane);
     }
     return SPIN_OK;
 }
 
-/* Finds the depth of the background, which hides splats behind it. What moves in front of it hides
- * a place for a part of the time only. */
-static spin_status find_background(struct settling *s, int n_threads)
-{
-    struct spin_device device;
-    struct spin_player player;
-    SPIN_FREED float *depth = NULL;
-    spin_status status;
-
-    SPIN_TRY(spin_alloc((size_t)s->n_cameras, s->plane * sizeof *s->background,
-                        (void **)&s->background));
-    SPIN_TRY(spin_alloc(2 * s->plane, sizeof *depth, (void **)&depth));
-    SPIN_TRY(spin_device_open("cpu", n_threads, &device));
-    status = spin_player_open(&player, &device, &s->clip.bundle, SPIN_FROM_SOURCE);
-    if (status == SPIN_OK) {
-        status = add_depths(s, &player, depth);
-        spin_player_close(&player);
-    }
-    spin_device_close(&device);
-    return status;
-}
-
-/* Returns whether camera c sees a point, and sets `pixel` to its pixel and depth. */
-static bool sees(const struct settling *s, int c, const float at[3], double pixel[3])
-{
-    const struct spin_camera *camera = &s->view[c * s->n_frames]->camera;
-    size_t i;
-
-    if (!spin_camera_project_visible(camera, at, pixel))
-        return false;
-    i = (size_t)pixel[1] * (size_t)camera->width + (size_t)pixel[0];
-    return pixel[2] <= BEHIND * (double)s->background[(size_t)c * s->plane + i];
-}
-
 /* ---- Static rows ----------------------------------------------------------------------------- */
 
-/* Adds 1 to changed[k] if the pixel to which a point projects in camera c has changed in
- * frame[k]. */
-static void count_changes(const struct settling *s, const double pixel[3], int c, const int *frame,
-                          int n, int *changed)
+/* Returns whether camera c sees a point, and sets `at` to the index of its pixel. */
+static bool sees(const struct settling *s, int c, const float point[3], size_t *at)
 {
-    int width = s->view[c * s->n_frames]->camera.width;
-    size_t at = (size_t)pixel[1] * (size_t)width + (size_t)pixel[0];
+    double pixel[3];
 
-    for (int k = 0; k < n; k++) {
-        size_t image = (size_t)c * (size_t)s->n_frames + (size_t)frame[k];
-
-        changed[k] += s->change[image * s->plane + at] > s->threshold;
-    }
+    if (!spin_camera_project_visible(&s->view[c].camera, point, pixel))
+        return false;
+    *at = (size_t)pixel[1] * (size_t)s->width + (size_t)pixel[0];
+    return pixel[2] <= BEHIND * (double)s->background[(size_t)c * s->plane + *at];
 }
 
-/* Returns whether a splat of frame `own` is static in its own frame and in FRAMES evenly spaced
- * frames. */
-static bool is_static(const struct settling *s, const float at[3], int own)
+/* Returns whether a splat is static in its own frame, whose row in s->change is `own`, and in
+ * FRAMES of the samples. */
+static bool is_static(const struct settling *s, const float point[3], int own)
 {
-    int frame[FRAMES + 1] = {own}, changed[FRAMES + 1] = {0}, n = 1, seen = 0;
+    int row[FRAMES + 1] = {own}, changed[FRAMES + 1] = {0}, n = 1, seen = 0;
 
-    for (; n <= FRAMES && n <= s->n_frames; n++)
-        frame[n] = spread_frame(s, n - 1);
+    for (; n <= FRAMES && n <= s->n_samples; n++)
+        row[n] = (n - 1) * s->n_samples / (s->n_samples < FRAMES ? s->n_samples : FRAMES);
     for (int c = 0; c < s->n_cameras; c++) {
-        double pixel[3];
+        size_t at;
 
-        if (!sees(s, c, at, pixel))
+        if (!sees(s, c, point, &at))
             continue;
         seen++;
-        count_changes(s, pixel, c, frame, n, changed);
+        for (int k = 0; k < n; k++) {
+            size_t image = (size_t)row[k] * (size_t)s->n_cameras + (size_t)c;
+
+            changed[k] += s->change[image * s->plane + at] > s->threshold;
+        }
     }
     for (int k = 0; k < n; k++)
         if (seen >= 2 && changed[k] >= SHARE * seen)
@@ -291,12 +277,31 @@ static spin_status mark_rows(struct settling *s)
 {
     SPIN_TRY(spin_alloc((size_t)s->n_frames, sizeof *s->mark, (void **)&s->mark));
     for (int f = 0; f < s->n_frames; f++) {
+        int row;
+
+        SPIN_TRY(changes_of(s, f, &row));
         SPIN_TRY(read_rows(s, f));
         SPIN_TRY(spin_alloc(s->frame.n + 1, 1, (void **)&s->mark[f]));
         for (size_t i = 0; i < s->frame.n; i++)
-            s->mark[f][i] = is_static(s, s->frame.means + 3 * i, f);
+            s->mark[f][i] = is_static(s, s->frame.means + 3 * i, row);
+        spin_progress_set(&s->progress, s->n_samples + f + 1, "%d frames", s->n_frames);
     }
     return SPIN_OK;
+}
+
+static spin_status find_static(struct settling *s, int n_threads)
+{
+    spin_status status;
+
+    SPIN_TRY(open_renders(s, n_threads));
+    spin_progress_begin(&s->progress, "comparing", "frames", 0, s->n_samples + s->n_frames);
+    status = draw_samples(s);
+    if (status == SPIN_OK) {
+        find_changes(s);
+        status = mark_rows(s);
+    }
+    spin_progress_end(&s->progress);
+    return status;
 }
 
 /* ---- Shared rows ----------------------------------------------------------------------------- */
@@ -511,14 +516,20 @@ static void close_settling(struct settling *s)
     for (int f = 0; s->mark && f < s->n_frames; f++)
         free(s->mark[f]);
     free(s->mark);
-    free(s->view);
+    free(s->image);
+    free(s->part);
+    free(s->picture);
+    free(s->median);
     free(s->change);
-    free(s->taken);
     free(s->background);
+    free(s->taken);
     spin_splats_free(&s->base);
     spin_splats_free(&s->frame);
     spin_splats_free(&s->out);
-    spin_image_cache_close(&s->images);
+    if (s->opened) {
+        spin_player_close(&s->player);
+        spin_device_close(&s->device);
+    }
     spin_clip_close(&s->clip);
 }
 
@@ -543,14 +554,7 @@ spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled
 
     memset(settled, 0, sizeof *settled);
     SPIN_TRY(spin_clip_open(&clip, &s.clip));
-    SPIN_TRY_OUT(list_views(&s));
-    SPIN_TRY_OUT(
-        spin_image_cache_open(&s.clip.views, spin_memory_available() / 4, NULL, &s.images));
-    SPIN_TRY_OUT(draw_images(&s));
-    SPIN_TRY_OUT(find_changes(&s));
-    set_threshold(&s);
-    SPIN_TRY_OUT(find_background(&s, o->n_threads));
-    SPIN_TRY_OUT(mark_rows(&s));
+    SPIN_TRY_OUT(find_static(&s, o->n_threads));
     SPIN_TRY_OUT(gather_static(&s));
     set_shares(&s, o);
     SPIN_TRY_OUT(write_bundle(&s, o->output, o->force, settled));
