@@ -48,6 +48,8 @@ run_one() { # NAME COMMAND...
         reason=" exit code $code"
     elif [ $((passed + failed + skipped)) -eq 0 ]; then
         reason=" printed no test line"
+    elif grep -q '^tests/.*\.sh: .*: \(command \)\?not found$' "$out"; then
+        reason=" runs a command that does not exist"
     fi
     [ -n "$reason" ] && failed=$((failed + 1))
     counts="($passed passed, $failed failed, $skipped skipped) $seconds s"

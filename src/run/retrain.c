@@ -627,10 +627,14 @@ static spin_status use_refined_frames(struct run *r)
     return SPIN_OK;
 }
 
+/* Warns if the result is worse than the source, unless the images are renders of the source, from
+ * which any result differs more than the source itself. */
 static void warn_worse(const struct run *r)
 {
     const struct spin_quality *before = &r->plan.report->before, *test = &r->plan.report->test;
 
+    if (spin_clip_is_drawn(&r->plan.clip))
+        return;
     if (before->valid && test->valid && test->psnr < before->psnr)
         spin_warn("the result is worse than the %s, test PSNR %.3f dB instead of %.3f dB: try %s",
                   trains_4d(r) ? "input clip" : "source", test->psnr, before->psnr,

@@ -10,18 +10,24 @@
 /* A splat is dynamic if its pixel has changed, in one frame, in at least this share of the cameras
  * that see it. */
 #define SHARE 0.7
+#define CROWD 0.5 /* and if at least this share of the splats around it is dynamic too */
 #define BEHIND 1.05 /* a splat is visible up to this factor times the depth of the background */
 #define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
 enum {
     /* A pixel has changed if its difference from the median over time is more than LEAST_CHANGE, in
      * 255ths, and more than NOISE_FACTOR times the median of all differences. */
     LEAST_CHANGE = 12,
-    NOISE_FACTOR = 3,
+    NOISE_FACTOR = 5,
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
     FRAMES = 8,         /* those of them that are examined for each splat, besides its own frame */
-    CELLS = 100,        /* cells along the longest side of the grid in which holes are found */
+    CELLS = 100,        /* cells along the longest side of the grid */
     DEPTH_STEP = 3,     /* of more than FRAMES frames, every third serves to find the background */
     BLUR = 2,           /* radius of the box filter that is applied to renders */
+};
+
+/* Numbers of rows in a cell of the grid, in one frame. */
+struct cell_count {
+    uint32_t n, n_dynamic;
 };
 
 struct settling {
@@ -46,8 +52,9 @@ struct settling {
     int threshold;
     float *background;   /* [n_cameras][plane] depth of the farthest surface over time */
     uint8_t **mark;      /* [n_frames][rows] 1: static; 2: static and stored in `base` */
-    double low[3], cell; /* lowest corner and cell size of the grid of holes */
+    double low[3], cell; /* lowest corner and cell size of the grid */
     int dim[3];
+    size_t n_cells;
     /* [cells] 1: the cell or a neighbouring cell contains a static row; 0: the cell is a hole */
     uint8_t *taken;
     struct spin_splats base; /* the static rows */
@@ -273,38 +280,7 @@ static spin_status read_rows(struct settling *s, int f)
     return spin_bundle_frame(&s->clip.bundle, f, COLUMNS, &s->frame);
 }
 
-static spin_status mark_rows(struct settling *s)
-{
-    SPIN_TRY(spin_alloc((size_t)s->n_frames, sizeof *s->mark, (void **)&s->mark));
-    for (int f = 0; f < s->n_frames; f++) {
-        int row;
-
-        SPIN_TRY(changes_of(s, f, &row));
-        SPIN_TRY(read_rows(s, f));
-        SPIN_TRY(spin_alloc(s->frame.n + 1, 1, (void **)&s->mark[f]));
-        for (size_t i = 0; i < s->frame.n; i++)
-            s->mark[f][i] = is_static(s, s->frame.means + 3 * i, row);
-        spin_progress_set(&s->progress, s->n_samples + f + 1, "%d frames", s->n_frames);
-    }
-    return SPIN_OK;
-}
-
-static spin_status find_static(struct settling *s, int n_threads)
-{
-    spin_status status;
-
-    SPIN_TRY(open_renders(s, n_threads));
-    spin_progress_begin(&s->progress, "comparing", "frames", 0, s->n_samples + s->n_frames);
-    status = draw_samples(s);
-    if (status == SPIN_OK) {
-        find_changes(s);
-        status = mark_rows(s);
-    }
-    spin_progress_end(&s->progress);
-    return status;
-}
-
-/* ---- Shared rows ----------------------------------------------------------------------------- */
+/* ---- The grid -------------------------------------------------------------------------------- */
 
 static size_t cell_of(const struct settling *s, const float at[3])
 {
@@ -319,16 +295,14 @@ static size_t cell_of(const struct settling *s, const float at[3])
     return cell;
 }
 
-/* Marks the cell that contains a static row, and its neighbours, as filled. */
-static void take_cells(struct settling *s, const float at[3])
+/* Returns the cell of a position (k = 13) or one of its 26 neighbours. */
+static size_t neighbour_of(const struct settling *s, const float at[3], int k)
 {
-    for (int k = 0; k < 27; k++) {
-        float by[3] = {at[0] + (float)((k % 3 - 1) * s->cell),
-                       at[1] + (float)((k / 3 % 3 - 1) * s->cell),
-                       at[2] + (float)((k / 9 - 1) * s->cell)};
+    const float by[3] = {at[0] + (float)((k % 3 - 1) * s->cell),
+                         at[1] + (float)((k / 3 % 3 - 1) * s->cell),
+                         at[2] + (float)((k / 9 - 1) * s->cell)};
 
-        s->taken[cell_of(s, by)] = 1;
-    }
+    return cell_of(s, by);
 }
 
 /* Sets the grid to the bounding box of the middle frame's rows, ignoring the outermost 1 % of the
@@ -354,8 +328,81 @@ static spin_status make_grid(struct settling *s)
         s->dim[c] = (int)ceil((high[c] - s->low[c]) / s->cell) + 3;
         s->low[c] -= s->cell;
     }
-    return spin_alloc((size_t)s->dim[0] * (size_t)s->dim[1] * (size_t)s->dim[2], 1,
-                      (void **)&s->taken);
+    s->n_cells = (size_t)s->dim[0] * (size_t)s->dim[1] * (size_t)s->dim[2];
+    return spin_alloc(s->n_cells, 1, (void **)&s->taken);
+}
+
+/* ---- Static and dynamic rows ----------------------------------------------------------------- */
+
+/* Marks each dynamic row as static unless the share CROWD of the rows around it, in its cell and in
+ * the neighbouring ones, is dynamic. A moving object consists of many splats; a lone one has only
+ * flickered. count: [n_cells], overwritten. */
+static void settle_lone_rows(const struct settling *s, struct cell_count *count, uint8_t *mark)
+{
+    memset(count, 0, s->n_cells * sizeof *count);
+    for (size_t i = 0; i < s->frame.n; i++) {
+        struct cell_count *c = &count[cell_of(s, s->frame.means + 3 * i)];
+
+        c->n++;
+        c->n_dynamic += !mark[i];
+    }
+    for (size_t i = 0; i < s->frame.n; i++) {
+        size_t n = 0, n_dynamic = 0;
+
+        for (int k = 0; k < 27 && !mark[i]; k++) {
+            const struct cell_count *c = &count[neighbour_of(s, s->frame.means + 3 * i, k)];
+
+            n += c->n;
+            n_dynamic += c->n_dynamic;
+        }
+        mark[i] |= (double)n_dynamic < CROWD * (double)n;
+    }
+}
+
+static spin_status mark_rows(struct settling *s)
+{
+    SPIN_FREED struct cell_count *count = NULL;
+
+    SPIN_TRY(read_rows(s, s->n_frames / 2));
+    SPIN_TRY(make_grid(s));
+    SPIN_TRY(spin_alloc(s->n_cells, sizeof *count, (void **)&count));
+    SPIN_TRY(spin_alloc((size_t)s->n_frames, sizeof *s->mark, (void **)&s->mark));
+    for (int f = 0; f < s->n_frames; f++) {
+        int row;
+
+        SPIN_TRY(changes_of(s, f, &row));
+        SPIN_TRY(read_rows(s, f));
+        SPIN_TRY(spin_alloc(s->frame.n + 1, 1, (void **)&s->mark[f]));
+        for (size_t i = 0; i < s->frame.n; i++)
+            s->mark[f][i] = is_static(s, s->frame.means + 3 * i, row);
+        settle_lone_rows(s, count, s->mark[f]);
+        spin_progress_set(&s->progress, s->n_samples + f + 1, "%d frames", s->n_frames);
+    }
+    return SPIN_OK;
+}
+
+static spin_status find_static(struct settling *s, int n_threads)
+{
+    spin_status status;
+
+    SPIN_TRY(open_renders(s, n_threads));
+    spin_progress_begin(&s->progress, "comparing", "frames", 0, s->n_samples + s->n_frames);
+    status = draw_samples(s);
+    if (status == SPIN_OK) {
+        find_changes(s);
+        status = mark_rows(s);
+    }
+    spin_progress_end(&s->progress);
+    return status;
+}
+
+/* ---- Shared rows ----------------------------------------------------------------------------- */
+
+/* Marks the cell that contains a static row, and its neighbours, as filled. */
+static void take_cells(struct settling *s, const float at[3])
+{
+    for (int k = 0; k < 27; k++)
+        s->taken[neighbour_of(s, at, k)] = 1;
 }
 
 static size_t n_sh(const struct spin_splats *s)
@@ -405,8 +452,6 @@ static spin_status add_static(struct settling *s, int f, bool first)
     uint8_t *mark = s->mark[f];
 
     SPIN_TRY(read_rows(s, f));
-    if (first)
-        SPIN_TRY(make_grid(s));
     for (size_t i = 0; i < s->frame.n; i++) {
         double opacity = spin_sigmoid_of((double)s->frame.logit_opacities[i]);
 

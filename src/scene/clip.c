@@ -119,9 +119,7 @@ static bool draws_itself(const struct spin_clip_options *o)
     return from && strncmp(from, name, n) == 0 && (!from[n] || from[n] == ':');
 }
 
-/* Returns whether the images of the opened data set are rendered. Its cameras are then in the
- * coordinates of the bundle. */
-static bool is_drawn(const struct spin_clip *clip)
+bool spin_clip_is_drawn(const struct spin_clip *clip)
 {
     return strncmp(clip->data_from, spin_renders.name, strlen(spin_renders.name)) == 0;
 }
@@ -154,7 +152,7 @@ static spin_status open_views(const struct spin_clip_options *o, struct spin_cli
     if (!spin_path_exists(path) && !o->needs_views && !o->data)
         return spin_not_found("the data set '%s' does not exist", path);
     SPIN_TRY(spin_views_open(path, from, &clip->views, clip->data_from, sizeof clip->data_from));
-    if (!is_drawn(clip))
+    if (!spin_clip_is_drawn(clip))
         spin_views_shift(&clip->views, clip->bundle.meta.shift);
     else if (o->data && spin_rank() == 0 && !o->quiet)
         spin_log(0, "%s", clip->views.notes);

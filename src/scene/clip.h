@@ -52,6 +52,9 @@ struct spin_clip {
 /* Error messages contain the path of the bundle or of the data set. */
 spin_status spin_clip_open(const struct spin_clip_options *o, struct spin_clip *out);
 void spin_clip_close(struct spin_clip *clip);
+/* Returns whether the images of the data set are rendered (scene/renders.h). Its cameras are then
+ * in the coordinates of the bundle. */
+bool spin_clip_is_drawn(const struct spin_clip *clip);
 
 /* Checks that the times of n frames are finite and distinct, since times identify frames. Times may
  * be in any order. `index` [n] lists the frames to check, as indices into `info`; if it is NULL,

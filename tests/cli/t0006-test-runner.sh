@@ -56,6 +56,7 @@ fails_as() { # NAME LINES SUMMARY REASON
 }
 fails_as "a check" 'echo not ok 1 - wrong; exit 1' "0 passed, 1 failed, 0 skipped" '^     not ok 1 - wrong$'
 fails_as "an exit code" 'echo ok 1 - a; exit 3' "1 passed, 1 failed, 0 skipped" ' s exit code 3$'
+fails_as "an unknown check" 'echo ok 1 - a; no_such_check; true' "1 passed, 1 failed, 0 skipped" ' runs a command that does not exist$'
 fails_as "silence" 'true' "0 passed, 1 failed, 0 skipped" ' printed no test line$'
 # The parent of this process is timeout, whose parent is the runner.
 # shellcheck disable=SC2016
