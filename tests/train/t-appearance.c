@@ -84,6 +84,10 @@ TAP_MAIN
     paint(1, 1, -1, 100);
     ok(spin_appearance_varies(&plan, &photos, N, place[0], varies) == SPIN_OK && varies[LEFT] == 0,
        "one of two cameras is not enough");
+    paint(1, 1, 1, 200);
+    ok(spin_appearance_varies(&plan, &photos, N, place[0], varies) == SPIN_OK &&
+           varies[PASSING] == 1,
+       "two of three are");
     for (int f = 0; f < FRAMES; f++) { /* cameras may differ from each other in all frames */
         paint(f, 0, -1.7, 220);
         paint(f, 1, -1.7, 50);
