@@ -292,6 +292,34 @@ static void test_near_views(void)
     ok(strstr(warned, "camera 2: 1 %") != NULL, "one of 99 may not: %s", warned);
 }
 
+/* A shifted camera sees a point where the unshifted one sees the shifted point. */
+static void test_shift(void)
+{
+    const double shift[3] = {3, -7, 20};
+    const float point[3] = {0.5f, 0.25f, 40}, moved[3] = {3.5f, -6.75f, 60};
+    struct spin_views views;
+    double want[2][3], got[3] = {0}, worst = 0;
+
+    make_views(&views, 1, 0);
+    for (int i = 0; i < 2; i++) {
+        struct spin_camera *c = &views.view[i].camera;
+        const double w[12] = {0.6, 0, -0.8, 1, 0, 1, 0, 2, 0.8, 0, 0.6, 3 + i};
+
+        memcpy(c->w2c, w, sizeof w);
+        c->cx = c->cy = 500;
+        c->width = c->height = 1000;
+        ok(spin_camera_project_visible(c, moved, want[i]), "visible");
+    }
+    spin_views_shift(&views, shift);
+    for (int i = 0; i < 2; i++) {
+        ok(spin_camera_project_visible(&views.view[i].camera, point, got), "visible");
+        for (int c = 0; c < 3; c++)
+            worst = larger(worst, fabs(got[c] - want[i][c]));
+    }
+    near(worst, 0, 1e-6, "cameras and points are shifted together");
+    spin_views_free(&views);
+}
+
 /* docs/method.md 4.1 */
 static void test_near(void)
 {
@@ -568,6 +596,7 @@ TAP_MAIN
     test_split();
     test_scale();
     test_extent();
+    test_shift();
     test_near();
     test_find();
     test_pixels();
