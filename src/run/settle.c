@@ -17,7 +17,7 @@ enum {
     /* A pixel has changed if its difference from the median over time is more than LEAST_CHANGE, in
      * 255ths, and more than NOISE_FACTOR times the median of all differences. */
     LEAST_CHANGE = 12,
-    NOISE_FACTOR = 5,
+    NOISE_FACTOR = 3,
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
     FRAMES = 8,         /* those of them that are examined for each splat, besides its own frame */
     CELLS = 100,        /* cells along the longest side of the grid */
