@@ -471,24 +471,29 @@ VERB void on_loss(struct spin_device *d, int width, int height, const float *ima
     struct spin_view_batch views = view_of_camera(&cam, 0);
     struct spin_images images = {.max_pixels = views.max_pixels};
     size_t n = views.max_pixels;
-    uint8_t *mask = calloc((n + 7) / 8, 1);
+    size_t n_mask = (n + 7) / 8;
+    uint8_t *mask = calloc(2 * n_mask, 1); /* of two images, of which the view shows the second */
+    float *truths = calloc(2 * n, float_row[3]);
 
     for (size_t i = 0; pixel_weight && i < n; i++) {
         int bit = pixel_weight[i] != pixel_weight[0];
 
         images.mask_weight[bit] = pixel_weight[i];
-        mask[i / 8] |= (uint8_t)(bit << i % 8);
+        mask[n_mask + i / 8] |= (uint8_t)(bit << i % 8);
     }
+    memcpy(truths + 3 * n, truth, n * float_row[3]);
+    views.view[0].image = 1;
     views.view[0].weight = weight;
     lend_matte(&l, &views);
-    images.f32 = lend(&l, truth, n * float_row[3]);
+    images.f32 = lend(&l, truths, 2 * n * float_row[3]);
     if (pixel_weight)
-        images.mask = lend(&l, mask, (n + 7) / 8);
+        images.mask = lend(&l, mask, 2 * n_mask);
     d->op->loss(d, &views, &images, lambda_dssim, lend(&l, image, n * float_row[3]),
                 lend_both(&l, values, SPIN_LOSS_VALUES * sizeof *values),
                 lend_both(&l, d_image, n * float_row[3]));
     settle(&l);
     free(mask);
+    free(truths);
 }
 
 /* Clamps image. One of rgb8 and truth is NULL. */
@@ -500,14 +505,24 @@ VERB void on_measure(struct spin_device *d, int width, int height, float *image,
     struct spin_camera_f32 cam = {.width = width, .height = height};
     struct spin_view_batch views = view_of_camera(&cam, 0);
     struct spin_images images = {.max_pixels = views.max_pixels};
-    size_t n = views.max_pixels;
+    size_t n = views.max_pixels, n_mask = (n + 7) / 8;
+    uint8_t *both[3] = {calloc(2 * n, 3), calloc(2 * n, float_row[3]), calloc(2 * n_mask, 1)};
 
-    images.rgb8 = lend(&l, rgb8, 3 * n);
-    images.f32 = lend(&l, truth, n * float_row[3]);
-    images.mask = lend(&l, mask, (n + 7) / 8);
+    if (rgb8) /* each is the second of two images */
+        memcpy(both[0] + 3 * n, rgb8, 3 * n);
+    if (truth)
+        memcpy(both[1] + n * float_row[3], truth, n * float_row[3]);
+    if (mask)
+        memcpy(both[2] + n_mask, mask, n_mask);
+    views.view[0].image = 1;
+    images.rgb8 = lend(&l, rgb8 ? both[0] : NULL, 6 * n);
+    images.f32 = lend(&l, truth ? both[1] : NULL, 2 * n * float_row[3]);
+    images.mask = lend(&l, mask ? both[2] : NULL, 2 * n_mask);
     d->op->measure(d, &views, &images, lend_both(&l, image, n * float_row[3]),
                    lend_both(&l, values, SPIN_MEASURE_VALUES * sizeof *values));
     settle(&l);
+    for (int i = 0; i < 3; i++)
+        free(both[i]);
 }
 
 /* exposure: the row of the camera, then that of its lens. */
