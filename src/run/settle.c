@@ -602,6 +602,7 @@ spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled
     SPIN_TRY_OUT(find_static(&s, o->n_threads));
     SPIN_TRY_OUT(gather_static(&s));
     set_shares(&s, o);
+    settled->n_frames = s.n_frames;
     SPIN_TRY_OUT(write_bundle(&s, o->output, o->force, settled));
 out:
     close_settling(&s);

@@ -8,6 +8,7 @@ struct spin_settled {
     /* number of rows that all frames share; mean number of other rows per frame */
     double n_static, n_dynamic;
     double n_before; /* mean number of rows per frame of the source */
+    int n_frames;
 };
 
 struct spin_settle_options {

@@ -100,8 +100,10 @@ is "$code $(echo $(ls -d page.*))" "0 page.html page.import.spin page.spin" "and
 run "$bin/spin4d" run.spin -o shared.html --iterations 20
 is "$code" 0 "a page of frames that share their rows"
 is "$(grep -c "renders of the clip itself" "$work/err")" 0 "is not retrained"
-static_and_dynamic() { sed -n 's/^of .* per frame, \([0-9]*\) are static and stored once, and \([0-9]*\) are dynamic/\1 \2/p' "$work/err"; }
+static_and_dynamic() { sed -n 's/^of .* per frame, \([0-9]*\) are static and stored once, and \([0-9]*\) are dynamic.*/\1 \2/p' "$work/err"; }
 run "$bin/spin4d" frames -o all.tsog --data renders --data-from $views --iterations 2
+sizes=$(sed -n 's/.* the clip will have about \(.*\) kB/\1/p' "$work/err")
+is "$(echo "$sizes $(stat -c %s all.tsog)" | awk '{ print ($2 / 1000 / $1 > 0.5 && $2 / 1000 / $1 < 2) }')" 1 "the size is estimated"
 whole=$(static_and_dynamic)
 run "$bin/spin4d" frames -o half.tsog --data renders --data-from $views --iterations 2 --splats 50%
 is "$code $(echo "$whole $(static_and_dynamic)" | awk '{ print ($3 / $1 > 0.45 && $3 / $1 < 0.55 && $4 / $2 > 0.45 && $4 / $2 < 0.55) }')" \
