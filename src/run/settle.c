@@ -10,7 +10,9 @@
 /* A splat is dynamic if its pixel has changed, in one frame, in at least this share of the cameras
  * that see it. */
 #define SHARE 0.7
-#define CROWD 0.5 /* and if at least this share of the splats around it is dynamic too */
+/* Nevertheless it is static if less than this share of the splats around it would be dynamic. */
+#define CROWD 0.5
+#define MOST_BYTES 1.5e9 /* of the sampled renders, if they are large */
 #define BEHIND 1.05 /* a splat is visible up to this factor times the depth of the background */
 #define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
 enum {
@@ -47,7 +49,7 @@ struct settling {
     uint8_t *picture; /* [n_samples][n_cameras][3][plane] blurred renders of these frames */
     uint8_t *median;  /* [n_cameras][3][plane] */
     /* [n_samples + 1][n_cameras][plane] difference of the renders from the median; the last row is
-     * that of the frame `own`, which is not among the samples */
+     * that of the frame whose splats are examined, if it is not among the samples */
     uint8_t *change;
     int threshold;
     float *background;   /* [n_cameras][plane] depth of the farthest surface over time */
@@ -68,6 +70,7 @@ struct settling {
 static spin_status open_renders(struct settling *s, int n_threads)
 {
     const struct spin_views *views = &s->clip.views;
+    int most, stride;
     size_t all;
 
     s->view = views->view; /* views are sorted by frame, and training cameras come first */
@@ -77,10 +80,11 @@ static spin_status open_renders(struct settling *s, int n_threads)
     s->width = s->view->camera.width;
     s->height = s->view->camera.height;
     s->plane = (size_t)s->width * (size_t)s->height;
-    for (int stride = (s->n_frames + MEDIAN_FRAMES - 1) / MEDIAN_FRAMES, f = 0; f < s->n_frames;
-         f += stride)
-        s->sample[s->n_samples++] = f;
     all = (size_t)s->n_cameras * s->plane;
+    most = (int)fmax(FRAMES, fmin(MEDIAN_FRAMES, MOST_BYTES / (3 * (double)all)));
+    stride = (s->n_frames + most - 1) / most;
+    for (int f = 0; f < s->n_frames; f += stride)
+        s->sample[s->n_samples++] = f;
     SPIN_TRY(spin_alloc(5 * s->plane, sizeof *s->image, (void **)&s->image));
     s->depth = s->image + 3 * s->plane;
     SPIN_TRY(spin_alloc(s->plane, 1, (void **)&s->part));
