@@ -347,6 +347,9 @@ static spin_status read_state_record(struct reader *r, unsigned opcode, struct s
 {
     struct spin_4dgs_states *states = &r->states;
 
+    if (states->n_indexed > 0 && opcode != SPIN_4DGS_REC_INDEX)
+        return spin_malformed("record %02x at byte %zu follows the index, expected before it",
+                              opcode, at);
     states->sh_degree = r->splats->sh_degree;
     states->most_rows = (SPIN_4DGS_SLACK + (uint64_t)SPIN_4DGS_RATIO * r->size) / ROW_BYTES;
     return opcode == SPIN_4DGS_REC_CHUNK         ? spin_4dgs_states_keyframe(states, c, at)

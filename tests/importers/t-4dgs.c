@@ -171,6 +171,38 @@ static void test_refused(const char *file)
        "a scene of another name is recognised by its first bytes");
 }
 
+static size_t length_at(const unsigned char *record)
+{
+    uint64_t n;
+
+    memcpy(&n, record + 1, sizeof n);
+    return 9 + (size_t)n;
+}
+
+/* Inserts an entry of the index before the last delta. */
+static void test_late_chunk(const char *file)
+{
+    const char *late = path_in(new_folder(), "late.4dgs");
+    struct spin_map map = {0};
+    size_t delta = 0, index = 0;
+    FILE *f = fopen(late, "wb");
+
+    if (!ok(f && spin_map_open(file, &map) == SPIN_OK, "%s: opens", file))
+        return;
+    for (size_t at = 8; index == 0 && at + 17 < map.size; at += length_at(map.data + at)) {
+        delta = map.data[at] == 0x10 ? at : delta;
+        index = map.data[at] == 8 ? at : 0;
+    }
+    fwrite(map.data, 1, delta, f);
+    fwrite(map.data + index, 1, length_at(map.data + index), f);
+    fwrite(map.data + delta, 1, map.size - 12 - delta, f);
+    fwrite("\0\0\0", 1, 4, f); /* no checksum */
+    fwrite(map.data + map.size - 8, 1, 8, f);
+    fclose(f);
+    spin_map_close(&map);
+    model_fails(NULL, late, NULL, "record 10 at byte", "follows the index", "a delta behind it");
+}
+
 /* The sound of an input, whose data are those of a file. */
 static void test_sound(const char *root)
 {
@@ -201,8 +233,10 @@ TAP_MAIN
         /* t-golden.c compares those without values of rows. */
         if (strcmp(names[i], "birth_sound") != 0 && strcmp(names[i], "keyframe_chained") != 0)
             test_fixture(path_in(root, names[i]), names[i]);
-    if (root)
+    if (root) {
         test_sound(root);
+        test_late_chunk(path_in(root, "keyframe_chained/scene.4dgs"));
+    }
     if (root && names[0])
         test_refused(file_in(path_in(root, names[0]), ".4dgs"));
     else
