@@ -298,7 +298,8 @@ bool spin_archive_detect(const char *path)
 {
     bool zip;
 
-    return read_kind(path, &zip) && !(zip && is_checkpoint(path));
+    return read_kind(path, &zip) &&
+           !(zip && (spin_text_ends_any_case(path, ".npz") || is_checkpoint(path)));
 }
 
 /* Sets u->path to the contents of the archive: descends from u->root as long as a folder has a

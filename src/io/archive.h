@@ -14,7 +14,7 @@ struct spin_unpacked {
 };
 
 /* Whether the file begins like an archive that spin_archive_unpack() reads. False for checkpoints
- * of PyTorch, although they are zip files. */
+ * of PyTorch and for .npz files of NumPy, although they are zip files. */
 bool spin_archive_detect(const char *path);
 /* Unpacks the archive. Until spin_unpacked_remove(), messages show the path of the archive instead
  * of the path of the temporary folder. */

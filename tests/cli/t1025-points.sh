@@ -82,7 +82,7 @@ with open(sys.argv[1] + "/fused.ply", "w") as f:
     f.write("ply\nformat ascii 1.0\nelement vertex 4\n" + "".join("property double %s\n" % c for c in "xyz") + "end_header\n")
     for p in place:
         f.write("%.6f %.6f %.6f\n" % p)
-for code, name in ("<f8", "init_pt_cld.npz"), ("<f4", "floats/init_pt_cld.npz"):
+for code, name in ("<f8", "init_pt_cld.npz"), ("<f4", "floats/other.NPZ"):
     head = "{'descr': '%s', 'fortran_order': False, 'shape': (4, 7), }" % code
     head = (head + " " * (117 - len(head)) + "\n").encode()
     rows = struct.pack("<28" + ("d" if code == "<f8" else "f"), *[v for p in place for v in (*p, 1, 0, 0.2, 0)])
@@ -98,9 +98,9 @@ at = len(b) - 48; shift = json.loads(z.read("meta.json"))["shift"]
 print(*["%.5f" % (struct.unpack_from("<f", b, at + 12 * i + 4)[0] + shift[1]) for i in range(4)])' "$work/utm.spin")" \
         "5411932.00100 5411932.00200 5411933.00300 5411934.12500" "$name: the digits of the file"
 done
-run "$bin/spin-import" "$work/utm/floats/init_pt_cld.npz" --force -o "$work/utm.spin"
+run "$bin/spin-import" --from points "$work/utm/floats/other.NPZ" --force -o "$work/utm.spin"
 is "$code" 0 "floats far from 0"
-err_has "init_pt_cld.npz': positions are up to 5.41193e+06 from 0, where floats have steps of 0.5" "are warned of"
+err_has "other.NPZ': positions are up to 5.41193e+06 from 0, where floats have steps of 0.5" "are warned of"
 printf '# points\n' >"$work/text/points3D.txt"
 run "$bin/spin-import" "$work/text/points3D.txt" -o "$work/none.spin"
 fails 1 spin-import "a model without points"
