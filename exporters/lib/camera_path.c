@@ -162,7 +162,7 @@ static spin_status parse_pace(struct spin_camera_path *d)
         seconds = fmax(DEFAULT_SECONDS, d->job->n_frames / d->fps);
     if (seconds <= 0) {
         if (d->job->n_frames > 1 && !d->job->sound && !spin_plugin_value(v, "fps", NULL))
-            d->fps = fmin(d->fps, d->job->n_frames / LEAST_SECONDS);
+            d->fps = fmin(d->fps, (double)d->n_pictures / LEAST_SECONDS);
         return SPIN_OK;
     }
     if (spin_plugin_value(v, "repeat", NULL))

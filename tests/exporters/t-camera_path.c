@@ -89,7 +89,8 @@ static void follow(const char *const *pairs, int n, struct spin_camera *out)
 
     for (int i = 0; i < n && good; i++)
         good = spin_camera_path_camera(&d, i, &splats, &out[i]) == SPIN_OK;
-    ok(good, "%s %s: %d pictures: %s", pairs[0], pairs[1], n, good ? "" : spin_last_error());
+    ok(good && d.fps == n / 2.0, "%s %s: %d pictures in two seconds: %g fps: %s", pairs[0],
+       pairs[1], n, d.fps, good ? "" : spin_last_error());
     spin_camera_path_free(&d);
 }
 
