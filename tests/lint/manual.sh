@@ -104,7 +104,7 @@ for page in man/*.[157]; do
         [ -f "man/$reference" ] || complain "$page names $reference, which is not there"
     done
 done
-for variable in $(grep -rhoE '"(SPIN|OMPI|PMI|PMIX|SLURM)_[A-Z_]+"' src importers exporters --include='*.c' |
+for variable in $(grep -rhoE '"(SPIN|OMPI|PMI|PMIX|SLURM)_[A-Z_]+"' src importers exporters --include='*.c' --include='*.cu' |
     grep -v -e _SYMBOL -e _ABI | tr -d '"' | sort -u); do
     grep -qE "^\.(It )?Ev (.* )?$variable( |\$)" man/spin4d.7 || complain "man/spin4d.7 lacks the variable $variable"
 done
