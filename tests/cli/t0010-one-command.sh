@@ -119,7 +119,7 @@ run "$bin/spin4d" run -o rows.sogst --iterations 40 --json
 is "$code $(grep -c 'is already finished' "$work/err")" "0 2" "the same call does only what is left"
 run "$bin/spin4d" rows.tracks.spin -o again.tsog --iterations 5
 is "$code $(echo $(ls -d again.*))" "0 again.spin again.tsog" "frames that are trained are not trained again"
-run "$bin/spin4d" rows.tracks.spin -o states.4dgs --iterations 5 --json
+run "$bin/spin4d" rows.tracks.spin -o states.4dgs --iterations 1 --json
 is "$code $(echo $(ls -d states.*))" "0 states.4dgs states.spin" "4D splats are trained for .4dgs as well"
 run "$bin/spin4d" rows.tracks.spin -o frames.4dgs --no-retrain
 is "$code $(echo $(ls -d frames.*))" "0 frames.4dgs" "which stores frames only if nothing is trained"

@@ -24,6 +24,17 @@ for kind in colmap:original transforms:saved; do
     ok $? "$set: the splats are in the world of its cameras"
 done
 
+# 4D splats move as their frames do: rows that are exported and read again have the same bounds.
+rows=fixtures/ftgs_ply/sh1_clamped/scene.ftgs.ply
+cp $rows "$work/n/run/exports/rows.ftgs.ply"
+lowest() { "$bin/spin-import" "$1" --data "$work/n/colmap" -o "$work/rows.spin" --force 2>&1 | sed -n 's/^bounds *\[[^,]*, \([^]]*\).*/\1/p'; }
+placed=$(lowest "$work/n/run/exports/rows.ftgs.ply")
+run "$bin/spin-export" "$work/rows.spin" --to ftgs -o "$work/placed.ftgs.ply"
+is "$code $(lowest "$work/placed.ftgs.ply")" "0 $placed" "4D splats are moved"
+[ "$placed" != "$(lowest $rows)" ]
+ok $? "from where they were"
+rm "$work/n/run/exports/rows.ftgs.ply"
+
 # Without a data set, the splats keep their coordinates.
 run "$bin/spin-import" "$splat" -o "$work/alone.spin"
 out_has "nerfstudio centred and scaled the scene .*give the data set with --data" "without cameras, a note"

@@ -670,25 +670,26 @@ static void test_begun(void)
 
 static double ball_size = 0.03; /* of the ball's splats */
 
-/* A small ball that moves in front of a large wall at z = 9. */
+/* A small ball that moves in front of a large wall at z = 9, and a still ball of more splats. */
 static spin_status read_ball(void *context, int f, const struct spin_splats **out)
 {
-    enum { WALL = 4000, BALL = 400 };
+    enum { WALL = 4000, BALL = 400, STILL = 800 };
     struct spin_splats *s = context;
 
     *out = s;
-    SPIN_TRY(spin_splats_reserve(s, WALL + BALL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
-    for (size_t i = 0; i < WALL + BALL; i++) {
-        bool wall = i < WALL;
+    SPIN_TRY(
+        spin_splats_reserve(s, WALL + BALL + STILL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    for (size_t i = 0; i < WALL + BALL + STILL; i++) {
+        bool wall = i < WALL, still = i >= WALL + BALL;
         double u = (double)(i * 7919 % 1000) / 1000, v = (double)(i * 104729 % 997) / 997;
 
-        s->means[3 * i] = (float)(wall ? 8 * u - 4 : 0.4 * u + 0.25 * f);
+        s->means[3 * i] = (float)(wall ? 8 * u - 4 : 0.4 * u + (still ? -2 : 0.25 * f));
         s->means[3 * i + 1] = (float)(wall ? 8 * v - 4 : 0.4 * v - 1);
         s->means[3 * i + 2] = (float)(wall ? 9 : 5 + 0.4 * (double)(i % 20) / 20);
         for (size_t c = 0; c < 4; c++)
             s->quats[4 * i + c] = c == 0;
         for (size_t c = 0; c < 3; c++) {
-            s->log_scales[3 * i + c] = (float)log(wall ? 0.1 : ball_size);
+            s->log_scales[3 * i + c] = (float)log(wall ? 0.1 : still ? 0.03 : ball_size);
             s->sh[3 * i + c] = (float)(u - v);
         }
         s->logit_opacities[i] = 3;

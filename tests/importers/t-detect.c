@@ -156,6 +156,16 @@ static void check_all(const char *root, const char *first, const char *rest, con
     spin_folder_list_free(names);
 }
 
+/* A folder "frame_1" that contains `name`. */
+static void check_frames(const char *name, const char *importer)
+{
+    const char *folder = new_folder(), *frame = path_in(folder, "frame_1");
+
+    if (mkdir(frame, 0700) != 0 || mkdir(path_in(frame, name), 0700) != 0)
+        exit(1);
+    check(folder, name, importer, false);
+}
+
 TAP_MAIN
 {
     const char *json = path_in(new_folder(), "places.json");
@@ -164,6 +174,9 @@ TAP_MAIN
     if (!file || fputs("{\"means\": [0, 1]}", file) < 0 || fclose(file) != 0)
         exit(1);
     check(json, "a JSON of means without their range", NULL, false);
+    check_frames("images", NULL);
+    check_frames("point_cloud", "ply");
+    check_frames("0.PLY", "ply");
     for (size_t i = 0; i < sizeof runs / sizeof *runs; i++) {
         const char *star = strstr(runs[i].path, "/*"), *root;
         char first[100];

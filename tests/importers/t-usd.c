@@ -280,7 +280,7 @@ static void test_templates(void)
         write_text(path_in(folder, name), text);
     }
     write_text(path,
-               "#usda 1.0\n" SPLATS "(\n    clips = { dictionary default = {\n"
+               "#usda 1.0\n" SPLATS "(\n    clips = { dictionary \"default\" = {\n"
                "        asset templateAssetPath = @./c.###.usda@\n"
                "        double templateStartTime = 96\n        double templateEndTime = 100\n"
                "        double templateStride = 2\n        string primPath = \"/S\"\n    } }\n"
