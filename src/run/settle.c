@@ -67,10 +67,17 @@ struct settling {
 
 /* ---- Renders --------------------------------------------------------------------------------- */
 
+int spin_settle_step(int n_frames, double n_pixels)
+{
+    int most = (int)fmax(FRAMES, fmin(MEDIAN_FRAMES, MOST_BYTES / (3 * n_pixels)));
+
+    return (n_frames + most - 1) / most;
+}
+
 static spin_status open_renders(struct settling *s, int n_threads)
 {
     const struct spin_views *views = &s->clip.views;
-    int most, stride;
+    int step;
     size_t all;
 
     s->view = views->view; /* views are sorted by frame, and training cameras come first */
@@ -81,9 +88,8 @@ static spin_status open_renders(struct settling *s, int n_threads)
     s->height = s->view->camera.height;
     s->plane = (size_t)s->width * (size_t)s->height;
     all = (size_t)s->n_cameras * s->plane;
-    most = (int)fmax(FRAMES, fmin(MEDIAN_FRAMES, MOST_BYTES / (3 * (double)all)));
-    stride = (s->n_frames + most - 1) / most;
-    for (int f = 0; f < s->n_frames; f += stride)
+    step = spin_settle_step(s->n_frames, (double)all);
+    for (int f = 0; f < s->n_frames; f += step)
         s->sample[s->n_samples++] = f;
     SPIN_TRY(spin_alloc(5 * s->plane, sizeof *s->image, (void **)&s->image));
     s->depth = s->image + 3 * s->plane;

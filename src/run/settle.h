@@ -34,3 +34,6 @@ struct spin_settle_options {
  * matches between splats, and ignores flicker below a threshold. The static rows are taken from the
  * middle frame; rows of other frames fill its holes. */
 spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled *settled);
+/* Returns the step between the frames whose renders give the median over time. n_pixels: of the
+ * renders of one frame, from all cameras. */
+int spin_settle_step(int n_frames, double n_pixels);

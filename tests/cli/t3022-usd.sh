@@ -5,16 +5,16 @@
 . tests/cli/lib.sh
 
 # Compares the arrays of two bundles, and their frame rates and numbers.
-same_values() { # BUNDLE BUNDLE
-    python3 - "$1" "$2" <<'P'
+same_values() { # BUNDLE BUNDLE [ERROR]
+    python3 - "$1" "$2" "${3:-1e-6}" <<'P'
 import sys
 sys.path.insert(0, "exporters/python")
 import numpy as np, spin4d
-a, b = map(spin4d.load, sys.argv[1:])
+a, b = map(spin4d.load, sys.argv[1:3])
 assert a.numbers == b.numbers and a.meta["fps"] == b.meta["fps"], (a.numbers, b.numbers, a.meta["fps"], b.meta["fps"])
 for f in range(len(a)):
     for x, y in zip(a.frame(f), b.frame(f)):
-        assert np.abs(x - y).max() <= 1e-6 * np.abs(x).max(), f
+        assert np.abs(x - y).max() <= float(sys.argv[3]) * np.abs(x).max(), f
 P
 }
 
@@ -101,9 +101,13 @@ run "$bin/spin-export" "$work/tracks.spin" -o "$work/named/f_%d.usda" --range 1:
 is "$code $(ls "$work/named" | grep -c '^f_[12].usda$')" "0 2" "text layers that are named by a pattern"
 run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.usdz"
 fails 1 spin-export "a package that exists"
-run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.usdz" --force --half
+run "$bin/spin-export" "$work/tracks.spin" -o "$work/tracks.usdz" --force --half --fps 24
 is "$code" 0 "--force overwrites it"
 err_has "usd rounds values; rms error" "half floats are reported"
+run "$bin/spin-import" "$work/tracks.usdc" -o "$work/one.spin" --force
+run "$bin/spin-import" "$work/tracks.usdz" -o "$work/half.spin"
+same_values "$work/one.spin" "$work/half.spin" 2e-3
+ok $? "and have the values"
 for end in usdz usda; do
     (ulimit -f 16 && exec "$bin/spin-export" -q "$work/tracks.spin" -o "$work/full.$end") >"$work/out" 2>"$work/err"
     is "$?" 1 "$end: a limit on files"

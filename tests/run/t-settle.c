@@ -236,6 +236,9 @@ TAP_MAIN
     struct spin_settled got;
     int drawing;
 
+    ok(spin_settle_step(31, 1) == 1 && spin_settle_step(32, 1) == 2 &&
+           spin_settle_step(100, 25e6) == 5 && spin_settle_step(100, 1e9) == 13,
+       "up to 31 frames are sampled, or 1.5 GB, but 8 at least");
     spin_log_set_level(-2);
     snprintf(folder, sizeof folder, "%s", check_folder());
     write_source();
