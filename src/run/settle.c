@@ -13,13 +13,14 @@
 /* Nevertheless it is static if less than this share of the splats around it would be dynamic. */
 #define CROWD 0.5
 #define MOST_BYTES 1.5e9 /* of the sampled renders, if they are large */
+/* The threshold is at most these factors times two quantiles of all differences from the median over
+ * time. */
+#define QUARTILE_FACTOR 2.5
+#define MEDIAN_FACTOR 5
 #define BEHIND 1.05 /* a splat is visible up to this factor times the depth of the background */
 #define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
 enum {
-    /* A pixel has changed if its difference from the median over time is more than LEAST_CHANGE, in
-     * 255ths, and more than NOISE_FACTOR times the median of all differences. */
-    LEAST_CHANGE = 12,
-    NOISE_FACTOR = 3,
+    LEAST_CHANGE = 12,  /* smallest threshold, in 255ths, above which a pixel has changed */
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
     FRAMES = 8,         /* those of them that are examined for each splat, besides its own frame */
     CELLS = 100,        /* cells along the longest side of the grid */
@@ -204,18 +205,32 @@ static void compare(const struct settling *s, int c, const uint8_t *picture, uin
         }
 }
 
-/* Derives the threshold from the flicker of the clip, which the median difference measures. */
+/* Returns the smallest value that is not exceeded by the given share of the values. */
+static int quantile(const size_t count[256], double share, size_t all)
+{
+    size_t sum = 0;
+    int value = 0;
+
+    while (value < 255 && (double)(sum += count[value]) < share * (double)all)
+        value++;
+    return value;
+}
+
+/* Derives the threshold from the flicker of the clip, which the differences of the pixels measure
+ * that do not show motion. These are most of the pixels, but their share is unknown: the upper
+ * quartile measures a flicker that is stronger in some places, unless these places move, so the
+ * median limits its effect. */
 static void set_threshold(struct settling *s)
 {
-    size_t all = (size_t)s->n_samples * (size_t)s->n_cameras * s->plane, sum = 0;
+    size_t all = (size_t)s->n_samples * (size_t)s->n_cameras * s->plane;
     size_t count[256] = {0};
-    int median = 0;
+    double flicker;
 
     for (size_t i = 0; i < all; i++)
         count[s->change[i]]++;
-    while (median < 255 && (sum += count[median]) < all / 2)
-        median++;
-    s->threshold = NOISE_FACTOR * median > LEAST_CHANGE ? NOISE_FACTOR * median : LEAST_CHANGE;
+    flicker = fmin(QUARTILE_FACTOR * quantile(count, 0.75, all),
+                   MEDIAN_FACTOR * quantile(count, 0.5, all));
+    s->threshold = (int)fmax(LEAST_CHANGE, flicker);
 }
 
 static void find_changes(struct settling *s)
