@@ -5,7 +5,12 @@
 #include "math/covariance.h"
 
 #define NEEDED (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
-enum { MOST_SPLATS = 100000 };
+#define LARGE 4.0  /* standard deviation of a large splat, in cells */
+#define EXTENT 2.5 /* of a large splat, in standard deviations */
+enum {
+    MOST_SPLATS = 100000,
+    MOST_SAMPLES = 150,/* of a large splat, along half an axis */
+};
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
 
@@ -160,16 +165,6 @@ void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3])
     }
 }
 
-/* Returns the cell that contains part k of a splat: its centre or an end of one of its axes. */
-static size_t cell_of_part(const struct spin_voxels *v, const struct spin_voxel_splat *s, int k)
-{
-    double at[3], side = k == 0 ? 0 : k % 2 ? 1 : -1;
-
-    for (int c = 0; c < 3; c++)
-        at[c] = (double)s->at[c] + side * (double)s->axis[k > 2][c];
-    return spin_voxels_find(v, at);
-}
-
 static size_t cell_of(const struct spin_voxels *v, const struct spin_voxel_splat *s)
 {
     const double at[3] = {(double)s->at[0], (double)s->at[1], (double)s->at[2]};
@@ -221,21 +216,46 @@ static void add_mass(const struct spin_voxels *v, int f, int channel, float *fie
     }
 }
 
-/* Adds all splats to a field. Splats larger than a cell, such as floaters in front of a lens, are
- * spread over several cells. */
+/* Adds a splat that is larger than a cell, as samples of the ellipse of its two longest axes. The
+ * samples are at most a third of a cell apart, unless the splat is very large. */
+static void add_large(const struct spin_voxels *v, const struct spin_voxel_splat *s, float *field)
+{
+    double step[2], weight = (double)(s->area * s->count) / (2 * M_PI);
+    int n[2];
+
+    for (int axis = 0; axis < 2; axis++) {
+        const float *x = s->axis[axis];
+        double length = sqrt((double)(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]));
+
+        n[axis] = (int)fmin(ceil(3 * EXTENT * length / v->cell) + 1, MOST_SAMPLES);
+        step[axis] = EXTENT / n[axis];
+        weight *= step[axis];
+    }
+    for (int i = 0; i < 2 * n[0]; i++)
+        for (int k = 0; k < 2 * n[1]; k++) {
+            double a = (i + 0.5 - n[0]) * step[0], b = (k + 0.5 - n[1]) * step[1], at[3];
+            size_t cell;
+
+            for (int c = 0; c < 3; c++)
+                at[c] = (double)s->at[c] + a * (double)s->axis[0][c] + b * (double)s->axis[1][c];
+            cell = spin_voxels_find(v, at);
+            if (cell != SIZE_MAX)
+                field[cell] += (float)(weight * exp(-0.5 * (a * a + b * b)));
+        }
+}
+
+/* Adds all splats to a field. Large ones, such as haze in front of a lens, extend over many
+ * cells. */
 static void add_extents(const struct spin_voxels *v, float *field)
 {
     for (size_t i = 0; i < v->n_splats; i++) {
         const struct spin_voxel_splat *s = &v->splat[i];
-        int n = (double)s->largest < 0.5 * v->cell ? 1 : 5;
-        double most = (double)s->opacity * v->cell * v->cell;
+        size_t cell = cell_of(v, s);
 
-        for (int k = 0; k < n; k++) {
-            size_t cell = cell_of_part(v, s, k);
-
-            if (cell != SIZE_MAX)
-                field[cell] += s->count * (float)fmin((double)s->area / n, most);
-        }
+        if ((double)s->largest > LARGE * v->cell)
+            add_large(v, s, field);
+        else if (cell != SIZE_MAX)
+            field[cell] += (float)spin_voxels_area(v, s);
     }
 }
 

@@ -4,6 +4,7 @@
  * that is turned upside down and scaled has the same cameras, turned and scaled. */
 #include "base/number.h"
 #include "geometry/viewpoints.h"
+#include "geometry/voxels.h"
 #include "math/rng.h"
 #include "../tap.h"
 
@@ -257,6 +258,56 @@ static spin_status read_points(void *context, int f, const struct spin_splats **
     return SPIN_OK;
 }
 
+enum { CORNERS = 8 };
+
+/* Small splats at the corners of a cube, and a large disc, `turns` times a quarter turn about z. */
+static spin_status read_haze(void *context, int f, const struct spin_splats **out)
+{
+    static struct spin_splats s;
+    const int *quarter_turns = context;
+    double half = *quarter_turns * M_PI / 4;
+
+    (void)f;
+    *out = &s;
+    SPIN_TRY(spin_splats_reserve(&s, CORNERS + 1, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    for (size_t i = 0; i <= CORNERS; i++) {
+        for (size_t c = 0; c < 3; c++) {
+            s.means[3 * i + c] = i == CORNERS ? 0 : i >> c & 1 ? 4 : -4;
+            s.log_scales[3 * i + c] = logf(0.001f);
+            s.sh[3 * i + c] = 0;
+        }
+        memcpy(s.quats + 4 * i, (const float[4]){1, 0, 0, 0}, 4 * sizeof(float));
+        s.logit_opacities[i] = 0;
+    }
+    s.log_scales[3 * CORNERS] = logf(2);
+    s.log_scales[3 * CORNERS + 1] = logf(1);
+    s.quats[4 * CORNERS] = (float)cos(half);
+    s.quats[4 * CORNERS + 3] = (float)sin(half);
+    return SPIN_OK;
+}
+
+/* The optical depth of a large splat is its opacity times its Gaussian. Cells contain different
+ * numbers of samples, which only a mean over many rays hides. */
+static void check_haze(int turns)
+{
+    struct spin_voxels v;
+    double worst = 0, sum[2] = {0};
+
+    ok(spin_voxels_open(&v, 1, read_haze, &turns) == SPIN_OK, "opens");
+    for (double x = -3; x <= 3; x += 0.05) {
+        const double from[3] = {turns ? 0 : x, turns ? x : 0, -3}, along[3] = {0, 0, 6};
+        double want = 0.5 * exp(-x * x / 8);
+        double depth = spin_voxels_depth(&v, v.opacity, from, along, 400);
+
+        worst = larger(worst, fabs(depth / want - 1));
+        sum[0] += depth;
+        sum[1] += want;
+    }
+    ok(worst < 0.5, "the optical depth of a large splat: %g", worst);
+    near(sum[0] / sum[1], 1, 0.1, "mean optical depth");
+    spin_voxels_close(&v);
+}
+
 static void check_refusals(void)
 {
     struct spin_splats points = {0};
@@ -288,5 +339,7 @@ TAP_MAIN
     check_detail(true, 1);
     check_detail(true, 100);
     check_twin();
+    check_haze(0);
+    check_haze(1);
     check_refusals();
 }
