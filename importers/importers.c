@@ -17,11 +17,12 @@
     ONE(gifstream)                                                                                 \
     ONE(gltf)                                                                                      \
     ONE(grid4d)                                                                                    \
-    ONE(hybrid4dgs) ONE(ksplat) ONE(modecgs) ONE(omg4) ONE(ply) ONE(points) ONE(realtime4dgs)      \
-        ONE(rotor4dgs) ONE(scgs) ONE(shapeofmotion) ONE(sog) ONE(sogst) ONE(spacetimegs)           \
-            ONE(splat) ONE(splat4d) ONE(spz) ONE(stglite) ONE(tc3dgs) ONE(tsog) ONE(usd)           \
-                ONE(views_4danyone) ONE(views_colmap) ONE(views_dynerf) ONE(views_easyvolcap)      \
-                    ONE(views_panoptic) ONE(views_technicolor) ONE(views_transforms)
+    ONE(hybrid4dgs)                                                                                \
+    ONE(ksplat) ONE(modecgs) ONE(omg4) ONE(ply) ONE(points) ONE(realtime4dgs) ONE(rotor4dgs)       \
+        ONE(scgs) ONE(shapeofmotion) ONE(sog) ONE(sogst) ONE(spacetimegs) ONE(splat) ONE(splat4d)  \
+            ONE(spz) ONE(stglite) ONE(tc3dgs) ONE(tsog) ONE(usd) ONE(views_4danyone)               \
+                ONE(views_colmap) ONE(views_dynerf) ONE(views_easyvolcap) ONE(views_panoptic)      \
+                    ONE(views_technicolor) ONE(views_transforms)
 
 #define DECLARE(id) extern const struct spin_importer spin_importer_##id;
 #define LIST(id) &spin_importer_##id,

@@ -190,7 +190,7 @@ struct spin_convert_options {
      * different splats: "50000" per frame, "50%" of all, or "auto" (60 % of the static and 40 % of
      * the dynamic splats); NULL: all. */
     const char *splats;
-    const char *sound;  /* see struct spin_export_options */
+    const char *sound; /* see struct spin_export_options */
     /* Filters of the export, see struct spin_export_options. The retraining uses all splats. */
     double crop[6];
     int n_crop;

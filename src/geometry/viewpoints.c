@@ -204,7 +204,7 @@ static bool is_covered(const struct placing *p, const double eye[3], const doubl
 {
     double along[3] = {length * ray[0], length * ray[1], length * ray[2]};
 
-    return spin_voxels_depth(p->v, p->v->opacity, eye, along, SAMPLES) > -log(0.7);
+    return spin_voxels_depth(p->v, p->v->haze, eye, along, SAMPLES) > -log(0.7);
 }
 
 /* Measures how much of the view from `eye` towards `aim` is blocked, by a grid of rays: returns the

@@ -9,7 +9,7 @@
 #define EXTENT 2.5 /* of a large splat, in standard deviations */
 enum {
     MOST_SPLATS = 100000,
-    MOST_SAMPLES = 150,/* of a large splat, along half an axis */
+    MOST_SAMPLES = 150, /* of a large splat, along half an axis */
 };
 
 /* ---- Splats ---------------------------------------------------------------------------------- */
@@ -165,6 +165,16 @@ void spin_voxels_centre(const struct spin_voxels *v, size_t cell, double out[3])
     }
 }
 
+/* Returns the cell that contains part k of a splat: its centre or an end of one of its axes. */
+static size_t cell_of_part(const struct spin_voxels *v, const struct spin_voxel_splat *s, int k)
+{
+    double at[3], side = k == 0 ? 0 : k % 2 ? 1 : -1;
+
+    for (int c = 0; c < 3; c++)
+        at[c] = (double)s->at[c] + side * (double)s->axis[k > 2][c];
+    return spin_voxels_find(v, at);
+}
+
 static size_t cell_of(const struct spin_voxels *v, const struct spin_voxel_splat *s)
 {
     const double at[3] = {(double)s->at[0], (double)s->at[1], (double)s->at[2]};
@@ -216,8 +226,8 @@ static void add_mass(const struct spin_voxels *v, int f, int channel, float *fie
     }
 }
 
-/* Adds a splat that is larger than a cell, as samples of the ellipse of its two longest axes. The
- * samples are at most a third of a cell apart, unless the splat is very large. */
+/* Adds a splat as samples of the ellipse of its two longest axes. The samples are at most a third
+ * of a cell apart, unless the splat is very large. */
 static void add_large(const struct spin_voxels *v, const struct spin_voxel_splat *s, float *field)
 {
     double step[2], weight = (double)(s->area * s->count) / (2 * M_PI);
@@ -244,18 +254,30 @@ static void add_large(const struct spin_voxels *v, const struct spin_voxel_splat
         }
 }
 
-/* Adds all splats to a field. Large ones, such as haze in front of a lens, extend over many
- * cells. */
-static void add_extents(const struct spin_voxels *v, float *field)
+/* Adds a splat to a field. If it is larger than a cell, its parts are added to several cells. */
+static void add_parts(const struct spin_voxels *v, const struct spin_voxel_splat *s, float *field)
+{
+    int n = (double)s->largest < 0.5 * v->cell ? 1 : 5;
+    double most = (double)s->opacity * v->cell * v->cell;
+
+    for (int k = 0; k < n; k++) {
+        size_t cell = cell_of_part(v, s, k);
+
+        if (cell != SIZE_MAX)
+            field[cell] += s->count * (float)fmin((double)s->area / n, most);
+    }
+}
+
+static void add_extents(struct spin_voxels *v)
 {
     for (size_t i = 0; i < v->n_splats; i++) {
         const struct spin_voxel_splat *s = &v->splat[i];
-        size_t cell = cell_of(v, s);
 
+        add_parts(v, s, v->opacity);
         if ((double)s->largest > LARGE * v->cell)
-            add_large(v, s, field);
-        else if (cell != SIZE_MAX)
-            field[cell] += (float)spin_voxels_area(v, s);
+            add_large(v, s, v->haze);
+        else
+            add_parts(v, s, v->haze);
     }
 }
 
@@ -304,9 +326,11 @@ static spin_status make_extinctions(struct spin_voxels *v)
 
     SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->opacity));
     SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->walls));
-    add_extents(v, v->opacity);
+    SPIN_TRY(spin_alloc(v->n, sizeof(float), (void **)&v->haze));
+    add_extents(v);
     for (size_t i = 0; i < v->n; i++) {
         v->opacity[i] /= volume * (float)v->n_frames;
+        v->haze[i] /= volume * (float)v->n_frames;
         v->walls[i] = wall_mass(v, i) / volume;
     }
     return SPIN_OK;
@@ -337,6 +361,7 @@ void spin_voxels_close(struct spin_voxels *v)
         free(v->colour[c]);
     free(v->mean);
     free(v->opacity);
+    free(v->haze);
     free(v->walls);
     free(v->splat);
     memset(v, 0, sizeof *v);

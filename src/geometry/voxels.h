@@ -35,6 +35,7 @@ struct spin_voxels {
     /* [n] 0..2: mean colour; 3: mean of the squared length of the colour; weighted by `mass` */
     float *colour[4];
     float *opacity; /* [n] mean extinction per unit of length over the frames, not blurred */
+    float *haze;    /* [n] the same; splats of many cells, such as haze, cover all of them */
     float *walls;   /* [n] extinction by static parts, which most frames contain, blurred */
 };
 

@@ -22,9 +22,9 @@ struct video {
     struct stat was;           /* the file's status when it was indexed */
     struct spin_digest digest; /* digest of the file; its size is 0 if it was not computed yet */
     struct spin_video_index index;
-    unsigned long used;        /* value of clock_now at the last use */
-    int users;                 /* number of threads that decode the video or wait for that */
-    bool replaced;             /* the file has changed: freed when there are no users */
+    unsigned long used; /* value of clock_now at the last use */
+    int users;          /* number of threads that decode the video or wait for that */
+    bool replaced;      /* the file has changed: freed when there are no users */
 
     pthread_mutex_t decoding;         /* protects the members below while there are users */
     struct spin_video_stream *stream; /* decoder of the video; NULL: closed */

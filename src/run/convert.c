@@ -476,8 +476,7 @@ static spin_status settle_clip(struct convert *c)
     if (strcmp(c->to, "tsog") == 0 || strcmp(c->to, "sogst") == 0)
         snprintf(size, sizeof size, "; the clip will have about %s",
                  spin_text_bytes(guess_bytes(&s), bytes));
-    spin_log(0,
-             "of %.0f splats per frame, %.0f are static and stored once, and %.0f are dynamic%s",
+    spin_log(0, "of %.0f splats per frame, %.0f are static and stored once, and %.0f are dynamic%s",
              s.n_before, s.n_static, s.n_dynamic, size);
     return SPIN_OK;
 }

@@ -13,8 +13,8 @@
 /* Nevertheless it is static if less than this share of the splats around it would be dynamic. */
 #define CROWD 0.5
 #define MOST_BYTES 1.5e9 /* of the sampled renders, if they are large */
-/* The threshold is at most these factors times two quantiles of all differences from the median over
- * time. */
+/* The threshold is at most these factors times two quantiles of the differences from the median
+ * over time. */
 #define QUARTILE_FACTOR 2.5
 #define MEDIAN_FACTOR 5
 #define BEHIND 1.05 /* a splat is visible up to this factor times the depth of the background */

@@ -15,7 +15,4 @@ static void test_sh(void)
        "squares and number of errors");
 }
 
-TAP_MAIN
-{
-    test_sh();
-}
+TAP_MAIN { test_sh(); }

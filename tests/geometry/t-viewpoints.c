@@ -297,7 +297,7 @@ static void check_haze(int turns)
     for (double x = -3; x <= 3; x += 0.05) {
         const double from[3] = {turns ? 0 : x, turns ? x : 0, -3}, along[3] = {0, 0, 6};
         double want = 0.5 * exp(-x * x / 8);
-        double depth = spin_voxels_depth(&v, v.opacity, from, along, 400);
+        double depth = spin_voxels_depth(&v, v.haze, from, along, 400);
 
         worst = larger(worst, fabs(depth / want - 1));
         sum[0] += depth;

@@ -22,7 +22,8 @@ static void test_times(const char *root)
     ok(run_open(NULL, file, &run) == SPIN_OK && run.sequence.time_first == 0 &&
            run.sequence.time_last == 5 && strstr(run.sequence.notes, "0,5 is assumed"),
        "without a YAML the range of times is guessed, and the notes say so");
-    ok(strstr(run.sequence.notes, "colours depend on time_duration") != NULL, "and that colours depend on it");
+    ok(strstr(run.sequence.notes, "colours depend on time_duration") != NULL,
+       "and that colours depend on it");
     ok(strstr(run.sequence.variant, "iteration 7000") != NULL, "the iteration inside is told");
     run_close(&run);
     ok(model_open(FROM, file, five, &run) == SPIN_OK &&

@@ -31,7 +31,8 @@ static void refused(const char *bytes, size_t n, const char *says, const char *w
 {
     struct spin_text_file got;
 
-    ok(read_bytes(bytes, n, &got) == SPIN_E_MALFORMED && strstr(spin_last_error(), says), "%s", what);
+    ok(read_bytes(bytes, n, &got) == SPIN_E_MALFORMED && strstr(spin_last_error(), says), "%s",
+       what);
     spin_text_file_close(&got);
 }
 
@@ -53,7 +54,8 @@ TAP_MAIN
     refused("{\0}\0\n\0", 6, "UTF-16", "little-endian UTF-16 without a mark");
     refused("\0{\0}\0\n", 6, "UTF-16", "big-endian UTF-16 without a mark");
     refused("abcdef\0x", 8, "not text", "a byte 0");
-    ok(spin_json_parse("text", "\xef\xbb\xbf{}", 5, &root) == SPIN_OK, "JSON in memory with a mark");
+    ok(spin_json_parse("text", "\xef\xbb\xbf{}", 5, &root) == SPIN_OK,
+       "JSON in memory with a mark");
     spin_json_free(root);
     ok(spin_json_parse("text", "{\0}\0", 4, &root) == SPIN_E_MALFORMED &&
            strstr(spin_last_error(), "UTF-16"),

@@ -19,7 +19,7 @@ enum {
     MIDDLE = FRAMES / 2,
     STATIC = WALL + 2,
     CAMERAS = 10, /* the last four are behind the wall */
-    FLASH = 5, /* splats around one that flashes */
+    FLASH = 5,    /* splats around one that flashes */
     MOST = WALL + BALL + 2 + FLASH
 };
 #define DYNAMIC (BALL + 2.0 / FRAMES)
@@ -78,9 +78,14 @@ static void fill_frame(struct spin_splats *s, int f)
                       k == HOLE ? 0.004f : 0.1f);
     }
     for (int i = 0; i < FLASH && flashes; i++)
-        put_splat(s, 0.5f + (i == 1 ? 0.04f : i == 2 ? -0.04f : 0),
-                  0.7f + (i == 3 ? 0.04f : i == 4 ? -0.04f : 0), 1.5f,
-                  i > 0 ? 0.5f : (float)(f % 2), 0.012f);
+        put_splat(s,
+                  0.5f + (i == 1   ? 0.04f
+                          : i == 2 ? -0.04f
+                                   : 0),
+                  0.7f + (i == 3   ? 0.04f
+                          : i == 4 ? -0.04f
+                                   : 0),
+                  1.5f, i > 0 ? 0.5f : (float)(f % 2), 0.012f);
     for (int i = 0; i < BALL; i++)
         put_splat(s, 0.2f * (float)(f - MIDDLE) + 0.05f * (float)(i % 5),
                   0.05f * (float)(i / 5) - (f == FRAMES - 1 ? 0.5f : 0), 1, brightness, 0.06f);
