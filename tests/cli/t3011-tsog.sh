@@ -53,6 +53,8 @@ is "$code" 0 "a run of Realtime-4DGS"
 for to in tsog sogst; do
     run "$bin/spin-export" "$work/r.spin" -o "$work/r.$to" --fps 30 --check --json
     is "$code $(member to) $(member bytes)" "0 $to $(wc -c <"$work/r.$to")" "goes out as $to by its ending"
+    python3 tests/cli/rounding.py "$work/out" "$work/err" log_scale rotation_deg colour sh
+    ok $? "$to: and says how near"
     within "$to: as near as its steps" \
         'place < 1.5e-3 and log_scale < 0.02 and rotation_deg < 1 and opacity < 0.06 and colour < 0.01 and check["frames"] > 100'
     within "$to: and not nearer" 'min(place, log_scale, rotation_deg, opacity, colour) > 1e-6'

@@ -200,6 +200,11 @@ static void test_layouts(void)
            "only give the order of the frames");
         spin_views_free(&views);
     }
+    if (set_opens(make_set(0, 8, 6), "dynerf:offsets=cam09=-1", &views, "a camera that is early")) {
+        ok(views.n == 3 && views.view[0].camera_id == 9 && strstr(views.view[0].path, "0001.png"),
+           "loses its first image");
+        spin_views_free(&views);
+    }
     if (set_opens(make_set(0, 4, 3), NULL, &views, "images of half the size")) {
         const struct spin_camera *c = &views.view[0].camera;
 

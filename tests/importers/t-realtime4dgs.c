@@ -189,6 +189,14 @@ static const char *write_tuple(const char *path, int n_items)
 static void test_refused(void)
 {
     static const struct {
+        int n;
+        const char *of;
+    } makers[] = {{14, "of 4DGaussians"},
+                  {15, "has 15 items, expected the 19 (or 12)"},
+                  {18, "of PVG"},
+                  {28, "of Hybrid 3D-4DGS"},
+                  {40, "of Ex4DGS"}};
+    static const struct {
         struct shape s;
         const char *word, *what;
     } cases[] = {
@@ -228,8 +236,8 @@ static void test_refused(void)
         fails(FROM, path, cases[i].word, cases[i].what);
         ok(strstr(spin_last_error(), "chkpnt1.pth") != NULL, "  and the file is named");
     }
-    fails(FROM, write_tuple(path, 18), "PVG", "a model of PVG");
-    fails(FROM, write_tuple(path, 15), "15 items", "a model of yet another method");
+    for (size_t i = 0; i < sizeof makers / sizeof *makers; i++)
+        fails(FROM, write_tuple(path, makers[i].n), makers[i].of, "a model of another method");
     fails(FROM, write_tuple(path, 19), "xyz", "a tuple of the right length without tensors");
     fails(FROM, new_folder(), "chkpnt<N>.pth", "a folder without checkpoints");
     fails(FROM, "no/such.pth", "no/such.pth", "a missing file");

@@ -223,6 +223,12 @@ static void test_samples(void)
            !run.sequence.numbers,
        "splats whose positions alone have samples are tracks");
     run_close(&run);
+    ok(opens(layer(HEAD SPLATS "{\n" TWO
+                               "    float[] opacities.timeSamples = { 1: [1, 1], 2: [1, 0] }\n}\n"),
+             NULL, &run) &&
+           run.sequence.static_columns & SPIN_COL_LOG_SCALES && !run.sequence.identity,
+       "splats whose opacities change are not");
+    run_close(&run);
 }
 
 /* Frames of clips that start later, run faster, or have no samples of their own. */

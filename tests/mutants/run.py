@@ -236,6 +236,8 @@ def draw(rng, below, since):
     only = changed_lines(since) if since else None
     accepted, mistakes = accepted_texts()
     by_line, texts = {}, {}
+    for file in product_files(""):
+        generator.add_zeros(read(file))
     for file in product_files(below):
         if only is not None and file not in only:
             continue
