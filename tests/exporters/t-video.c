@@ -516,7 +516,7 @@ static void test_drawing_refusals(struct spin_export_job job)
                                          {"size", "20000x64", NULL},
                                          {"duration", "0", NULL},
                                          {"duration", "2", NULL},
-                                         {"size", "64x64", "panels", "truth,after", NULL}};
+                                         {"size", "64x64", "panels", "after,truth", NULL}};
     static const char *const both[] = {"path", "orbit", "duration", "2", "repeat", "2", NULL};
     struct spin_plugin_values values;
     void *self = NULL;
