@@ -288,7 +288,7 @@ static spin_status checksum(struct spin_4dgs_writer *w, uint64_t start, uint32_t
     return SPIN_OK;
 }
 
-/* Overwrites the header record in place; its length is the same as before. */
+/* Overwrites the header record in place, as the last step; its length is the same as before. */
 static spin_status write_header_again(struct spin_4dgs_writer *w)
 {
     uint64_t bytes = w->out->bytes;
@@ -298,8 +298,6 @@ static spin_status write_header_again(struct spin_4dgs_writer *w)
         return spin_fail(SPIN_E_IO, "cannot write the header of '%s'", w->out->path);
     status = write_header(w);
     w->out->bytes = bytes;
-    if (status == SPIN_OK && fseek(w->out->file, 0, SEEK_END) != 0)
-        return spin_fail(SPIN_E_IO, "cannot write the header of '%s'", w->out->path);
     return status;
 }
 

@@ -125,6 +125,47 @@ static const struct known data_sets[] = {
     {"spacetimegs/full_techni/model", NULL},
 };
 
+/* The beginning of what the importer calls the run. */
+static const struct known variants[] = {
+    {"tc3dgs/trained", "TC3DGS, "},
+    {"d3dgs/trained", "Dynamic 3D Gaussians, "},
+    {"ex4dgs/small/model/chkpnt40000.pth", "Ex4DGS, chkpnt40000.pth, "},
+    {"ex4dgs/small/model/point_cloud/iteration_40000", "Ex4DGS, two PLYs, "},
+    {"gifstream/entropy_knn/ckpts", "GIFStream, "},
+    {"hybrid4dgs/small/model/chkpnt6000.pth", "Hybrid 3D-4DGS, iteration 6000, "},
+    {"3dgstream", "3DGStream, moved clouds"},
+    {"3dgstream/fvv", "3DGStream packed for its viewer, networks evaluated"},
+    {"omg4/comp_xz", "OMG4, "},
+    {"omg4/ftgs_xz", "OMG4-FTGS, "},
+    {"ply/inria_sh3", "PLY files of Gaussians"},
+    {"ply/supersplat_compressed", "one PLY file of SuperSplat's compressed Gaussians"},
+    {"splats/spz2", "a sequence of SPZ files"},
+    {"splats/spz2/frame_00000.spz", "one SPZ file"},
+    {"splats/glb", "a sequence of GLB files"},
+    {"4dgs/birth_sh2/scene.4dgs", "gaussian-birth, "},
+    {"splat4d/default_bounds/scene.splat4d", "a clip of 20 frames per second"},
+    {"tsog/static/scene.tsog", "TSOG, static, "},
+    {"tsog/continuous8_legacy/scene.tsog", "TSOG, continuous, "},
+    {"usd/still/scene.usda", "USD, one frame"},
+    {"usd/clip/scene.usda", "USD, a clip"},
+    {"sogst/no_segments/scene.sogst", ".sogst, "},
+    {"sogst/sh1_by_splat_transform/b1.ply", "PLY for .sogst, "},
+    {"freetimegspp/gated_sh3", "FreeTimeGS++, "},
+    {"shapeofmotion/fg_bg", "Shape of Motion, "},
+    {"stglite/supersplat4d_sh1/scene.ply", "STG-lite PLY of SuperSplat-4D, "},
+    {"stglite/opensplat4d_sh3/scene.ply", "STG-lite PLY of OpenSplat4D, "},
+};
+
+static void check_variant(const char *path, const char *name, const char *variant)
+{
+    struct run run = {0};
+
+    ok(run_open(NULL, path, &run) == SPIN_OK &&
+           strncmp(run.sequence.variant, variant, strlen(variant)) == 0,
+       "%s: is called '%s'", name, run.self ? run.sequence.variant : spin_last_error());
+    run_close(&run);
+}
+
 static void check(const char *path, const char *name, const char *importer, bool data)
 {
     const struct spin_importer *found = NULL;
@@ -190,6 +231,14 @@ TAP_MAIN
             check_all(root, first, star + 2, runs[i].importer);
         else
             check(root, runs[i].path, runs[i].importer, false);
+    }
+    for (size_t i = 0; i < sizeof variants / sizeof *variants; i++) {
+        const char *root = check_fixture(variants[i].path);
+
+        if (root)
+            check_variant(root, variants[i].path, variants[i].importer);
+        else
+            skip(variants[i].path, "it is not here");
     }
     for (size_t i = 0; i < sizeof data_sets / sizeof *data_sets; i++) {
         const char *root = check_fixture(data_sets[i].path);
