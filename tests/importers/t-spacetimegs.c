@@ -239,7 +239,11 @@ static void test_settings(const char *model)
     ok(strstr(info.notes, "20 frames, the first is frame 100 of the video") &&
            strstr(info.notes, "i/20"),
        "the notes say which frames it has");
-    ok(info.continuous && info.time_first == 0 && info.time_last == 0.95 && !info.half_open,
+    ok(read_at(make_with(model, "colmap_0", "take_100"), NULL, 0, &s, &info) &&
+           !strstr(info.notes, "the first is"),
+       "the number of another folder is not that of a frame");
+    ok(read_at(copy, NULL, 0, &s, &info) && info.continuous && info.time_first == 0 &&
+           info.time_last == 0.95 && !info.half_open,
        "times run to that of the last frame");
     ok(read_at(copy, third, 0, &s, &info) && fabs(info.time_last - 74.0 / 75) < 1e-12,
        "--duration counts more than cfg_args");
