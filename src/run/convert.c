@@ -64,7 +64,7 @@ struct convert {
     bool is_tracks;
     bool renders; /* true: the clip is retrained on renders of itself */
     /* true: the frames of the import share no rows. Before the clip is retrained, it is rewritten
-     * so that each static splat is stored only once. */
+     * so that each static row is stored only once. */
     bool settles;
     struct spin_settle_options thinning; /* its members keep_static, keep_dynamic and most */
     spin_json *report;
@@ -409,11 +409,13 @@ static spin_status inspect_bundle(struct convert *c)
                     bundle.refined.columns;
     c->renders = retrains_on_renders(c, &bundle);
     c->settles = c->renders && !bundle.meta.identity;
+    if (c->has_data && !c->renders && !c->is_trained && !c->o->no_retrain)
+        SPIN_TRY(spin_settle_applies(&bundle, &c->settles));
     if (asks_renders(c->o) && !c->renders && !c->o->no_retrain)
         return spin_unsupported("'%s' cannot be retrained on renders of itself: this needs a clip "
                                 "of two or more frames that has opacities and is not yet trained",
                                 c->o->input);
-    if (c->o->splats && !c->settles)
+    if (c->o->splats && !(c->settles && c->renders))
         return spin_misuse("--splats applies only to a clip of frames that consist of different "
                            "splats and that is retrained on renders of itself; to leave out splats "
                            "of other clips, use spin-export --decimate");
@@ -460,20 +462,29 @@ static uint64_t guess_bytes(const struct spin_settled *s)
                       (per_static * s->n_static + per_dynamic * s->n_dynamic * s->n_frames));
 }
 
-/* Writes c->settled, a copy of the clip whose static rows are stored once. */
+/* Writes c->settled, a copy of the clip whose static rows are stored once. Clears c->settles if the
+ * images of the data set do not allow this. */
 static spin_status settle_clip(struct convert *c)
 {
     struct spin_settle_options o = c->thinning;
     struct spin_settled s;
     char bytes[32], size[64] = "";
+    spin_status status;
 
     o.input = c->import;
     o.output = c->settled;
-    o.data_from = renders_from(c->o);
+    o.data = c->renders ? "renders" : c->imports ? NULL : c->o->data;
+    o.data_from = c->renders ? renders_from(c->o) : c->imports ? NULL : c->o->data_from;
     o.n_threads = c->o->n_threads;
     o.force = true;
-    SPIN_TRY(spin_settle(&o, &s));
-    if (strcmp(c->to, "tsog") == 0 || strcmp(c->to, "sogst") == 0)
+    status = spin_settle(&o, &s);
+    if (status == SPIN_E_UNSUPPORTED && !c->renders) {
+        spin_log(0, "static splats are stored in every frame: %s", spin_last_error());
+        c->settles = false;
+        return SPIN_OK;
+    }
+    SPIN_TRY(status);
+    if (c->renders && (strcmp(c->to, "tsog") == 0 || strcmp(c->to, "sogst") == 0))
         snprintf(size, sizeof size, "; the clip will have about %s",
                  spin_text_bytes(guess_bytes(&s), bytes));
     spin_log(0, "of %.0f splats per frame, %.0f are static and stored once, and %.0f are dynamic%s",
@@ -527,11 +538,12 @@ static spin_status retrain_as(struct convert *c, const char *input, const char *
  * unless the clip is already trained. */
 static spin_status retrain_clip(struct convert *c)
 {
-    const char *input = c->settles ? c->settled : c->import;
+    const char *input;
     bool frames = !c->is_trained;
 
     if (c->settles)
         SPIN_TRY(settle_clip(c));
+    input = c->settles ? c->settled : c->import;
     if (!c->tracks)
         return retrain_as(c, input, c->bundle, false);
     if (frames)

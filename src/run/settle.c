@@ -1,12 +1,13 @@
 #include "run/settle.h"
 
 #include "base/base.h"
+#include "base/pool.h"
+#include "geometry/knn.h"
 #include "math/activate.h"
 #include "math/rng.h"
 #include "render/player.h"
 #include "scene/data_path.h"
 
-#define COLUMNS (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 /* A splat is dynamic if its pixel has changed, in one frame, in at least this share of the cameras
  * that see it. */
 #define SHARE 0.7
@@ -19,7 +20,15 @@
 #define MEDIAN_FACTOR 5
 #define BEHIND 1.05 /* a splat is visible up to this factor times the depth of the background */
 #define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
+/* Points are drawn as splats with this logit of the opacity, and with a standard deviation of their
+ * distance to their neighbours, limited to this factor times the mean distance. */
+#define POINT_LOGIT 4
+#define MOST_SPACING 4
+#define MOST_SHARED 0.1 /* share of rows whose positions two frames may share */
 enum {
+    WIDTH = 320,        /* width to which captured images are reduced */
+    LEAST_CAMERAS = 4,  /* that capture images */
+    LEAST_FRAMES = 8,   /* with captured images; fewer frames hardly tell motion from noise */
     LEAST_CHANGE = 12,  /* smallest threshold, in 255ths, above which a pixel has changed */
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
     FRAMES = 8,         /* those of them that are examined for each splat, besides its own frame */
@@ -38,8 +47,13 @@ struct settling {
     struct spin_device device;
     struct spin_player player; /* renders the frames of the clip */
     bool opened;               /* device and player are open */
+    unsigned columns;          /* of the clip */
     int n_cameras, n_frames;
-    const struct spin_view *view; /* [n_cameras] training views of the first frame */
+    struct spin_pair *pair; /* [n_frames][n_cameras] training views, in the same order */
+    bool captured;          /* the images are not rendered but read from `photos` */
+    struct spin_image_cache photos;
+    struct spin_pool *pool;    /* used if `points` is */
+    struct spin_splats points; /* the points of the shown frame, as splats */
     int width, height;
     size_t plane;  /* number of pixels */
     float *image;  /* [3][plane] */
@@ -66,7 +80,32 @@ struct settling {
     struct spin_progress progress;
 };
 
-/* ---- Renders --------------------------------------------------------------------------------- */
+/* ---- Shared positions ------------------------------------------------------------------------ */
+
+static int compare_positions(const void *a, const void *b)
+{
+    return memcmp(a, b, 3 * sizeof(float));
+}
+
+spin_status spin_settle_applies(struct spin_bundle *bundle, bool *applies)
+{
+    SPIN_LEAVES(spin_splats_free) struct spin_splats a = {0}, b = {0};
+    int middle = bundle->meta.n_frames / 2;
+    size_t shared = 0, position = 3 * sizeof(float);
+
+    *applies = false;
+    if (bundle->meta.n_frames < LEAST_FRAMES || bundle->meta.identity || bundle->meta.four_d.n > 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_bundle_frame(bundle, middle - 1, SPIN_COL_MEANS, &a));
+    SPIN_TRY(spin_bundle_frame(bundle, middle, SPIN_COL_MEANS, &b));
+    qsort(a.means, a.n, position, compare_positions);
+    for (size_t i = 0; i < b.n; i++)
+        shared += bsearch(b.means + 3 * i, a.means, a.n, position, compare_positions) != NULL;
+    *applies = (double)shared < MOST_SHARED * (double)b.n;
+    return SPIN_OK;
+}
+
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 int spin_settle_step(int n_frames, double n_pixels)
 {
@@ -75,23 +114,101 @@ int spin_settle_step(int n_frames, double n_pixels)
     return (n_frames + most - 1) / most;
 }
 
-static spin_status open_renders(struct settling *s, int n_threads)
+/* Returns camera c, which is the same in all frames. */
+static const struct spin_camera *camera_of(const struct settling *s, int c)
 {
-    const struct spin_views *views = &s->clip.views;
+    return &s->clip.views.view[s->pair[c].view].camera;
+}
+
+/* Lists the training views. Fails with SPIN_E_UNSUPPORTED if not every frame has the same ones. */
+static spin_status list_views(struct settling *s)
+{
+    const struct spin_view *view = s->clip.views.view;
+    size_t n;
+
+    SPIN_TRY(spin_clip_pairs(&s->clip, SPIN_SPLIT_TRAIN, &s->pair, &n));
+    s->n_frames = s->clip.bundle.meta.n_frames;
+    while ((size_t)s->n_cameras < n && s->pair[s->n_cameras].frame == s->pair[0].frame)
+        s->n_cameras++;
+    if (n != (size_t)s->n_cameras * (size_t)s->n_frames)
+        return spin_unsupported("not all frames have images of the same cameras");
+    if (s->captured && s->n_cameras < LEAST_CAMERAS)
+        return spin_unsupported("there are fewer than %d cameras", LEAST_CAMERAS);
+    for (size_t i = 0; i < n; i++) {
+        const struct spin_view *first = &view[s->pair[i % (size_t)s->n_cameras].view];
+        const struct spin_view *own = &view[s->pair[i].view];
+
+        if (s->pair[i].frame != (int)(i / (size_t)s->n_cameras) ||
+            own->camera_id != first->camera_id || own->camera.width != view->camera.width ||
+            own->camera.height != view->camera.height ||
+            memcmp(own->camera.w2c, first->camera.w2c, sizeof own->camera.w2c) != 0)
+            return spin_unsupported("the cameras move, or differ in their number or image size");
+    }
+    return SPIN_OK;
+}
+
+/* Reads a frame of points as splats, of which only the depth is rendered. */
+static spin_status read_points(void *context, int f, struct spin_splats *out)
+{
+    struct settling *s = context;
+    SPIN_FREED float *square = NULL;
+    double mean = 0;
+
+    SPIN_TRY(spin_bundle_frame(&s->clip.bundle, f, s->columns, &s->frame));
+    SPIN_TRY(spin_splats_reserve(out, s->frame.n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    memcpy(out->means, s->frame.means, 3 * out->n * sizeof(float));
+    memset(out->sh, 0, 3 * out->n * sizeof(float));
+    SPIN_TRY(spin_alloc(out->n + 1, sizeof *square, (void **)&square));
+    SPIN_TRY(spin_knn_mean_dist2(s->pool, out->n, out->means, square));
+    for (size_t i = 0; i < out->n; i++)
+        mean += sqrt((double)square[i]) / (double)out->n;
+    for (size_t i = 0; i < out->n; i++) {
+        double spacing = fmin(sqrt((double)square[i]), MOST_SPACING * mean);
+
+        for (size_t c = 0; c < 3; c++)
+            out->log_scales[3 * i + c] = (float)log(fmax(spacing, 1e-9));
+        memcpy(out->quats + 4 * i, (const float[4]){1, 0, 0, 0}, 4 * sizeof(float));
+        out->logit_opacities[i] = POINT_LOGIT;
+    }
+    return SPIN_OK;
+}
+
+static spin_status open_player(struct settling *s, int n_threads)
+{
+    SPIN_TRY(spin_device_open("cpu", n_threads, &s->device));
+    s->opened = true;
+    if (!(SPIN_COL_ATTRIBUTES & ~s->columns))
+        return spin_player_open(&s->player, &s->device, &s->clip.bundle, SPIN_FROM_SOURCE);
+    SPIN_TRY(spin_pool_create(n_threads, &s->pool));
+    spin_player_open_reader(&s->player, &s->device, NULL, s);
+    return SPIN_OK;
+}
+
+static spin_status show(struct settling *s, int f)
+{
+    if (!s->pool)
+        return spin_player_show(&s->player, f);
+    SPIN_TRY(read_points(s, f, &s->points));
+    return spin_player_show_splats(&s->player, &s->points);
+}
+
+static spin_status open_images(struct settling *s, int n_threads)
+{
     int step;
     size_t all;
 
-    s->view = views->view; /* views are sorted by frame, and training cameras come first */
-    for (size_t i = 0; i < views->n && views->view[i].dataset_frame == 0; i++)
-        s->n_cameras += !views->view[i].test;
-    s->n_frames = s->clip.bundle.meta.n_frames;
-    s->width = s->view->camera.width;
-    s->height = s->view->camera.height;
+    s->captured = !spin_clip_is_drawn(&s->clip);
+    s->columns = s->clip.bundle.meta.columns;
+    SPIN_TRY(list_views(s));
+    s->width = camera_of(s, 0)->width;
+    s->height = camera_of(s, 0)->height;
     s->plane = (size_t)s->width * (size_t)s->height;
     all = (size_t)s->n_cameras * s->plane;
     step = spin_settle_step(s->n_frames, (double)all);
     for (int f = 0; f < s->n_frames; f += step)
         s->sample[s->n_samples++] = f;
+    if (s->captured)
+        SPIN_TRY(spin_image_cache_open(&s->clip.views, 0, NULL, &s->photos));
     SPIN_TRY(spin_alloc(5 * s->plane, sizeof *s->image, (void **)&s->image));
     s->depth = s->image + 3 * s->plane;
     SPIN_TRY(spin_alloc(s->plane, 1, (void **)&s->part));
@@ -99,9 +216,7 @@ static spin_status open_renders(struct settling *s, int n_threads)
     SPIN_TRY(spin_alloc(3, all, (void **)&s->median));
     SPIN_TRY(spin_alloc((size_t)s->n_samples + 1, all, (void **)&s->change));
     SPIN_TRY(spin_alloc(all, sizeof *s->background, (void **)&s->background));
-    SPIN_TRY(spin_device_open("cpu", n_threads, &s->device));
-    s->opened = true;
-    return spin_player_open(&s->player, &s->device, &s->clip.bundle, SPIN_FROM_SOURCE);
+    return open_player(s, n_threads);
 }
 
 static int clamped(int i, int n) { return i < 0 ? 0 : i < n ? i : n - 1; }
@@ -130,27 +245,35 @@ static void blur(const struct settling *s, uint8_t *image)
         }
 }
 
-/* Renders the current frame from camera c, blurred, to `out` [3][plane]. */
-static spin_status draw_blurred(struct settling *s, int c, uint8_t *out)
+/* Renders frame f, which is shown, from camera c, or reads the captured image. out: [3][plane],
+ * blurred. */
+static spin_status draw_blurred(struct settling *s, int f, int c, uint8_t *out)
 {
     static const float black[3];
+    size_t i = (size_t)f * (size_t)s->n_cameras + (size_t)c;
 
     if (spin_cancelled())
         return spin_fail_cancelled();
-    SPIN_TRY(spin_player_draw(&s->player, &s->view[c].camera, black, s->image));
-    for (size_t i = 0; i < 3 * s->plane; i++)
-        out[i] = (uint8_t)lrintf(255 * fminf(fmaxf(s->image[i], 0), 1));
+    if (s->captured)
+        SPIN_TRY(spin_image_cache_get(&s->photos, s->pair[i].view, s->image));
+    else
+        SPIN_TRY(spin_player_draw(&s->player, camera_of(s, c), black, s->image));
+    for (size_t k = 0; k < 3 * s->plane; k++)
+        out[k] = (uint8_t)lrintf(255 * fminf(fmaxf(s->image[k], 0), 1));
     for (size_t k = 0; k < 3; k++)
         blur(s, out + k * s->plane);
     return SPIN_OK;
 }
 
-/* Updates the depth of the background, which hides splats behind it, from the last render. What
- * moves in front of the background hides a place for a part of the time only. */
+/* Updates the depth of the background, which hides splats behind it, from a render of the shown
+ * frame. What moves in front of the background hides a place for a part of the time only. */
 static spin_status add_depth(struct settling *s, int c)
 {
     float *background = s->background + (size_t)c * s->plane, *median = s->depth + s->plane;
+    static const float black[3];
 
+    if (s->captured)
+        SPIN_TRY(spin_player_draw(&s->player, camera_of(s, c), black, NULL));
     SPIN_TRY(spin_player_layers(&s->player, NULL, s->depth));
     for (size_t i = 0; i < s->plane; i++) /* a depth of 0: there is no surface */
         background[i] = median[i] > 0 ? fmaxf(background[i], median[i]) : INFINITY;
@@ -162,10 +285,13 @@ static spin_status draw_samples(struct settling *s)
     uint8_t *picture = s->picture;
 
     for (int k = 0; k < s->n_samples; k++) {
-        SPIN_TRY(spin_player_show(&s->player, s->sample[k]));
+        bool has_depth = s->n_samples <= FRAMES || k % DEPTH_STEP == 0;
+
+        if (has_depth || !s->captured)
+            SPIN_TRY(show(s, s->sample[k]));
         for (int c = 0; c < s->n_cameras; c++, picture += 3 * s->plane) {
-            SPIN_TRY(draw_blurred(s, c, picture));
-            if (s->n_samples <= FRAMES || k % DEPTH_STEP == 0)
+            SPIN_TRY(draw_blurred(s, s->sample[k], c, picture));
+            if (has_depth)
                 SPIN_TRY(add_depth(s, c));
         }
         spin_progress_set(&s->progress, k + 1, "%d frames", s->n_frames);
@@ -253,9 +379,10 @@ static spin_status changes_of(struct settling *s, int f, int *row)
     for (*row = 0; *row < s->n_samples; ++*row)
         if (s->sample[*row] == f)
             return SPIN_OK;
-    SPIN_TRY(spin_player_show(&s->player, f));
+    if (!s->captured)
+        SPIN_TRY(show(s, f));
     for (int c = 0; c < s->n_cameras; c++) {
-        SPIN_TRY(draw_blurred(s, c, s->picture));
+        SPIN_TRY(draw_blurred(s, f, c, s->picture));
         compare(s, c, s->picture, change + (size_t)c * s->plane);
     }
     return SPIN_OK;
@@ -268,7 +395,7 @@ static bool sees(const struct settling *s, int c, const float point[3], size_t *
 {
     double pixel[3];
 
-    if (!spin_camera_project_visible(&s->view[c].camera, point, pixel))
+    if (!spin_camera_project_visible(camera_of(s, c), point, pixel))
         return false;
     *at = (size_t)pixel[1] * (size_t)s->width + (size_t)pixel[0];
     return pixel[2] <= BEHIND * (double)s->background[(size_t)c * s->plane + *at];
@@ -302,7 +429,7 @@ static bool is_static(const struct settling *s, const float point[3], int own)
 
 static spin_status read_rows(struct settling *s, int f)
 {
-    return spin_bundle_frame(&s->clip.bundle, f, COLUMNS, &s->frame);
+    return spin_bundle_frame(&s->clip.bundle, f, s->columns, &s->frame);
 }
 
 /* ---- The grid -------------------------------------------------------------------------------- */
@@ -410,7 +537,7 @@ static spin_status find_static(struct settling *s, int n_threads)
 {
     spin_status status;
 
-    SPIN_TRY(open_renders(s, n_threads));
+    SPIN_TRY(open_images(s, n_threads));
     spin_progress_begin(&s->progress, "comparing", "frames", 0, s->n_samples + s->n_frames);
     status = draw_samples(s);
     if (status == SPIN_OK) {
@@ -435,18 +562,24 @@ static size_t n_sh(const struct spin_splats *s)
     return 3 * (size_t)((s->sh_degree + 1) * (s->sh_degree + 1));
 }
 
+static void copy_values(const float *from, size_t i, size_t n, float *to, size_t k)
+{
+    if (from)
+        memcpy(to + n * k, from + n * i, n * sizeof *to);
+}
+
 /* Copies row i of `from` to row k, and adds `larger` to the log scales of the copy. */
 static void copy_row(const struct spin_splats *from, size_t i, float larger, struct spin_splats *to,
                      size_t k)
 {
-    size_t n = n_sh(from);
-
-    memcpy(to->means + 3 * k, from->means + 3 * i, 3 * sizeof(float));
-    memcpy(to->quats + 4 * k, from->quats + 4 * i, 4 * sizeof(float));
-    memcpy(to->sh + n * k, from->sh + n * i, n * sizeof(float));
-    to->logit_opacities[k] = from->logit_opacities[i];
-    for (size_t c = 0; c < 3; c++)
-        to->log_scales[3 * k + c] = from->log_scales[3 * i + c] + larger;
+    copy_values(from->means, i, 3, to->means, k);
+    copy_values(from->quats, i, 4, to->quats, k);
+    copy_values(from->log_scales, i, 3, to->log_scales, k);
+    copy_values(from->logit_opacities, i, 1, to->logit_opacities, k);
+    copy_values(from->sh, i, n_sh(from), to->sh, k);
+    copy_values(from->rgb, i, 3, to->rgb, k);
+    for (size_t c = 0; from->log_scales && c < 3; c++)
+        to->log_scales[3 * k + c] += larger;
 }
 
 /* Appends the rows of s->frame with mark 2 to the static rows. */
@@ -457,7 +590,7 @@ static spin_status append_base(struct settling *s, const uint8_t *mark)
 
     for (size_t i = 0; i < s->frame.n; i++)
         n += mark[i] == 2;
-    SPIN_TRY(spin_splats_reserve(&all, n, COLUMNS, s->frame.sh_degree));
+    SPIN_TRY(spin_splats_reserve(&all, n, s->columns, s->frame.sh_degree));
     all.antialias = s->frame.antialias;
     for (n = 0; n < s->base.n; n++)
         copy_row(&s->base, n, 0, &all, n);
@@ -478,7 +611,8 @@ static spin_status add_static(struct settling *s, int f, bool first)
 
     SPIN_TRY(read_rows(s, f));
     for (size_t i = 0; i < s->frame.n; i++) {
-        double opacity = spin_sigmoid_of((double)s->frame.logit_opacities[i]);
+        double opacity =
+            s->frame.logit_opacities ? spin_sigmoid_of((double)s->frame.logit_opacities[i]) : 1;
 
         if (mark[i] && (first || (!s->taken[cell_of(s, s->frame.means + 3 * i)] &&
                                   opacity > (double)FILL_OPACITY)))
@@ -519,7 +653,7 @@ static spin_status make_frame(struct settling *s, int f)
     uint64_t own = 1 + (uint64_t)f;
     size_t n = 0;
 
-    SPIN_TRY(spin_splats_reserve(&s->out, s->base.n + s->frame.n, COLUMNS, s->frame.sh_degree));
+    SPIN_TRY(spin_splats_reserve(&s->out, s->base.n + s->frame.n, s->columns, s->frame.sh_degree));
     s->out.antialias = s->frame.antialias;
     for (size_t i = 0; i < s->base.n; i++)
         if (keeps(keep[0], 0, i))
@@ -540,7 +674,7 @@ static spin_status write_frames(struct settling *s, struct spin_bundle_writer *w
         meta->frame[f].n = s->out.n;
         settled->n_before += (double)s->frame.n / s->n_frames;
         settled->n_dynamic += (double)s->out.n / s->n_frames;
-        SPIN_TRY(spin_bundle_write_frame(w, f, COLUMNS, 0, &s->out));
+        SPIN_TRY(spin_bundle_write_frame(w, f, s->columns, 0, &s->out));
     }
     for (size_t i = 0; i < s->base.n; i++)
         settled->n_static += keeps(s->keep[0], 0, i);
@@ -562,7 +696,8 @@ static spin_status write_bundle(struct settling *s, const char *output, bool for
     meta.identity = false;
     meta.data_path = meta.data_absolute = NULL;
     snprintf(meta.data_from, sizeof meta.data_from, "%s", s->clip.data_from);
-    *meta.pair = '\0';
+    if (!s->captured)
+        *meta.pair = '\0';
     SPIN_TRY(spin_alloc((size_t)s->n_frames, sizeof *frame, (void **)&frame));
     memcpy(frame, meta.frame, (size_t)s->n_frames * sizeof *frame);
     meta.frame = frame;
@@ -593,6 +728,10 @@ static void close_settling(struct settling *s)
     free(s->change);
     free(s->background);
     free(s->taken);
+    free(s->pair);
+    spin_image_cache_close(&s->photos);
+    spin_pool_free(s->pool);
+    spin_splats_free(&s->points);
     spin_splats_free(&s->base);
     spin_splats_free(&s->frame);
     spin_splats_free(&s->out);
@@ -615,15 +754,30 @@ static void set_shares(struct settling *s, const struct spin_settle_options *o)
     s->keep[1] = o->most <= 0 ? o->keep_dynamic : s->keep[0];
 }
 
+/* Opens the clip with the images that `clip` names. Captured images are reduced to WIDTH. */
+static spin_status open_clip(struct settling *s, struct spin_clip_options *clip)
+{
+    double scale;
+
+    SPIN_TRY(spin_clip_open(clip, &s->clip));
+    scale = (double)WIDTH / s->clip.views.view->camera.width;
+    if (spin_clip_is_drawn(&s->clip) || scale >= 1)
+        return SPIN_OK;
+    spin_clip_close(&s->clip);
+    memset(&s->clip, 0, sizeof s->clip);
+    clip->image_scale = scale;
+    return spin_clip_open(clip, &s->clip);
+}
+
 spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled *settled)
 {
-    const struct spin_clip_options clip = {
-        .input = o->input, .data = "renders", .data_from = o->data_from, .needs_views = true};
+    struct spin_clip_options clip = {
+        .input = o->input, .data = o->data, .data_from = o->data_from, .needs_views = true};
     struct settling s = {0};
     spin_status status;
 
     memset(settled, 0, sizeof *settled);
-    SPIN_TRY(spin_clip_open(&clip, &s.clip));
+    SPIN_TRY(open_clip(&s, &clip));
     SPIN_TRY_OUT(find_static(&s, o->n_threads));
     SPIN_TRY_OUT(gather_static(&s));
     set_shares(&s, o);

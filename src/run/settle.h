@@ -13,7 +13,9 @@ struct spin_settled {
 
 struct spin_settle_options {
     const char *input, *output;
-    const char *data_from; /* options of the data set, "renders:..."; NULL: the defaults */
+    /* The data set, "renders" or captured images, and its importer with options; NULL: those that
+     * the bundle records, or the defaults. */
+    const char *data, *data_from;
     bool force;
     int n_threads;
     /* Shares of the static and of the dynamic rows to keep, each above 0 and at most 1. The kept
@@ -24,16 +26,21 @@ struct spin_settle_options {
     double most;
 };
 
+/* Returns whether a clip with captured images should be settled: it has eight or more frames, whose
+ * rows have neither identities nor the same positions. */
+spin_status spin_settle_applies(struct spin_bundle *bundle, bool *applies);
 /* Writes the bundle `output`. Its frames begin with the static rows, which are bit-identical in all
  * frames, so that spin-retrain recognises them as static tracks; the dynamic rows of the frame
- * follow. The data set of the new bundle is "renders", drawn from `input`.
+ * follow. The data set of the new bundle is that of the options; the renders are drawn from
+ * `input`. Fails with SPIN_E_UNSUPPORTED, and writes nothing, if the images are captured and their
+ * cameras move, are fewer than four, or lack images of a frame.
  *
- * A splat is dynamic if, in its own frame or in one of eight others spread over the clip, the
- * colour of its pixel differs from the median of this pixel over time for most cameras that see
- * it. The dynamic splats are thus inside the visual hull of the motion. The test needs no
- * matches between splats, and ignores flicker below a threshold. The static rows are taken from the
- * middle frame; rows of other frames fill its holes. */
+ * A row is dynamic if, in its own frame or in one of eight others spread over the clip, the colour
+ * of its pixel differs from the median of this pixel over time for most cameras that see it. The
+ * dynamic rows are thus inside the visual hull of the motion. The test needs no matches between
+ * rows, and ignores flicker below a threshold. The static rows are taken from the middle frame;
+ * rows of other frames fill its holes. Captured images also settle points. */
 spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled *settled);
-/* Returns the step between the frames whose renders give the median over time. n_pixels: of the
- * renders of one frame, from all cameras. */
+/* Returns the step between the frames whose images give the median over time. n_pixels: of the
+ * images of one frame, from all cameras. */
 int spin_settle_step(int n_frames, double n_pixels);

@@ -123,6 +123,37 @@ run "$bin/spin4d" stage -o stage.tsog --data renders --data-from renders:cameras
 is "$(grep -c "worse than" "$work/err")" 0 "no warning that the result is worse than its own renders"
 is "$code $(static_and_dynamic)" "0 861 125" "a ball moves before a wall, although cameras behind the wall do not see it"
 
+# ---- Frames of points with images ----------------------------------------------------------------
+
+run "$bin/spin-import" stage -o stage.spin
+run "$bin/spin-export" stage.spin --data renders --data-from renders:cameras=9,test=4,size=192x128 --to images --views all \
+    --transforms -o images
+python3 "$OLDPWD/tests/cli/stage.py" points points
+run "$bin/spin4d" points --data images -o points.html --iterations 2
+is "$code $(static_and_dynamic)" "0 863 125" "the images show which points are static"
+is "$(echo $(ls -d points.*))" "points.html points.spin" "what is kept"
+run "$bin/spin-eval" points.spin --json
+is "$code" 0 "the bundle names its images"
+run "$bin/spin-import" points --data images -o given.spin
+run "$bin/spin4d" given.spin -o named.html --iterations 2
+is "$code $(static_and_dynamic)" "0 863 125" "also those that a bundle names"
+run "$bin/spin4d" stage --data images -o same.html --iterations 2
+is "$code $(static_and_dynamic)" "0 " "not needed if frames share positions"
+cp -r points seven
+rm seven/frame_00003.ply
+run "$bin/spin4d" seven --data images -o seven.html --iterations 2
+is "$code $(static_and_dynamic)" "0 " "not done for seven frames"
+run "$bin/spin4d" points --data images -o splats.html --splats auto
+fails 2 spin4d "frames that consist of different splats"
+cp -r images moved
+python3 -c 'import json
+t = json.load(open("moved/transforms_train.json"))
+t["frames"][-1]["transform_matrix"][0][3] += .01
+json.dump(t, open("moved/transforms_train.json", "w"))'
+run "$bin/spin4d" points --data moved -o moved.html --iterations 2
+is "$code $(static_and_dynamic)" "0 " "with a camera that moves, nothing is shared"
+err_has "stored in every frame: the cameras move" "and a line says why"
+
 run "$bin/spin4d" run.spin -o shared.tsog --splats auto
 fails 2 spin4d "frames that consist of different splats"
 run "$bin/spin4d" frames -o plain.tsog --no-retrain

@@ -129,7 +129,7 @@ static void rows_and_threads(void)
     for (size_t i = 0; i < n; i++)
         if (i % 3 != 1)
             memset(g + i * SPIN_ATTR, 0, SPIN_ATTR * sizeof *g);
-    g[2 * SPIN_ATTR + 5] = -0.0f; /* counts as zero */
+    g[2 * SPIN_ATTR + 5] = -0.0f;                              /* counts as zero */
     memset(g + SPIN_ATTR + 1, 0, (SPIN_ATTR - 1) * sizeof *g); /* the first value alone */
     memset(g + 4 * SPIN_ATTR, 0, (SPIN_ATTR - 1) * sizeof *g); /* the last alone */
     for (int k = 0; k < check_n_threads(); k++) {

@@ -677,8 +677,7 @@ static spin_status read_ball(void *context, int f, const struct spin_splats **ou
     struct spin_splats *s = context;
 
     *out = s;
-    SPIN_TRY(
-        spin_splats_reserve(s, WALL + BALL + STILL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
+    SPIN_TRY(spin_splats_reserve(s, WALL + BALL + STILL, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, 0));
     for (size_t i = 0; i < WALL + BALL + STILL; i++) {
         bool wall = i < WALL, still = i >= WALL + BALL;
         double u = (double)(i * 7919 % 1000) / 1000, v = (double)(i * 104729 % 997) / 997;

@@ -220,6 +220,7 @@ static struct spin_settled settle(double keep_static, double keep_dynamic, doubl
 {
     char path[600];
     struct spin_settle_options o = {.input = source,
+                                    .data = "renders",
                                     .output = path,
                                     .data_from = renders,
                                     .force = true,
