@@ -476,9 +476,9 @@ check: ## test + lint under asan and ubsan: required before a commit
 	@$(MAKE) --no-print-directory CONFIG=asan test
 	@$(MAKE) --no-print-directory lint
 
-mutants: ## draw faults from the sources; tests must detect them: [N=50] [SEED=1] [IN=src/train] [SINCE=rev] [MINUTES=9] [JOBS=n] [PART=1/9] [DRY=1] [LENIENT=1], or those of a list: M=word
+mutants: ## draw faults from the sources; tests must detect them: [N=50] [SEED=1] [IN=src/train] [SINCE=rev] [MINUTES=9] [JOBS=n] [PART=1/9] [DRY=1] [LENIENT=1] [WIDE=1], or those of a list: M=word
 	@command -v python3 >/dev/null || { echo "make mutants: python3 not found: apt-get install python3" >&2; exit $(if $(LENIENT),0,1); }; \
-	N="$(N)" SEED="$(SEED)" IN="$(IN)" SINCE="$(SINCE)" PART="$(PART)" DRY="$(DRY)" MINUTES="$(or $(MINUTES),$(if $(SINCE),9))" LENIENT="$(LENIENT)" JOBS=$(JOBS) python3 tests/mutants/run.py "$(M)"
+	N="$(N)" SEED="$(SEED)" IN="$(IN)" SINCE="$(SINCE)" PART="$(PART)" DRY="$(DRY)" MINUTES="$(or $(MINUTES),$(if $(SINCE),9))" LENIENT="$(LENIENT)" WIDE="$(WIDE)" JOBS=$(JOBS) python3 tests/mutants/run.py "$(M)"
 
 tsan: ## the threaded tests under ThreadSanitizer
 	@$(MAKE) --no-print-directory CONFIG=tsan test K=threads

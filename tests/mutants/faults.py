@@ -328,6 +328,9 @@ class Source:
         if not self.is_(open_, "("):
             return i
         close = self.partner.get(open_, end)
+        if word == "if" and self.is_failed_allocation(i, open_, close):
+            end_of = self.semicolon(close + 1, end)
+            return self.partner.get(close + 1, end_of) if self.is_(close + 1, "{") else end_of
         if word == "if":
             self.force_condition(open_, close)
         elif word == "for":
@@ -335,6 +338,14 @@ class Source:
         if self.is_(close + 1, ";"):
             return close + 1
         return self.statement(close + 1, end, returns)
+
+    def is_failed_allocation(self, i, open_, close):
+        """Whether `if (!p)` follows the allocation of p, which fails in few tests."""
+        first = i - 1
+        while first > 0 and not self.is_(first - 1, ";", "{", "}"):
+            first -= 1
+        return self.is_(open_ + 1, "!") and self.is_(i - 1, ";") and re.match(
+            r"%s = \w*(alloc|need|take)\(" % re.escape(self.of(open_ + 2, close - 1)), self.of(first, i - 1)) is not None
 
     def force_condition(self, open_, close):
         body = close + 2 if self.is_(close + 1, "{") else close + 1
@@ -408,14 +419,21 @@ class Source:
 
     def change_constant(self, i):
         t = self.tokens[i]
-        # {0} clears a variable; [300] is the capacity of a string.
-        if (self.is_(i - 1, "{") and self.is_(i + 1, "}")) or (self.is_(i - 1, "[") and self.in_declarator(i)):
+        # {0} clears a variable; [300] and [N + 1] are capacities.
+        if (self.is_(i - 1, "{") and self.is_(i + 1, "}")) or self.in_capacity(i):
             return
         if t.text in ("1.0f", "1.0") and self.is_(i + 1, "}"):
             return
         # memset(p, 0, n) clears a structure, most of whose fields are set anyway.
         if i not in self.silent and not (self.is_(i - 1, ",") and self.of(max(0, i - 6), i).find("memset") >= 0):
             self.change_number(t)
+
+    def in_capacity(self, i):
+        """Whether i is inside the brackets of a declaration."""
+        j = i - 1
+        while j >= 0 and not self.is_(j, "[", "(", "{", ";", ","):
+            j = self.partner.get(j, j) - 1 if self.is_(j, ")", "]", "}") else j - 1
+        return self.is_(j, "[") and self.in_declarator(j + 1)
 
     def in_declarator(self, i):
         """Whether the [ before i belongs to a declaration, as in `char text[300]`."""

@@ -11,6 +11,7 @@ faults.py generates them, scope.py chooses the tests of each.
     PART=2/9        every ninth fault, from the second on
     MINUTES=9       starts no further fault after this time, and reports how many were tried
     LENIENT=1       a survivor is a warning: the exit code is 0
+    WIDE=1          all other tests are run too before a fault counts as survived
     DRY=1           check both lists and print the draw; build nothing
 
 With WORD (make mutants M=word) the faults of semantic.list are tried instead whose name or file
@@ -62,6 +63,8 @@ JOBS = int(os.environ.get("JOBS") or os.cpu_count() or 2)
 # Processor seconds of tests after which a drawn fault counts as survived: those most likely to
 # detect it run first, and `make mutants SINCE=HEAD~20` is to take ten minutes.
 MOST_SECONDS = 60
+WIDE = os.environ.get("WIDE") or ""
+MOST_WIDE_SECONDS = 400
 LEAST_LIMIT, UNTIMED_LIMIT = 20, 120  # seconds a test may take
 BUILD = "build/release"
 PRODUCT = ("src/", "importers/", "exporters/")
@@ -172,8 +175,9 @@ def tests_of(fault):
 class Trial:
     """One fault with its tests."""
 
-    def __init__(self, name, file, tests, change, shown, kind="semantic"):
+    def __init__(self, name, file, tests, change, shown, kind="semantic", others=()):
         self.name, self.file, self.tests, self.change, self.shown, self.kind = name, file, tests, change, shown, kind
+        self.others = others  # tests to run if all of `tests` pass
 
 
 def semantic_trials(word):
@@ -266,7 +270,8 @@ def read(file):
 def drawn_trial(fault, text, scope):
     line = generator.line_of(fault, text)
     return Trial("%s:%d %s" % (fault.file, line, fault.kind), fault.file, [(t, None) for t in scope.tests_of(fault.file)],
-                 lambda whole: generator.apply(fault, whole), generator.show(fault, text), fault.kind)
+                 lambda whole: generator.apply(fault, whole), generator.show(fault, text), fault.kind,
+                 [(t, None) for t in scope.others(fault.file)] if WIDE else ())
 
 
 # ---- Records of earlier runs ---------------------------------------------------------------------
@@ -410,7 +415,7 @@ def python_with_numpy():
 def environment():
     env = dict(os.environ)
     for name in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS", "K", "M", "N", "IN", "SEED", "SINCE", "DRY", "PART", "MINUTES",
-                 "LENIENT"):
+                 "LENIENT", "WIDE"):
         env.pop(name, None)
     beside = os.path.join(ROOT, "..", "shared", "fixtures")
     if not env.get("SPIN_FIXTURES"):
@@ -627,10 +632,10 @@ class Judge:
             return self.try_tests(tree, trial, prepare)
 
     def try_tests(self, tree, trial, prepare):
-        spent, passed = 0, []
-        tests = self.memory.order(trial.file, trial.tests)
+        spent, passed, most = 0, [], MOST_WIDE_SECONDS if trial.others else MOST_SECONDS
+        tests = self.memory.order(trial.file, trial.tests) + self.memory.order(trial.file, trial.others)
         for i, test in enumerate(tests):
-            if trial.kind != "semantic" and spent > MOST_SECONDS:
+            if trial.kind != "semantic" and spent > most:
                 break
             code, out = prepare(test, tests[i + 1:])
             if code != 0:

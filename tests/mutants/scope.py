@@ -158,6 +158,10 @@ class Scope:
             self.chosen[file] = self.choose(file)
         return self.chosen[file]
 
+    def others(self, file):
+        """All tests that tests_of() leaves out, the cheapest first."""
+        return sorted((t for t in self.tests if t not in self.tests_of(file) and not LEFT_OUT.search(t)), key=guess)
+
     def choose(self, file):
         stem = os.path.splitext(os.path.basename(file))[0]
         words = [w for w in [stem] + stem.split("_") if len(w) > 3 and w not in GENERIC_WORDS] or [stem]
