@@ -487,7 +487,7 @@ valgrind: all ## run every command once under valgrind, to find leaks
 	@sh tests/valgrind.sh $(B)/bin
 
 test-viewers: ## exports in real viewers (Chromium, Node); SHORT=1  IMPORTERS=1  BUNDLE=own.spin
-	@$(MAKE) --no-print-directory -j$(JOBS) all
+	@$(MAKE) --no-print-directory -j$(JOBS) all $(B)/tests/bench/clip
 	@sh tests/viewers/run.sh $(B)/bin $(if $(SHORT),short)
 
 bench-viewers: ## frame rate of the page and of SuperSplat's viewer (Chromium, Node); SPEED='--rounds 5'

@@ -57,10 +57,12 @@ static const struct spin_plugin_option options[] = {
     {0},
 };
 
-/* Largest size of the draft (a coarse version of the first frame) as a fraction of the size of all
- * blocks. With this limit, the first image appears before a tenth of the file of --split is loaded.
+/* Largest size of the draft (a coarse version of the first frame), as a fraction of the size of all
+ * blocks and, for long clips, in bytes. With these limits, the first image appears before a tenth of
+ * the file of --split is loaded, and before 1 MB, together with the page, however long the clip is.
  */
 #define DRAFT_SHARE 0.05
+#define DRAFT_BYTES 600000.0
 
 /* If the page has more bytes, a log line recommends --split. */
 #define SPLIT_BYTES 3000000
@@ -220,13 +222,25 @@ static spin_status take_draft(void *context, const struct spin_page_block *block
     return spin_out_write(&x->data, block->data, block->n_bytes);
 }
 
-/* With --split, writes the draft after all blocks. No draft is written if the block of the first
- * frame is itself small enough to be loaded first. */
+/* Returns the size of the blocks that the page needs for the first frame: that of the key frame or,
+ * of 4D splats, all blocks with rows that are visible in tick 0. */
+static uint64_t bytes_of_first_frame(const struct version *v)
+{
+    uint64_t sum = v->frame[0].bytes;
+
+    for (int k = 1; v->rows && k < v->n_written; k++)
+        if (v->frame[k].from <= 0)
+            sum += v->frame[k].bytes;
+    return sum;
+}
+
+/* With --split, writes the draft after all blocks. No draft is written if the blocks of the first
+ * frame are themselves small enough to be loaded first. */
 static spin_status write_draft(struct export *x)
 {
-    double most = DRAFT_SHARE * (double)x->data_bytes;
+    double most = fmin(DRAFT_SHARE * (double)x->data_bytes, DRAFT_BYTES);
 
-    if (!x->split || (double)x->version[0].frame[0].bytes <= most)
+    if (!x->split || (double)bytes_of_first_frame(&x->version[0]) <= most)
         return SPIN_OK;
     return spin_page_draft_write(&x->draft, (uint64_t)most, take_draft, x);
 }

@@ -242,10 +242,21 @@ const texts = clip.data ? null : clip.versions.map((v, i) => v.splats.map((_, f)
 const source = new Blob([$('worker').textContent], { type: 'text/javascript' });
 const worker = new Worker(URL.createObjectURL(source));
 worker.onerror = (e) => say(`The page failed: ${e.message}`);
-worker.postMessage({ clip, texts, address: clip.data && new URL(encodeURIComponent(clip.data), location.href).href, moving: window.spinMoving });
+worker.postMessage({ clip, texts, address: clip.data && new URL(encodeURIComponent(clip.data), location.href).href, moving: window.spinMoving && { first: window.spinMoving.first, parts: window.spinMoving.parts } });
+
+// Reads a part of a .sogst file for the worker.
+async function loadPart(part, draft) {
+    try {
+        const splats = await window.spinMoving.load(part, draft);
+        worker.postMessage({ part, draft, splats }, Object.values(splats).flatMap((a) => a.buffer ?? []));
+    } catch (e) {
+        worker.postMessage({ part, draft, error: e.message });
+    }
+}
 
 worker.onmessage = ({ data }) => {
     if (data.loaded !== undefined) return loading(data.loaded);
+    if (data.ask) return data.ask.forEach(({ part, draft }) => loadPart(part, draft));
     state.waiting = false;
     if (data.error) return say(`The clip cannot be read: ${data.error}`);
     for (const part of data.parts) {
@@ -290,7 +301,7 @@ function ask(c) {
     state.asked = key;
     state.waiting = true;
     const n = clip.numbers.length, parts = wanted().map((version) => ({ version, data: shown[version].frame !== state.frame || shown[version].draft }));
-    worker.postMessage({ parts, draft, frame: state.frame, eye: c.eye, right: c.right, down: c.down, forward: c.forward, slope, near: clip.near / clip.size, next: n > 1 && !draft ? (state.frame + 1) % n : undefined });
+    worker.postMessage({ parts, draft, frame: state.frame, eye: c.eye, right: c.right, down: c.down, forward: c.forward, slope, near: clip.near / clip.size, next: n > 1 && !draft ? (state.frame + 1) % n : undefined, plays: state.playing });
 }
 
 function tick(now) {

@@ -3,9 +3,12 @@
 // exporters/html/format.md describes the blocks; exporters/lib/page_*.c write them.
 'use strict';
 
-const MOST_BYTES = 400e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // REACH: standard deviations at which an opacity of 1 falls to 1/255
+// The caches: of decoded frames, at least LEAST_BYTES and at most MOST_BYTES; of blocks of the file
+// of --split, FETCHED_BYTES.
+const LEAST_BYTES = 100e6, MOST_BYTES = 400e6, FETCHED_BYTES = 50e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // REACH: standard deviations at which an opacity of 1 falls to 1/255
 let clip = null, texts = null, address = null, moving = null, wanted = null, busy = false;
-const frames = new Map(), groups = [], slices = [], fetched = new Map();
+let all = null, ahead = null; // the whole file, if the server ignores ranges; the run that fetchAhead() fetches
+const frames = new Map(), groups = [], slices = [], fetched = new Map(), asked = new Map();
 
 // ---- Bytes --------------------------------------------------------------------------------------
 
@@ -37,31 +40,71 @@ async function bodyOf(answer, size) {
 }
 
 // Fetches a range of bytes from the file of --split. If the server ignores the range and sends the
-// whole file, `whole` is true.
+// whole file, later calls copy from this file.
 async function rangeOf(from, to) {
-    const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
-    if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
-    return { bytes: await bodyOf(answer, Number(answer.headers.get('Content-Length')) || to - from), whole: answer.status !== 206 };
+    if (!all) {
+        const answer = await fetch(address, { headers: { Range: `bytes=${from}-${to - 1}` } });
+        if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
+        const bytes = await bodyOf(answer, Number(answer.headers.get('Content-Length')) || to - from), part = answer.status === 206;
+        const need = part ? to - from : Math.max(to, ...clip.versions.flatMap((v) => v.at.map((at, f) => at + v.bytes[f])));
+        if (bytes.length < need) throw new Error(`${address} is shorter than the page expects`);
+        if (part) return bytes;
+        all = bytes;
+    }
+    return all.slice(from, to);
 }
 
-// Fetches a block from the server. The first request is for that block only, so that the first
-// image appears soon; later requests also fetch the next blocks, about RUN_BYTES at a time.
-async function fromServer(v, frame) {
-    const name = (f) => `${v.name} ${f}`;
-    if (!fetched.has(name(frame))) {
-        let last = frame;
-        while (fetched.size && last + 1 < v.at.length && v.at[last + 1] === v.at[last] + v.bytes[last] && v.at[last] + v.bytes[last] - v.at[frame] < RUN_BYTES) last++;
-        const from = v.at[frame], to = v.at[last] + v.bytes[last];
-        const { bytes, whole } = await rangeOf(from, to), base = whole ? 0 : from;
-        for (const each of whole ? clip.versions : [v]) {
-            for (let f = whole ? 0 : frame; f <= (whole ? each.at.length - 1 : last); f++) {
-                const at = each.at[f] - base;
-                if (at + each.bytes[f] > bytes.length) throw new Error(`${address} is shorter than the page expects`);
-                fetched.set(`${each.name} ${f}`, bytes.slice(at, at + each.bytes[f]));
-            }
-        }
+// Returns the last block of a run that begins with a block and includes block `through`. The first
+// run is that block only, so that the first image appears soon; later runs also contain the next
+// blocks, about RUN_BYTES in total.
+function runFrom(v, first, through) {
+    const follows = (f) => v.at[f + 1] === v.at[f] + v.bytes[f], size = (f) => v.at[f] + v.bytes[f] - v.at[first];
+    let last = first;
+    while (last + 1 < v.at.length && follows(last) && (last < through || (fetched.size && size(last) < RUN_BYTES && !fetched.has(`${v.name} ${last + 1}`)))) last++;
+    return last;
+}
+
+// Fetches blocks `first` to `last`, and drops the least recently used ones of all other blocks if
+// there are more than FETCHED_BYTES.
+async function fetchRun(v, first, last) {
+    const from = v.at[first], bytes = await rangeOf(from, v.at[last] + v.bytes[last]);
+    for (let f = first; f <= last; f++) {
+        const name = `${v.name} ${f}`, at = v.at[f] - from;
+        fetched.delete(name);
+        fetched.set(name, bytes.slice(at, at + v.bytes[f]));
     }
-    return fetched.get(name(frame));
+    let held = 0, kept = last - first + 1;
+    for (const b of fetched.values()) held += b.length;
+    for (const [k, b] of fetched) {
+        if (held <= FETCHED_BYTES || fetched.size <= kept) break;
+        fetched.delete(k);
+        held -= b.length;
+    }
+}
+
+// Returns a block of the file of --split. If it is not there, fetches it in one request with all
+// blocks up to `through`.
+async function fromServer(v, frame, through) {
+    const name = `${v.name} ${frame}`;
+    if (all) return all.subarray(v.at[frame], v.at[frame] + v.bytes[frame]);
+    if (!fetched.has(name) && ahead?.v === v && frame >= ahead.first && frame <= ahead.last) await ahead.done;
+    if (!fetched.has(name)) await fetchRun(v, frame, runFrom(v, frame, through));
+    const block = fetched.get(name);
+    fetched.delete(name);
+    fetched.set(name, block);
+    return block;
+}
+
+// Fetches the next run of a clip that plays before its first block is needed, if the blocks from
+// `frame` on that are there have less than RUN_BYTES. Errors are ignored here: fromServer() repeats
+// the request.
+function fetchAhead(v, frame) {
+    let first = frame, left = RUN_BYTES;
+    if (!address || all || ahead || frame < 0) return;
+    while (first < v.at.length && left > 0 && fetched.has(`${v.name} ${first}`)) left -= v.bytes[first++];
+    if (left <= 0 || first >= v.at.length) return;
+    ahead = { v, first, last: runFrom(v, first, first) };
+    ahead.done = fetchRun(v, first, ahead.last).catch(() => {}).finally(() => { ahead = null; });
 }
 
 async function unpacked(packed) {
@@ -69,7 +112,7 @@ async function unpacked(packed) {
     return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-const blockOf = async (version, frame) => unpacked(address ? await fromServer(clip.versions[version], frame) : bytesOf(texts[version][frame]));
+const blockOf = async (version, frame, through = frame) => unpacked(address ? await fromServer(clip.versions[version], frame, through) : bytesOf(texts[version][frame]));
 
 // ---- Columns ------------------------------------------------------------------------------------
 
@@ -237,7 +280,7 @@ async function advance(version, frame) {
         groups[version] = null;
     }
     while (g.frame < frame) {
-        const f = g.frame + 1, read = columnsIn(await blockOf(version, f));
+        const f = g.frame + 1, read = columnsIn(await blockOf(version, f, frame));
         if (f === first) keysFrom(read, g.keys, n);
         else for (let c = 0; c < columns; c++) read.changes(g.last[c], g.mean[c], n - still);
         g.own = arrays(columns, v.own[f]);
@@ -253,7 +296,7 @@ async function advance(version, frame) {
 }
 
 async function decoded(version, frame) {
-    if (clip.versions[version].moves) return movedTo(moving, clip.versions[version].sh, frame);
+    if (clip.versions[version].moves) return movedTo(await partsAt(frame), clip.versions[version].sh, timeOf(frame));
     if (clip.versions[version].rows) return sliced(version, frame);
     const v = clip.versions[version], g = await advance(version, frame), out = emptyFrame(g.n + v.own[frame], v.sh);
     out.texels.set(g.quiet.texels);
@@ -283,10 +326,11 @@ function sideOf(r, from, length, sigma, middle) {
     return { at, by };
 }
 
-// Decodes block k: its columns, and the texels of its rows at their first tick.
-async function rowsOf(version, k) {
+// Decodes block k: its columns, and the texels of its rows at their first tick. needed: the names of
+// the blocks of the same time; through: the last of these blocks.
+async function rowsOf(version, k, needed, through) {
     return keep(`${version} rows ${k}`, async () => {
-        const v = clip.versions[version], r = v.rows, n = v.splats[k], read = columnsIn(await blockOf(version, k)), all = [];
+        const v = clip.versions[version], r = v.rows, n = v.splats[k], read = columnsIn(await blockOf(version, k, through)), all = [];
         const columns = (count) => Array.from({ length: count }, () => {
             const x = new Int32Array(n);
             read.whole(x, n, all[all.length - 1]);
@@ -297,14 +341,15 @@ async function rowsOf(version, k) {
         const path = columns(3 * r.degree), [gate] = columns(r.gate ? 1 : 0), turn = columns(r.ratio ? 4 : 0), cosines = columns(r.period ? 7 + 2 * v.sh : 0);
         const whole = emptyFrame(n, v.sh), halves = keys.map((x) => x.map((d) => 2 * d)), turns = turnsOf(halves, n);
         fill(whole, 0, n, halves, turns, null, 0, v.sh);
-        return { n, keys, from, length, path, gate, turn, cosines, turns, whole, rise: sideOf(r, from, length, sigma, middle), fall: sideOf(r, from, length, sigma2, middle2), bytes: 4 * n * all.length + whole.texels.byteLength + whole.sh.byteLength };
-    });
+        return { n, keys, from, length, path, gate, turn, cosines, turns, whole, rise: sideOf(r, from, length, sigma, middle), fall: sideOf(r, from, length, sigma2, middle2), bytes: n * (4 * all.length + 68) + whole.texels.byteLength + whole.sh.byteLength };
+    }, needed);
 }
 
 // Returns the blocks that may have visible rows at a tick.
 async function blocksAt(version, tick) {
-    const v = clip.versions[version], list = [];
-    for (let k = 0; k < v.splats.length; k++) if (v.from[k] <= tick && tick < v.end[k]) list.push(await rowsOf(version, k));
+    const v = clip.versions[version], at = [...v.splats.keys()].filter((k) => v.from[k] <= tick && tick < v.end[k]), needed = at.map((k) => `${version} rows ${k}`), list = [];
+    // Blocks that follow one another in the file are fetched together.
+    for (const [i, k] of at.entries()) list.push(await rowsOf(version, k, needed, at.findLast((last, j) => j >= i && last - k === j - i)));
     return list;
 }
 
@@ -388,36 +433,76 @@ function standing(m, words) {
     return out;
 }
 
-// Returns the splats of a .sogst file that are visible at a time, in frames.
-function movedTo(m, nSh, frame) {
-    m.whole ??= standing(m, nSh);
-    const { texels, sh, words, radius } = m.whole, t = m.first + Math.min(frame, clip.numbers.length - 1) / clip.fps;
-    const opacity = (i) => m.alpha[i] * Math.exp(-0.5 * ((t - m.centre[i]) / m.sigma[i]) ** 2), rows = [];
-    for (let i = 0; i < m.n; i++) if (opacity(i) >= 0.5 / 255) rows.push(i);
-    const out = emptyFrame(rows.length, nSh);
-    rows.forEach((i, o) => {
-        const d = t - m.centre[i];
-        for (let k = 3; k < 8; k++) out.texels[8 * o + k] = texels[8 * i + k];
-        for (let k = 0; k < 2 * words; k++) out.sh[2 * words * o + k] = sh[2 * words * i + k];
-        for (let c = 0, j = 3 * i; c < 3; c++, j++) out.place[8 * o + c] = (m.place[j] + d * (m.velocity[j] + d * m.accel[j]) - clip.centre[c]) / clip.size;
-        out.texels[8 * o + 7] |= cut(opacity(i) * 65535) << 16;
-        out.radius[o] = radius[i];
-    });
+// Returns a part of the file, which the page reads: its persistent splats or a segment. draft:
+// without SH. needed: the names of the parts of the same time.
+const unsent = [];
+function partOf(part, draft, needed) {
+    const name = `${draft ? 'draft' : 'part'} ${part}`;
+    return keep(name, () => {
+        if (!asked.has(name)) {
+            const end = {};
+            end.made = new Promise((done, fails) => { Object.assign(end, { done, fails }); });
+            asked.set(name, end);
+            // Parts that are asked for at the same time can be fetched in one request.
+            if (unsent.push({ part, draft }) === 1) queueMicrotask(() => postMessage({ ask: unsent.splice(0) }));
+        }
+        return asked.get(name).made;
+    }, needed);
+}
+
+// Receives a part from the page.
+function takePart({ part, draft, splats, error }) {
+    const name = `${draft ? 'draft' : 'part'} ${part}`, { done, fails } = asked.get(name), nSh = clip.versions[0].sh;
+    asked.delete(name);
+    if (error) return fails(new Error(error));
+    if (!draft) frames.delete(`draft ${part}`);
+    return done(Object.assign(splats, { bytes: splats.n * 4 * (22 + nSh + 9 + Math.ceil(nSh / 2)) }));
+}
+
+const timeOf = (frame) => moving.first + Math.min(frame, clip.numbers.length - 1) / clip.fps;
+
+// Returns the parts with splats that may be visible at a frame.
+async function partsAt(frame, draft = false) {
+    const t = timeOf(frame), at = [...moving.parts.keys()].filter((k) => moving.parts[k].first <= t && t <= moving.parts[k].last), needed = at.map((k) => `part ${k}`);
+    return Promise.all(at.map((k) => partOf(k, draft, needed)));
+}
+
+// Returns the splats of these parts that are visible at time t, in seconds.
+function movedTo(parts, nSh, t) {
+    const opacity = (m, i) => m.alpha[i] * Math.exp(-0.5 * ((t - m.centre[i]) / m.sigma[i]) ** 2);
+    const rows = parts.map((m) => Array.from({ length: m.n }, (_, i) => i).filter((i) => opacity(m, i) >= 0.5 / 255)), out = emptyFrame(rows.reduce((sum, list) => sum + list.length, 0), nSh);
+    let o = 0;
+    for (const [p, m] of parts.entries()) {
+        m.whole ??= standing(m, nSh);
+        const { texels, sh, words, radius } = m.whole;
+        for (const i of rows[p]) {
+            const d = t - m.centre[i];
+            for (let k = 3; k < 8; k++) out.texels[8 * o + k] = texels[8 * i + k];
+            for (let k = 0; k < 2 * words; k++) out.sh[2 * words * o + k] = sh[2 * words * i + k];
+            for (let c = 0, j = 3 * i; c < 3; c++, j++) out.place[8 * o + c] = (m.place[j] + d * (m.velocity[j] + d * m.accel[j]) - clip.centre[c]) / clip.size;
+            out.texels[8 * o + 7] |= cut(opacity(m, i) * 65535) << 16;
+            out.radius[o++] = radius[i];
+        }
+    }
     return out;
 }
 
-// Fetches and decodes the draft, which has the format of a key frame.
+// Fetches and decodes the draft, which has the format of a key frame. That of a .sogst file is its
+// first frame without SH.
 async function draftOf(version) {
-    const v = clip.versions[version], { splats: n, at, bytes: size } = v.draft, { bytes, whole } = await rangeOf(at, at + size);
-    const read = columnsIn(await unpacked(whole ? bytes.subarray(at, at + size) : bytes)), keys = arrays(SH + v.sh, n), out = emptyFrame(n, v.sh);
+    const v = clip.versions[version];
+    if (v.moves) return movedTo(await partsAt(0, true), v.sh, timeOf(0));
+    const { splats: n, at, bytes } = v.draft;
+    const read = columnsIn(await unpacked(await rangeOf(at, at + bytes))), keys = arrays(SH + v.sh, n), out = emptyFrame(n, v.sh);
     keysFrom(read, keys, n);
     fill(out, 0, n, keys, turnsOf(keys, n), null, 0, v.sh);
     return out;
 }
 
-// Returns the cached object of this name, or calls make() to create it. The cache drops the least
-// recently used objects.
-async function keep(name, make) {
+// Returns the cached object of this name, or calls make() to create it. If the cache is larger than
+// about `count` objects of this size, and than LEAST_BYTES, it drops the least recently used
+// objects, except those of the names in `needed`: memory does not grow with the length of the clip.
+async function keep(name, make, needed = [], count = 0) {
     const known = frames.get(name);
     if (known) {
         frames.delete(name);
@@ -426,24 +511,36 @@ async function keep(name, make) {
     }
     const made = await make();
     frames.set(name, made);
+    const most = Math.min(MOST_BYTES, Math.max(LEAST_BYTES, count * made.bytes));
     let held = 0;
     for (const f of frames.values()) held += f.bytes;
     for (const [k, f] of frames) {
-        if (held <= MOST_BYTES || f === made) break;
+        if (held <= most || f === made) break;
+        if (needed.includes(k)) continue;
         frames.delete(k);
         held -= f.bytes;
     }
     return made;
 }
 
-// Returns a decoded frame. Decoded frames are cached; of 4D splats, only the most recent slice.
+// Returns a decoded frame. Decoded frames are cached, at least AROUND of them if MOST_BYTES permits:
+// a step back in a group would otherwise decode the group again. Of 4D splats, only the most recent
+// slice is kept.
+const AROUND = 40;
 async function frameOf(version, frame) {
-    if (!clip.versions[version].rows && !clip.versions[version].moves) return keep(`${version} ${frame}`, () => decoded(version, frame));
+    if (!clip.versions[version].rows && !clip.versions[version].moves) return keep(`${version} ${frame}`, () => decoded(version, frame), [], AROUND);
     if (slices[version]?.frame !== frame) slices[version] = { frame, made: await decoded(version, frame) };
     return slices[version].made;
 }
 
-const ready = (version, frame) => clip.versions[version].moves || (clip.versions[version].rows ? blocksAt(version, frame * clip.versions[version].rows.ticks) : frameOf(version, frame));
+const ready = (version, frame) => (clip.versions[version].moves ? partsAt(frame) : clip.versions[version].rows ? blocksAt(version, frame * clip.versions[version].rows.ticks) : frameOf(version, frame));
+
+// Begins to fetch the blocks after those of a frame, or the parts of the next second.
+function fetchAfter(version, frame) {
+    const v = clip.versions[version];
+    if (v.moves) return void partsAt(frame + clip.fps).catch(() => {});
+    fetchAhead(v, v.rows ? v.from.findIndex((from) => from > frame * v.rows.ticks) : frame);
+}
 
 // Returns the rows of splats that may be visible, sorted from far to near by a counting sort with
 // 65536 steps of depth. The frustum is widened by the factor WIDER, since the camera may turn
@@ -493,7 +590,10 @@ async function work() {
             const w = wanted;
             wanted = null;
             await answer(w);
-            for (const { version } of w.parts) if (!wanted && w.next !== undefined) await ready(version, w.next);
+            for (const { version } of w.parts) {
+                if (!wanted && w.next !== undefined) await ready(version, w.next);
+                if (w.plays) fetchAfter(version, w.next);
+            }
         }
     } catch (e) {
         postMessage({ error: String(e?.message ?? e) });
@@ -502,6 +602,7 @@ async function work() {
 }
 
 onmessage = ({ data }) => {
+    if (data.part !== undefined) return takePart(data);
     if (data.clip) ({ clip, texts, address, moving } = data);
     else wanted = data;
     if (wanted) work();

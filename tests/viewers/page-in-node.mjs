@@ -85,7 +85,7 @@ ok(v0.still.every((n, f) => n > 30 && n <= v0.shared[f]) && v0.still[0] < v0.sha
 
 // ---- The worker: numbers ------------------------------------------------------------------------
 
-const NAMES = ['bytesOf', 'unfolded', 'columnsIn', 'half', 'cut', 'scaleOf', 'turnsOf', 'sorted', 'decoded', 'frameOf', 'frames', 'fetched', 'blockOf', 'draftOf', 'advance', 'movedTo'];
+const NAMES = ['bytesOf', 'unfolded', 'columnsIn', 'half', 'cut', 'scaleOf', 'turnsOf', 'sorted', 'decoded', 'frameOf', 'frames', 'fetched', 'blockOf', 'draftOf', 'advance', 'movedTo', 'keep', 'fetchAhead'];
 const worker = (more = {}, given = two, changed = code) => { const w = workerOf(changed, NAMES, more); w.tell({ clip: given.clip, texts: given.texts, address: more.address ?? null }); return w; };
 const first = worker();
 
@@ -225,14 +225,14 @@ const table = [[10, -20, 3], [5, 6, 7], [-4, 0, 300], [20, 30, 40], [25, 26, 27]
 
 {
     const n = 40, many = (k, f) => Float32Array.from({ length: k * n }, f), moved = { ...fourD.lines.clip, fps: 4, centre: [1, -2, 0.5], size: 2, numbers: [0, 1, 2, 3], versions: [{ name: 'clip', degree: 1, sh: 9, splats: [], moves: true }] };
-    const m = { n, first: 2, place: many(3, about), velocity: many(3, about), accel: many(3, about), scale: many(3, () => 0.02 + 0.1 * Math.abs(about())), colour: many(3, () => 0.5 + 0.4 * about()), alpha: many(1, () => 0.2 + 0.7 * Math.abs(about())), centre: many(1, () => 2 + Math.abs(about())), sigma: many(1, () => 0.1 + 0.4 * Math.abs(about())), sh: many(9, () => 0.3 * about()), quat: new Float32Array(4 * n) };
+    const m = { n, place: many(3, about), velocity: many(3, about), accel: many(3, about), scale: many(3, () => 0.02 + 0.1 * Math.abs(about())), colour: many(3, () => 0.5 + 0.4 * about()), alpha: many(1, () => 0.2 + 0.7 * Math.abs(about())), centre: many(1, () => 2 + Math.abs(about())), sigma: many(1, () => 0.1 + 0.4 * Math.abs(about())), sh: many(9, () => 0.3 * about()), quat: new Float32Array(4 * n) };
     for (let i = 0; i < n; i++) m.quat.set(unit([about(), about(), about(), about()]), 4 * i);
     const w = worker({ address: null, fetch: null }, { clip: moved, texts: [[]] });
     for (const [frame, t] of [[0, 2], [1.5, 2.375], [9, 2.75]]) {
         const want = Array.from({ length: n }, (_, i) => {
             const d = t - m.centre[i], three = (a) => [...a.subarray(3 * i, 3 * i + 3)], [x, v, a] = [m.place, m.velocity, m.accel].map(three);
             return { pos: x.map((c, k) => c + v[k] * d + a[k] * d * d), colour: three(m.colour), alpha: m.alpha[i] * Math.exp(-d * d / 2 / m.sigma[i] ** 2), reach: 3.34 * Math.max(...three(m.scale)), covariance: covariance({ rot: [...m.quat.subarray(4 * i, 4 * i + 4)], scale: three(m.scale) }), sh: [...m.sh.subarray(9 * i, 9 * i + 9)] };
-        }).filter((x) => x.alpha >= 0.5 / 255), got = splatsIn(await w.movedTo(m, 9, frame), moved);
+        }).filter((x) => x.alpha >= 0.5 / 255), got = splatsIn(w.movedTo([m], 9, t), moved);
         is([got.length, want.length < n], [want.length, true], `at ${frame}: those that are seen`);
         want.forEach((x, k) => near([got[k].pos, got[k].colour, got[k].alpha, got[k].sh.slice(0, 9), got[k].reach].flat(), [x.pos, x.colour, x.alpha, x.sh, x.reach].flat(), 4e-4, `splat ${k}`));
         want.forEach((x, k) => near(got[k].covariance, x.covariance, 0.002 * (x.covariance[0] + x.covariance[3] + x.covariance[5]), 'and its shape'));
@@ -266,13 +266,13 @@ for (const f of [0, 1]) await tiny.frameOf(0, f);
 is([...tiny.frames.keys()], ['0 1'], 'but not the one that is shown, however large');
 
 const { versions: [s0] } = served.clip;
-function server({ status = 206, cut = 0 } = {}, given = served) {
+function server({ status = 206, cut = 0, lack = 0 } = {}, given = served, changed = code) {
     const asked = [], w = worker({ address: 'http://x/served.bin', fetch: async (address, { headers }) => {
         const [from, to] = headers.Range.match(/^bytes=(\d+)-(\d+)$/).slice(1).map(Number);
         asked.push([from, to + 1]);
         if (status === 404) return new Response('', { status, statusText: 'Not Found' });
-        return new Response(status === 206 ? served.data.subarray(from, to + 1) : served.data.subarray(0, served.data.length - cut), { status });
-    } }, given);
+        return new Response(status === 206 ? served.data.subarray(from, to + 1 - lack) : served.data.subarray(0, served.data.length - cut), { status });
+    } }, given, changed);
     return { w, asked };
 }
 const partly = server(), wholly = server({ status: 200 });
@@ -304,6 +304,39 @@ for (const { w } of [partly, wholly]) {
     const draft = await w.draftOf(0), why = wrongIn(draft, clips[0][0], 1.6 * bounds.place, 1);
     ok(draft.n === s0.draft.splats && why === '', 'the draft has splats of the first frame', why);
 }
+
+is(wholly.asked.length, 1, 'a server that sends all is asked once, for the draft as well');
+// A seek into a group is one request, also if it is larger than a run.
+{
+    const runs2 = server({}, served, code.replace('RUN_BYTES = 1e6', 'RUN_BYTES = 1'));
+    await runs2.w.blockOf(0, 0);
+    await runs2.w.blockOf(0, 1, 4);
+    is(runs2.asked.slice(1), [[s0.at[1], s0.at[4] + s0.bytes[4]]], 'a group up to a frame is one request');
+    for (const f of [2, 3, 4]) await runs2.w.blockOf(0, f);
+    is(runs2.asked.length, 2, 'which has them all');
+    // While a clip plays, the next run is fetched before it is needed, once.
+    runs2.w.fetchAhead(s0, 4);
+    runs2.w.fetchAhead(s0, 4);
+    is(runs2.asked.length, 2, 'nothing is fetched ahead while there is a run of blocks');
+    runs2.w.fetchAhead(s0, 5);
+    runs2.w.fetchAhead(s0, 5);
+    await runs2.w.blockOf(0, 5);
+    is(runs2.asked.slice(2), [[s0.at[5], s0.at[5] + s0.bytes[5]]], 'the next run is fetched ahead');
+}
+// Blocks far from the current frame are released.
+{
+    const few = server({}, served, code.replace('RUN_BYTES = 1e6', 'RUN_BYTES = 1').replace('FETCHED_BYTES = 50e6', `FETCHED_BYTES = ${s0.bytes[4] + s0.bytes[5] + s0.bytes[6]}`));
+    for (const f of [0, 1, 2, 3, 4, 5, 4, 6]) await few.w.blockOf(0, f);
+    is([...few.w.fetched.keys()], ['clip 5', 'clip 4', 'clip 6'], 'blocks that were not used for longest are released');
+    ok(Buffer.from(await few.w.blockOf(0, 1)).equals(zlib.gunzipSync(served.data.subarray(s0.at[1], s0.at[1] + s0.bytes[1]))), 'and fetched again');
+}
+// The blocks of one time are all kept, however large.
+{
+    const pinned = worker({}, two, code.replace('100e6', '1'));
+    for (const k of ['a', 'b', 'c']) await pinned.keep(k, async () => ({ bytes: 9 }), ['a', 'c']);
+    is([...pinned.frames.keys()], ['a', 'c'], 'objects of one time are not dropped');
+}
+await fails('a part that is too short', 'is shorter than the page expects', () => server({ lack: 1 }).w.blockOf(0, 0));
 
 // The latest request is answered; an error does not stop the worker.
 const said = [], ready = [], busy = worker({ post: (reply) => { said.push(reply); ready.push(busy.frames.has('0 5')); } });
@@ -915,9 +948,10 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
         end.writeUInt32LE(at, 16);
         return new Uint8Array(Buffer.concat([...parts, ...directory, end]));
     };
-    const sizesOf = (webp) => { const v = webp.readUInt32LE(21); return { width: 1 + (v & 0x3fff), height: 1 + (v >>> 14 & 0x3fff) }; };
+    const sizesOf = (webp) => { const v = webp.readUInt32LE(21); return { width: 1 + (v & 0x3fff), height: 1 + (v >>> 14 & 0x3fff), close() {} }; };
     // Returns { error } or { frames, n, decoded }, for images whose bytes are all 252.
-    const read = async (name, change = () => {}, address = 'http://there/view.html?src=c.sogst') => {
+    // ranges: the server supports range requests, which are listed in state.ranges.
+    const read = async (name, change = () => {}, address = 'http://there/view.html?src=c.sogst', ranges = false) => {
         const members = membersOf(fixture(name)), meta = JSON.parse(members.get('meta.json'));
         delete meta.shN;
         change(meta, members);
@@ -925,14 +959,39 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
         const elements = { clip: {}, page: { textContent: '' }, message: {} }, state = { decoded: 0 }, gl = new Proxy({ readPixels: (x, y, w, h, f, t, out) => out.fill(252) }, { get: (o, key) => o[key] ?? (() => {}) });
         await new Promise((end) => {
             const window = { parent: { postMessage: (m) => { state.error = m.spin4d.error; end(); } } };
-            const document = { getElementById: (id) => elements[id], createElement: (tag) => (tag === 'canvas' ? { getContext: () => gl } : {}), body: { append: () => { state.n = window.spinMoving.n; state.frames = JSON.parse(elements.clip.textContent).numbers.length; end(); } } };
-            const given = { document, window, location: { href: address }, fetch: async () => new Response(zipOf(members)), createImageBitmap: async (blob) => { state.decoded++; return sizesOf(Buffer.from(await blob.arrayBuffer())); } };
-            new Function(...Object.keys(given), code3)(...Object.values(given));
+            const document = { getElementById: (id) => elements[id], createElement: (tag) => (tag === 'canvas' ? { getContext: () => gl } : {}), body: { append: async () => {
+                const { parts, load } = window.spinMoving;
+                try {
+                    if (ranges) state.ranges.push('shown');
+                    const splats = ranges ? [] : await Promise.all(parts.map((_, k) => load(k)));
+                    for (const k of ranges ? parts.keys() : []) splats.push(await load(k));
+                    state.n = splats.reduce((sum, s) => sum + s.n, 0);
+                    state.frames = JSON.parse(elements.clip.textContent).numbers.length;
+                } catch (e) {
+                    state.error = e.message;
+                }
+                end();
+            } } };
+            const given = { document, window, location: { href: address }, fetch: async (_, { headers: { Range } }) => {
+                const file = zipOf(members), [from, to] = ranges ? Range.slice(6).split('-').map(Number) : [0, file.length - 1];
+                if (!ranges) return new Response(file);
+                state.ranges.push([from, Math.min(to + 1, file.length)]);
+                return new Response(file.subarray(from, to + 1), { status: 206, headers: { 'Content-Range': `bytes ${from}-${Math.min(to, file.length - 1)}/${file.length}` } });
+            }, createImageBitmap: async (blob) => { state.decoded++; return sizesOf(Buffer.from(await blob.arrayBuffer())); } };
+            if (ranges) state.ranges = [];
+            new Function(...Object.keys(given), ranges ? code3.replaceAll('= 65536, TAIL = 65536, GAP = 65536', '= 100, TAIL = 100, GAP = 1') : code3)(...Object.values(given));
         });
         return state;
     };
     is(await read('no_segments'), { decoded: 8, n: 300, frames: 61 }, 'a .sogst file is read');
     is(await read('sh1_by_splat_transform'), { decoded: 88, n: 420, frames: 61 }, 'and one of segments');
+    {
+        const { ranges, error, n: n3, frames: frames3, decoded } = await read('sh1_by_splat_transform', () => {}, undefined, true), size3 = zipOf(membersOf(fixture('sh1_by_splat_transform'))).length;
+        const before = ranges.indexOf('shown'), sum = (list) => list.reduce((all, [from, to]) => all + to - from, 0);
+        is([error, n3, frames3, decoded], [undefined, 420, 61, 88], 'by ranges, the same splats');
+        ok(before > 0 && sum(ranges.slice(0, before)) < 0.75 * size3, 'the first image needs a part of the file', `${sum(ranges.slice(0, before))} of ${size3}`);
+        ok(new Set(ranges.map(String)).size === ranges.length, 'nothing is read twice', JSON.stringify(ranges));
+    }
     const header = (webp, size3) => { const copy = Buffer.from(webp); copy.writeUInt32LE(size3 - 1 | size3 - 1 << 14, 21); return copy; };
     for (const [what, words, change, name = 'no_segments'] of [
         ['ten years long', 'number of frames', (m) => { m.time.max = 3e8; }], ['of a billion frames a second', 'frame rate', (m) => { m.time.fps = 1e9; }], ['of no frame rate', 'frame rate', (m) => { delete m.time.fps; }], ['that ends before it begins', 'number of frames', (m) => { m.time.max = -1; }],
@@ -947,6 +1006,7 @@ for (const [what, does] of [['another frame', (p) => p.key('ArrowRight')], ['bot
         const { error, decoded } = await read(name, change);
         ok(error?.includes(words) && (decoded === 0 || ['place', 'codebook'].includes(words)), `a clip ${what} is refused, unread`, `${error}, ${decoded} pictures decoded`);
     }
+    is((await read('no_segments', () => {}, 'file:///view.html?src=c.sogst')).error.split('. ')[0], 'spin4d: browsers do not let pages read local files', 'a local file is refused with a reason');
     for (const bad of SCHEMES) ok((await read('no_segments', () => {}, `http://there/view.html?src=${encodeURIComponent(bad)}`)).error, `a clip at ${JSON.stringify(bad)} is refused`);
 }
 

@@ -232,6 +232,17 @@ import varied --from ply "$root/fixtures/ply/inria_sh0_varN" && mkdir -p varied 
     node "$here/page-decode.mjs" --like varied/truth varied/page.html ||
     fail "varied: the page has other splats than the frames"
 
+# A clip whose decoded frames need more memory than the page may use: the first image comes early, a
+# seek is one request, and the memory does not grow with each loop.
+echo
+echo "== a long clip"
+rm -rf long-frames
+"$bin/../tests/bench/clip" long-frames 600 12000 1 >long.log 2>&1 && import long long-frames && mkdir -p long &&
+    "$bin/spin-export" -q --force --fps 30 --bound-place 2e-5 --key-every 256 --split long.spin --to html -o long/long.html &&
+    node "$here/long.mjs" --seconds 24 --every 3 --speed 4 --first 1 --seeks 4 --most 135 --grows 25 long/long.html ||
+    fail "the page of a long clip needs too many bytes, requests or too much memory"
+rm -rf long-frames
+
 echo
 echo "== 4D splats"
 import rot4d "$root/fixtures/realtime4dgs/rot4d_noshfs" && still_4d rot4d
@@ -240,6 +251,11 @@ rm -rf rot4d-sogst rot4d.sogst
 "$bin/spin-export" -q --fps 30 --segment 0 rot4d.spin -o rot4d.sogst && import rot4d-sogst rot4d.sogst &&
     "$bin/spin-export" -q rot4d-sogst.spin --to ply -o rot4d-sogst &&
     node "$here/sogst.mjs" "$bin/../player" rot4d.sogst rot4d-sogst rot4d-shots || fail "rot4d.sogst: <spin-clip> shows another"
+rm -f rot4d-parts.sogst
+"$bin/spin-export" -q --fps 30 --segment 0.2 rot4d.spin -o rot4d-parts.sogst &&
+    node "$here/sogst.mjs" "$bin/../player" rot4d-parts.sogst rot4d-sogst rot4d-shots &&
+    node "$here/long.mjs" --player "$bin/../player" --seconds 0 --seeks 4 --requests 2 --first 1 rot4d-parts.sogst ||
+    fail "rot4d-parts.sogst: <spin-clip> shows another, or needs too many requests"
 [ ! -d "$large/realtime4dgs/rot4d_sht" ] || { import sht "$large/realtime4dgs/rot4d_sht" && still_4d sht; }
 
 if [ -z "$short" ]; then
