@@ -326,8 +326,8 @@ function sideOf(r, from, length, sigma, middle) {
     return { at, by };
 }
 
-// Decodes block k: its columns, and the texels of its rows at their first tick. needed: the names of
-// the blocks of the same time; through: the last of these blocks.
+// Decodes block k: its columns, and the texels of its rows at their first tick. needed: the names
+// of the blocks of the same time; through: the last of these blocks.
 async function rowsOf(version, k, needed, through) {
     return keep(`${version} rows ${k}`, async () => {
         const v = clip.versions[version], r = v.rows, n = v.splats[k], read = columnsIn(await blockOf(version, k, through)), all = [];
@@ -523,9 +523,9 @@ async function keep(name, make, needed = [], count = 0) {
     return made;
 }
 
-// Returns a decoded frame. Decoded frames are cached, at least AROUND of them if MOST_BYTES permits:
-// a step back in a group would otherwise decode the group again. Of 4D splats, only the most recent
-// slice is kept.
+// Returns a decoded frame. Decoded frames are cached, at least AROUND of them if MOST_BYTES
+// permits: a step back in a group would otherwise decode the group again. Of 4D splats, only the
+// most recent slice is kept.
 const AROUND = 40;
 async function frameOf(version, frame) {
     if (!clip.versions[version].rows && !clip.versions[version].moves) return keep(`${version} ${frame}`, () => decoded(version, frame), [], AROUND);

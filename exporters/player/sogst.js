@@ -16,8 +16,8 @@ const whole = (v, name, least, most) => (Number.isInteger(number(v, name, least,
 const numbers = (list, name, n) => (Array.isArray(list) && list.length === n ? list.map((v) => number(v, name)) : fail(`its ${name} is not ${n} numbers`));
 const listOf = (list, name, most) => (Array.isArray(list) && list.length <= most ? list : fail(`its ${name} is not a list of at most ${most}`));
 
-// Returns the parts of a clip in order: the persistent splats and the segments, each with its folder,
-// its number of splats n, and the first and the last time at which a splat is visible.
+// Returns the parts of a clip in order: the persistent splats and the segments, each with its
+// folder, its number of splats n, and the first and the last time at which a splat is visible.
 function partsOf({ segments, streams, time }, n) {
     if (!streams) return [{ folder: '', n, first: -FLOAT, last: FLOAT }];
     const names = listOf(streams.segments, 'list of streams', MOST_SEGMENTS), list = listOf(segments?.list, 'list of segments', names.length);
@@ -75,8 +75,8 @@ async function openFile(address) {
 }
 
 // Reads the directory of a file. The result is a function that returns the contents of entries by
-// their names. A name is missing in these if the file does not contain the entry. Calls that are made
-// at the same time are answered together.
+// their names. A name is missing in these if the file does not contain the entry. Calls that are
+// made at the same time are answered together.
 async function directoryOf(file) {
     const tail = Math.max(0, file.size - TAIL), last = await file.at(tail, file.size), view = (b) => new DataView(b.buffer, b.byteOffset, b.length);
     let end = last.length - 22;
@@ -190,8 +190,8 @@ async function paletteOf({ shN }, entriesOf, coefficients) {
     };
 }
 
-// Reads the metadata. load(k) of the result reads the splats of a part. addSh(loading, k) reads their
-// SH at the same time, and resolves to the splats with SH.
+// Reads the metadata. load(k) of the result reads the splats of a part. addSh(loading, k) reads
+// their SH at the same time, and resolves to the splats with SH.
 async function open(address) {
     const file = await openFile(address), entriesOf = await directoryOf(file), meta = JSON.parse(new TextDecoder().decode((await entriesOf(['meta.json'])).get('meta.json') ?? fail('it has no meta.json'))), bands = meta.shN ? whole(meta.shN.bands, 'bands of shN', 1, 3) : 0, coefficients = (bands + 1) ** 2 - 1;
     if (meta.format !== 'sogst' || meta.version !== 1) fail(`it is of format ${meta.format}, version ${meta.version}`);
