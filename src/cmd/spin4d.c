@@ -148,7 +148,7 @@ static const char text[] =
     "{{#flicker_images}}flicker in static regions: {{flicker_images %.3f}}/255 before, "
     "{{flicker %.3f}}/255 after\n{{/}}{{/}}"
     "{{output}}: {{export.frames %N frame}} as {{to}}, {{export.splats_mean %N splat}} each"
-    "{{#export.bytes}}, {{export.bytes %B}}{{/}}\n"
+    "{{#export.bytes}}, {{export.bytes %B}}{{#input_bytes}} from {{input_bytes %B}}{{/}}{{/}}\n"
     "{{bundle}}: the bundle, for spin4d eval and spin4d export\n"
     "{{#to=html}}Open {{output}} in a browser.\n{{/}}";
 

@@ -111,6 +111,8 @@ spin_status spin_inputs_add_path(const char *path);
  * reading it. */
 void spin_inputs_own(const char *path);
 bool spin_inputs_have(const struct stat *st);
+/* Returns the sum of the sizes of all inputs so far. */
+uint64_t spin_inputs_bytes(void);
 /* While paused, files that this thread opens are not recorded. Use this while searching for a file:
  * the search also opens files that are not inputs, possibly an earlier output. */
 void spin_inputs_pause(bool pause);

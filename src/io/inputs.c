@@ -17,6 +17,7 @@ static struct {
         /* A hash table of `capacity` slots, a power of 2; at most half of them are used. */
     } * slot;
     size_t n, capacity;
+    uint64_t bytes; /* of the inputs */
 } all = {.lock = PTHREAD_MUTEX_INITIALIZER};
 
 static struct known *find_slot(const struct stat *st)
@@ -55,6 +56,7 @@ static spin_status add_file(const struct stat *st, enum kind kind)
     if (all.depth > 0 && status == SPIN_OK) {
         k = find_slot(st);
         all.n += k->kind == FREE;
+        all.bytes += k->kind == FREE && kind == INPUT ? (uint64_t)st->st_size : 0;
         if (k->kind == FREE || kind == OWN)
             *k = (struct known){(uint64_t)st->st_dev, (uint64_t)st->st_ino, kind};
     }
@@ -78,8 +80,19 @@ void spin_inputs_end(const int *begun)
         free(all.slot);
         all.slot = NULL;
         all.n = all.capacity = 0;
+        all.bytes = 0;
     }
     pthread_mutex_unlock(&all.lock);
+}
+
+uint64_t spin_inputs_bytes(void)
+{
+    uint64_t bytes;
+
+    pthread_mutex_lock(&all.lock);
+    bytes = all.bytes;
+    pthread_mutex_unlock(&all.lock);
+    return bytes;
 }
 
 static _Thread_local bool paused;

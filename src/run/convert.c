@@ -629,8 +629,10 @@ static spin_status run_convert(struct convert *c)
                            : o->lod >= 0 ? "--lod"
                                          : "--frames",
                            o->input);
-    if (c->imports)
+    if (c->imports) {
         SPIN_TRY(import_run(c));
+        spin_json_set_integer(c->report, "input_bytes", (json_int_t)spin_inputs_bytes());
+    }
     c->removes_import = c->imports;
     SPIN_TRY(inspect_bundle(c));
     trains = retrains(c);
@@ -684,6 +686,7 @@ spin_status spin_convert(const struct spin_convert_options *o, char **report)
     (void)inputs;
     (void)renders;
     *report = NULL;
+    spin_json_set_null(c.report, "input_bytes");
     spin_json_set_null(c.report, "import");
     spin_json_set_null(c.report, "retrain");
     spin_json_set_null(c.report, "rows");

@@ -95,6 +95,8 @@ err_has "static and stored once" "what stands still is stored once"
 is "$(echo $(ls -d moves.*))" "moves.import.spin moves.spin moves.tracks.spin moves.tsog" "what is kept"
 flicker=$(python3 -c 'import json,sys; e = json.load(open(sys.argv[1]))["eval"]; print(e["flicker"] < 1 and e["psnr"] > 20)' "$work/out")
 is "$flicker" True "it is measured in held-out views"
+is "$(python3 -c 'import json,sys; print(json.load(open(sys.argv[1]))["input_bytes"])' "$work/out")" \
+    "$(cat frames/*.ply | wc -c)" "and the size of the frames is reported"
 run "$bin/spin4d" frames -o page.html --iterations 20
 is "$code $(echo $(ls -d page.*))" "0 page.html page.import.spin page.spin" "and a page of frames without shared rows"
 run "$bin/spin4d" run.spin -o shared.html --iterations 20
