@@ -163,6 +163,9 @@ struct spin_retrain_options {
     /* Cache folder of refined frames, which several runs may share and no run deletes. NULL: the
      * run uses a folder beside the output and deletes it at the end. */
     const char *cache;
+    /* If the arrays of the frames do not fit into memory: folder of the temporary files in which to
+     * keep them. NULL: the folder of the output; "off": fail instead. Ignored on a GPU. */
+    const char *scratch;
 };
 
 /* Sets all options to those of the preset "quick". */

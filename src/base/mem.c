@@ -5,11 +5,15 @@
  * the system provides none, the blocks consist of ordinary pages. */
 #include "base/mem.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
+
+#include "base/text.h"
 
 #if defined(__SANITIZE_ADDRESS__)
 #include <sanitizer/asan_interface.h>
@@ -138,6 +142,81 @@ spin_status spin_pages_reserve(size_t bytes, void **out)
     *head_of(block) = rounded;
     *out = block;
     return SPIN_OK;
+}
+
+#ifndef _WIN32
+static spin_status fail_file(const char *folder, size_t bytes, int error)
+{
+    char size[32];
+
+    return spin_fail(SPIN_E_IO,
+                     "cannot keep %s in a temporary file in '%s': %s; give another folder with "
+                     "--scratch",
+                     spin_text_bytes(bytes, size), folder, strerror(error));
+}
+
+/* Opens a file of this size that has no name. */
+static spin_status open_nameless(const char *folder, size_t bytes, int *fd)
+{
+    static const char name[] = "/.spin4d-XXXXXX";
+    size_t n = strlen(folder) + sizeof name;
+    SPIN_FREED char *path = NULL;
+    int error;
+
+    SPIN_TRY(spin_alloc(n, 1, (void **)&path));
+    snprintf(path, n, "%s%s", folder, name);
+    *fd = mkstemp(path);
+    if (*fd < 0)
+        return fail_file(folder, bytes, errno);
+    unlink(path);
+    /* Without disk blocks, a full disk would end the process by a signal when a page is written. */
+    do
+        error = posix_fallocate(*fd, 0, (off_t)bytes);
+    while (error == EINTR);
+    if (error == 0)
+        return SPIN_OK;
+    close(*fd);
+    return fail_file(folder, bytes, error);
+}
+
+static spin_status reserve_in(const char *folder, size_t bytes, void **out)
+{
+    size_t rounded;
+    char *raw;
+    int fd;
+
+    if (!round_up(bytes, HEAD_PAGE, &rounded) || rounded > SIZE_MAX / 2 - HEAD_PAGE)
+        return fail_memory(bytes);
+    SPIN_TRY(open_nameless(folder, HEAD_PAGE + rounded, &fd));
+    raw = mmap(NULL, HEAD_PAGE + rounded, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    close(fd); /* the mapping keeps the file */
+    if (raw == MAP_FAILED)
+        return fail_file(folder, bytes, errno);
+    *out = raw + HEAD_PAGE;
+    *head_of(*out) = rounded;
+    return SPIN_OK;
+}
+
+void spin_pages_read_ahead(void *block)
+{
+    if (block && *head_of(block) > 0)
+        (void)madvise(block, *head_of(block), MADV_WILLNEED);
+}
+#else
+static spin_status reserve_in(const char *folder, size_t bytes, void **out)
+{
+    (void)bytes, (void)out;
+    return spin_misuse("cannot keep data in a temporary file in '%s' on Windows: omit --scratch",
+                       folder);
+}
+
+void spin_pages_read_ahead(void *block) { (void)block; }
+#endif
+
+spin_status spin_pages_reserve_in(const char *folder, size_t bytes, void **out)
+{
+    *out = NULL;
+    return folder ? reserve_in(folder, bytes, out) : spin_pages_reserve(bytes, out);
 }
 
 void spin_pages_release(void *block)
@@ -342,31 +421,37 @@ uint64_t spin_memory_group_available(const char *root)
     return least;
 }
 
-/* *out receives the remaining address space in bytes. Returns false if it is not limited by `ulimit
- * -v`, or is unknown. */
-static bool limit_available(uint64_t *out)
+/* Returns how many bytes a limit of the process still allows; UINT64_MAX if there is no limit or it
+ * is unknown. key: the line of /proc/self/status with the size that is limited. */
+static uint64_t limit_available(int resource, const char *key)
 {
     struct rlimit limit;
     uint64_t used;
 
-    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY ||
-        !system_number("/proc/self/status", "VmSize:", 1024, &used))
-        return false;
-    *out = limit.rlim_cur > used ? limit.rlim_cur - used : 0;
-    return true;
+    if (getrlimit(resource, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY ||
+        !system_number("/proc/self/status", key, 1024, &used))
+        return UINT64_MAX;
+    return limit.rlim_cur > used ? limit.rlim_cur - used : 0;
+}
+
+size_t spin_addresses_available(void)
+{
+    uint64_t bytes = limit_available(RLIMIT_AS, "VmSize:");
+
+    return bytes > SIZE_MAX ? SIZE_MAX : (size_t)bytes;
 }
 
 size_t spin_memory_available(void)
 {
-    uint64_t bytes, bound;
+    uint64_t bytes, bound[3];
 
     if (!system_number("/proc/meminfo", "MemAvailable:", 1024, &bytes))
         bytes = (uint64_t)sysconf(_SC_AVPHYS_PAGES) * (uint64_t)sysconf(_SC_PAGESIZE);
-    bound = spin_memory_group_available("");
-    if (bound < bytes)
-        bytes = bound;
-    if (limit_available(&bound) && bound < bytes)
-        bytes = bound;
+    bound[0] = spin_memory_group_available("");
+    bound[1] = limit_available(RLIMIT_AS, "VmSize:");
+    bound[2] = limit_available(RLIMIT_DATA, "VmData:");
+    for (int i = 0; i < 3; i++)
+        bytes = bound[i] < bytes ? bound[i] : bytes;
     return bytes > SIZE_MAX ? SIZE_MAX : (size_t)bytes;
 }
 

@@ -33,6 +33,19 @@ void spin_freed(void *pointer);
  * if the system provides them; smaller ones are aligned to 64 bytes. */
 spin_status spin_pages_reserve(size_t bytes, void **out);
 void spin_pages_release(void *block);
+/* The same, but the block is kept in a temporary file in `folder`: when memory is short, the system
+ * writes its pages to the disk and reads them again when they are used. The disk space is allocated
+ * at once. The file has no name, and is deleted when the block is released or the process ends.
+ * folder NULL: the block is kept in memory, as by spin_pages_reserve(). Not available on Windows.
+ */
+#ifdef _WIN32
+enum { SPIN_PAGES_IN_FILES = 0 };
+#else
+enum { SPIN_PAGES_IN_FILES = 1 };
+#endif
+spin_status spin_pages_reserve_in(const char *folder, size_t bytes, void **out);
+/* Lets the system read the pages of such a block from the disk in the background. */
+void spin_pages_read_ahead(void *block);
 
 /* A bump allocator, whose allocations are released all at once by spin_arena_free(). Initialise the
  * struct with zeros. Allocations are zeroed and aligned to 64 bytes. */
@@ -54,8 +67,12 @@ spin_status spin_scratch_need(struct spin_scratch *scratch, size_t bytes);
 void spin_scratch_free(struct spin_scratch *scratch);
 
 /* Returns how many bytes this process can still allocate: the minimum of the machine's available
- * memory and of the amounts that the process's control groups and `ulimit -v` still allow. */
+ * memory and of the amounts that the process's control groups, `ulimit -v` and `ulimit -d` still
+ * allow. */
 size_t spin_memory_available(void);
+/* Returns the remaining address space, which also limits mapped files; SIZE_MAX if `ulimit -v` does
+ * not limit it. */
+size_t spin_addresses_available(void);
 /* Returns how many more bytes the control groups (versions 1 and 2) of this process allow: the
  * minimum for its own group and all ancestors of that group; UINT64_MAX if there is no limit. root:
  * a prefix of the paths of system files, normally ""; tests pass a folder with files of their

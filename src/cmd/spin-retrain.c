@@ -99,6 +99,9 @@ static const struct spin_args_row rows[] = {
     SPIN_ARG("deterministic", 0, NULL, FLAG, options.deterministic,
              "make results on a GPU bit-identical between runs, at some cost in speed; results on "
              "the CPU always are"),
+    SPIN_ARG("scratch", 0, "DIR|off", STRING, options.scratch,
+             "folder of temporary files for the values of frames that do not fit into memory; off: "
+             "end with an error instead (the folder of the output)"),
     SPIN_ARG_END,
 };
 
@@ -139,6 +142,8 @@ static const char plan_text[] =
     "{{#full}}, pruning only: --max-points is reached{{/}}\n{{/}}"
     "memory      {{bytes_needed %B}} needed, {{#bytes_available}}{{bytes_available %B}}{{/}}"
     "{{^bytes_available}}an unknown amount{{/}} available\n"
+    "{{#bytes_scratch}}            and {{bytes_scratch %B}} in temporary files (--scratch), since "
+    "memory is short{{^fits_disk}}; the disk has less space free{{/}}\n{{/}}"
     "{{^fits}}            it does not fit: {{#fitting}}{{fitting}} would fit{{/}}{{^fitting}}no "
     "smaller setting was found that would{{/}}\n{{/}}"
     "{{^ranks=1}}processes   {{ranks}}; each needs this amount of memory; together they send up to "

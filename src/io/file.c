@@ -8,6 +8,9 @@
 #include <stdatomic.h>
 #include <sys/mman.h>
 #include <sys/statvfs.h>
+#ifdef __linux__
+#include <sys/vfs.h>
+#endif
 #include <time.h>
 #include <unistd.h>
 #include <zlib.h>
@@ -326,6 +329,26 @@ uint64_t spin_path_free_bytes(const char *path)
     struct statvfs fs;
 
     return statvfs(path, &fs) == 0 ? (uint64_t)fs.f_bavail * fs.f_frsize : UINT64_MAX;
+}
+
+bool spin_path_is_in_memory(const char *path)
+{
+#ifdef __linux__
+    struct statfs fs;
+
+    return statfs(path, &fs) == 0 && ((uint32_t)fs.f_type == 0x01021994u /* tmpfs */ ||
+                                      (uint32_t)fs.f_type == 0x858458f6u /* ramfs */);
+#else
+    (void)path;
+    return false;
+#endif
+}
+
+bool spin_path_same_disk(const char *a, const char *b)
+{
+    struct stat of[2];
+
+    return stat(a, &of[0]) == 0 && stat(b, &of[1]) == 0 && of[0].st_dev == of[1].st_dev;
 }
 
 spin_status spin_folder_make(const char *path)

@@ -60,6 +60,10 @@ spin_status spin_path_relative(const char *from, const char *to, char **out);
 /* Returns the number of bytes available on the file system of an existing path; UINT64_MAX if
  * unknown. */
 uint64_t spin_path_free_bytes(const char *path);
+/* True if the files of this folder are in memory (tmpfs); false if unknown. */
+bool spin_path_is_in_memory(const char *path);
+/* True if two existing paths are on the same file system. */
+bool spin_path_same_disk(const char *a, const char *b);
 
 /* List the names in a folder, without "." and "..", in byte order. (*names)[*n] is NULL. */
 spin_status spin_folder_list(const char *path, char ***names, size_t *n);

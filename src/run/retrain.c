@@ -157,6 +157,30 @@ static spin_status check_space(const char *folder, const char *path, const char 
                      path, files, spin_text_bytes(bytes, need), spin_text_bytes(room, left));
 }
 
+/* Checks that the temporary files of the frames fit on the disk, beside the other files of the run,
+ * `others` bytes in `folder`, if these are on the same disk. */
+static spin_status check_scratch_space(const struct spin_plan *p, const char *folder,
+                                       uint64_t others)
+{
+    const struct spin_retrain_report *report = p->report;
+    char need[32], left[32], output[32], beside[96] = "";
+
+    if (!p->scratch)
+        return SPIN_OK;
+    others = spin_path_same_disk(p->scratch, folder) ? others : 0;
+    if (report->bytes_disk >= report->bytes_scratch + others)
+        return SPIN_OK;
+    if (others > 0)
+        snprintf(beside, sizeof beside, " beside at least %s for checkpoint and output",
+                 spin_text_bytes(others, output));
+    return spin_fail(SPIN_E_IO,
+                     "the state of the training needs about %s in temporary files in '%s'%s, but "
+                     "the disk has %s free: free some space, or give a folder on another disk with "
+                     "--scratch",
+                     spin_text_bytes(report->bytes_scratch, need), p->scratch, beside,
+                     spin_text_bytes(report->bytes_disk, left));
+}
+
 /* Checks that the files that the run keeps until its end fit on the disk together. */
 static spin_status check_disk(const struct run *r)
 {
@@ -168,6 +192,7 @@ static spin_status check_disk(const struct run *r)
     SPIN_FREED char *folder = NULL;
 
     SPIN_TRY(spin_path_folder(o->output, &folder));
+    SPIN_TRY(check_scratch_space(p, folder, output + (o->cache ? 0 : cache)));
     if (o->cache)
         SPIN_TRY(check_space(p->parts, p->parts, "the refined frames", cache));
     else if (refined > 0)
@@ -254,6 +279,18 @@ static void log_recipe(const struct spin_plan *p)
                  spin_text_count(o->iterations, "iteration", count), frames, about);
 }
 
+static void log_scratch(const struct spin_plan *p)
+{
+    char state[32], left[32];
+
+    if (p->scratch)
+        spin_log(0,
+                 "the state of the training, %s, does not fit into the %s of memory that are free: "
+                 "it is kept in temporary files in '%s'",
+                 spin_text_bytes(p->report->bytes_scratch, state),
+                 spin_text_bytes(p->report->bytes_available, left), p->scratch);
+}
+
 /* For --watch, writes the log and the previews to the folder of the page, and evaluates twenty
  * times during the training. Options that the user has set are left unchanged. */
 static spin_status prepare_watch(struct run *r)
@@ -312,6 +349,9 @@ static spin_status make_plan(struct run *r, const struct spin_retrain_options *o
         SPIN_TRY(spin_refinement_open(&r->refinement, &r->plan));
     SPIN_TRY(spin_device_open(o->device, o->n_threads, &r->device));
     r->device.deterministic = o->deterministic;
+    if (o->scratch && !r->device.is_host && spin_rank() == 0)
+        spin_warn("--scratch has no effect on a GPU, which keeps the state of the training in its "
+                  "own memory");
     spin_plan_set_device(&r->plan, &r->device);
     SPIN_TRY(check_paths(r));
     spin_simd_paths_begin(&r->simd_paths, r->device.path);
@@ -714,7 +754,7 @@ static spin_status prepare_outputs(struct run *r, bool *done)
     bool found[2] = {false, r->plan.o->resume && spin_path_exists(r->plan.part)};
     spin_status status = spin_rank() == 0 ? check_output(r, &found[0]) : SPIN_OK;
 
-    if (status == SPIN_OK && !found[0] && spin_plan_is_short(&r->plan))
+    if (status == SPIN_OK && !found[0] && (spin_plan_is_short(&r->plan) || r->plan.scratch))
         status = find_tracks(r); /* a clip with tracks may need less memory */
     if (status == SPIN_OK && !found[0])
         status = spin_plan_check_memory(&r->plan);
@@ -743,6 +783,7 @@ static spin_status run_training(struct run *r)
         return SPIN_OK;
     }
     log_recipe(p);
+    log_scratch(p);
     log_exposure(r);
     status = run_stages(r);
     if (status != SPIN_OK)
@@ -844,8 +885,10 @@ spin_status spin_retrain(const struct spin_retrain_options *o, char **report)
     spin_json_set_number(j, "outside_ball", r.outside_ball);
     spin_json_set_integer(j, "bytes_needed", (int64_t)r.bytes_needed);
     spin_json_set_integer(j, "bytes_available", (int64_t)r.bytes_available);
+    spin_json_set_integer(j, "bytes_scratch", (int64_t)r.bytes_scratch);
     if (o->dry_run) {
         spin_json_set_bool(j, "dry_run", true);
+        spin_json_set_bool(j, "fits_disk", r.bytes_disk >= r.bytes_scratch);
         spin_json_set_bool(j, "full", o->max_points > 0 && r.splats_mean >= o->max_points);
         spin_json_set_bool(j, "fits", !r.bytes_available || r.bytes_needed <= r.bytes_available);
         spin_json_set_string(j, "fitting", r.fitting);

@@ -501,6 +501,8 @@ spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer 
 
     if (status == SPIN_OK)
         status = load_header(c, t, &npz);
+    if (status == SPIN_OK && c->gather_end > 0 && t->iteration + 1 >= c->gather_end)
+        spin_trainer_drop_statistics(t);
     if (status == SPIN_OK)
         status = spin_average_resume(t);
     if (status == SPIN_OK)
@@ -576,7 +578,7 @@ spin_status spin_state_arrays(struct spin_trainer *t, uint32_t **permutation,
         float SPIN_DEV *at[] = {frame->gradient, (float SPIN_DEV *)(void SPIN_DEV *)frame->seen,
                                 (float SPIN_DEV *)(void SPIN_DEV *)frame->track, NULL};
 
-        for (int j = 0; j < 4; j++, k++) {
+        for (int j = frame->statistics || frame->size.n == 0 ? 0 : 2; j < 4; j++, k++) {
             piece[k] = of_frame(f, "frames", name[j], at[j], frame->size.n);
             piece[k].kind = SPIN_STATE_GRADIENT + j;
         }
@@ -644,7 +646,8 @@ static spin_status reserve_mean(struct spin_trainer *t)
     struct spin_average *a = &t->average;
 
     SPIN_TRY(spin_average_values(t, &a->n_values));
-    return spin_grow(a->n_values + 1, sizeof *a->mean, (void **)&a->mean);
+    return spin_pages_reserve_in(t->scratch, (a->n_values + 1) * sizeof *a->mean,
+                                 (void **)&a->mean);
 }
 
 spin_status spin_average_resume(struct spin_trainer *t)

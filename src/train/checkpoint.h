@@ -65,6 +65,9 @@ struct spin_checkpoint {
     bool sound;
     /* [frames][splats] row of each splat in the output; saved only in a training with tracks. */
     uint32_t **permutation;
+    /* Iterations from this one on gather no densification statistics, so checkpoints before them
+     * contain none; 0: all iterations may gather statistics. */
+    int64_t gather_end;
     /* Iteration of the last checkpoint that this run saved or loaded; -1 if there is none. */
     int64_t saved;
     /* Disk space that is reserved for the next checkpoint or for the output. */

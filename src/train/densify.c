@@ -543,16 +543,17 @@ static spin_status add_tracked(const struct change *c, struct rows *rows)
 
 /* Replaces *permutation, the rows of a frame's splats in the output. Kept splats keep their order
  * in the output, and gaps of removed splats are closed; new splats get the last rows. */
-static spin_status update_permutation(const struct rows *rows, size_t n_before,
-                                      uint32_t **permutation)
+static spin_status update_permutation(const struct change *c, const struct rows *rows,
+                                      size_t n_before, uint32_t **permutation)
 {
     size_t n = rows->size.n, n_kept = 0;
     /* row_at [n_before]: for each row of the output before the densification, the present row of
      * its splat in `rows`, or NEW_ROW if the splat was removed. */
-    uint32_t *to, *row_at;
+    SPIN_FREED uint32_t *row_at = NULL;
+    uint32_t *to;
 
-    SPIN_TRY(spin_alloc(n + n_before + 1, sizeof *to, (void **)&to));
-    row_at = to + n;
+    SPIN_TRY(spin_alloc(n_before + 1, sizeof *row_at, (void **)&row_at));
+    SPIN_TRY(spin_pages_reserve_in(c->t->scratch, (n + 1) * sizeof *to, (void **)&to));
     memset(row_at, 0xff, n_before * sizeof *row_at);
     for (size_t i = 0; i < n; i++)
         if (rows->origin[i] != NEW_ROW)
@@ -563,7 +564,7 @@ static spin_status update_permutation(const struct rows *rows, size_t n_before,
     for (size_t i = 0; i < n; i++)
         if (rows->origin[i] == NEW_ROW)
             to[i] = (uint32_t)n_kept++;
-    free(*permutation);
+    spin_pages_release(*permutation);
     *permutation = to;
     return SPIN_OK;
 }
@@ -604,7 +605,7 @@ static spin_status replace_frame(struct change *c, int f, const struct rows *row
 
     SPIN_TRY(inherit_turns(c, frame, rows, &turn));
     spin_train_frame_close(frame, d);
-    SPIN_TRY(spin_train_frame_open(frame, d, rows->size, c->t->sh_width, true));
+    SPIN_TRY(spin_train_frame_open(frame, d, c->t->scratch, rows->size, c->t->sh_width, true));
     frame->time = old.time;
     frame->steps = old.steps;
     d->op->upload(d, frame->track, rows->track, rows->size.n * sizeof *rows->track);
@@ -641,7 +642,7 @@ static spin_status change_frame(struct change *c, int f, uint32_t **permutation,
     SPIN_TRY_OUT(change_free(c, f, &seen, frame->size.n_free, n_tracked, sum));
     SPIN_TRY_OUT(add_tracked(c, &rows));
     if (permutation)
-        SPIN_TRY_OUT(update_permutation(&rows, n, permutation));
+        SPIN_TRY_OUT(update_permutation(c, &rows, n, permutation));
     status = replace_frame(c, f, &rows);
 out:
     free(seen.gradient);

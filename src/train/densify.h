@@ -58,11 +58,11 @@ size_t spin_refine_prune(struct spin_refine_cloud *cloud, double prune_opacity);
  * which its parent has a splat. */
 
 /* Densifies the clip and clears the statistics of all frames. permutation [frames][splats] is the
- * row of each splat in the output; the function replaces the array of each frame and assigns the
- * last rows to new splats. It may be NULL if the caller does not need the rows. Sets counts
- * [frames] to the new numbers of splats. iteration and o->seed select the random numbers.
- * o->max_points limits the number of splats of a frame; if the limit is reached, tracks take
- * precedence over splats without a track. */
+ * row of each splat in the output; the function replaces the array of each frame, which was
+ * allocated by spin_pages_reserve_in(), and assigns the last rows to new splats. It may be NULL if
+ * the caller does not need the rows. Sets counts [frames] to the new numbers of splats. iteration
+ * and o->seed select the random numbers. o->max_points limits the number of splats of a frame; if
+ * the limit is reached, tracks take precedence over splats without a track. */
 spin_status spin_densify_tracks(struct spin_trainer *t, const struct spin_densify_options *o,
                                 int iteration, uint32_t **permutation, size_t *counts,
                                 struct spin_densify_change *change);

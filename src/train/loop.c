@@ -99,6 +99,7 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
                           .schedule = spin_plan_schedule(plan)};
 
     spin_densify_defaults(&l.densify);
+    checkpoint->gather_end = l.schedule.every > 0 && l.schedule.until > 1 ? l.schedule.until : 1;
     l.densify.extent = plan->extent;
     l.densify.seed = plan->o->seed;
     l.densify.max_points = (size_t)plan->o->max_points;
@@ -115,6 +116,13 @@ struct spin_loop spin_loop_of(struct spin_plan *plan, struct spin_photos *photos
 static bool gathers_at(const struct spin_loop *l, int64_t iteration)
 {
     return l->trainer->tracked && l->schedule.every > 0 && iteration < l->schedule.until;
+}
+
+/* Releases the statistics if no later iteration gathers them. */
+static void drop_unused_statistics(const struct spin_loop *l)
+{
+    if (!gathers_at(l, l->trainer->iteration + 1))
+        spin_trainer_drop_statistics(l->trainer);
 }
 
 static bool densifies_at(const struct spin_loop *l, int64_t iteration)
@@ -162,6 +170,7 @@ static spin_status run_iteration(const struct spin_loop *l, const struct spin_sa
         SPIN_TRY(spin_check_parameters(t));
     if (due_now)
         SPIN_TRY(densify_clip(l, &steps->change));
+    drop_unused_statistics(l);
     SPIN_TRY(spin_average_step(t));
     l->checkpoint->sound = true;
     return SPIN_OK;
@@ -424,6 +433,7 @@ static spin_status iterate_all(const struct spin_loop *l, struct spin_sampler *s
     bool tried;
     spin_status status = SPIN_OK; /* returned if no iterations remain */
 
+    drop_unused_statistics(l);
     SPIN_TRY(ensure_space(l));
     spin_progress_begin(&progress, "retraining", "it", l->trainer->iteration, o->iterations);
     while (l->trainer->iteration < o->iterations) {

@@ -12,7 +12,22 @@
  * loads images other than PNG and JPEG, are not included. */
 static const size_t program_bytes = 10 << 20;
 
+/* Number of frames whose pages should be in memory if frames are kept in temporary files. */
+enum { SCRATCH_FRAMES = 4 };
+
 /* ---- Options --------------------------------------------------------------------------------- */
+
+/* Fails if no temporary file can be created in the folder of --scratch. */
+static spin_status check_scratch(const char *folder)
+{
+    void *block;
+
+    SPIN_TRY(spin_pages_reserve_in(folder, 1, &block));
+    spin_pages_release(block);
+    if (spin_path_is_in_memory(folder))
+        spin_warn("'%s' is in memory, not on a disk: --scratch saves no memory there", folder);
+    return SPIN_OK;
+}
 
 static spin_status check_options(const struct spin_retrain_options *o)
 {
@@ -22,6 +37,8 @@ static spin_status check_options(const struct spin_retrain_options *o)
     if (o->method == SPIN_METHOD_FRAMES && o->refine < 1)
         return spin_misuse(
             "--method frames needs a number of iterations per frame: give it with --refine");
+    if (o->scratch && strcmp(o->scratch, "off") != 0)
+        SPIN_TRY(check_scratch(o->scratch));
     if (o->method == SPIN_METHOD_TRACKS && !o->tracks)
         return spin_misuse("--method tracks does not support --tracks off: use --tracks auto");
     if ((o->method == SPIN_METHOD_TRACKS || o->method == SPIN_METHOD_4D) && o->refine > 0)
@@ -406,6 +423,8 @@ spin_status spin_plan_open_trainer(const struct spin_plan *plan, struct spin_dev
     size->n_cameras = exposures ? plan->n_cameras : 0;
     size->n_lenses = plan->lenses.n;
     size->exposure = plan->exposure;
+    /* A device that only counts has no memory, hence no files either. */
+    size->scratch = size->alone || device != plan->device ? NULL : plan->scratch;
     SPIN_TRY(spin_trainer_open(t, device, &plan->field, size));
     t->rates = size->alone ? spin_rates_3dgs(plan->extent, o->iterations) : clip_rates(plan);
     if (size->alone)
@@ -502,14 +521,22 @@ static struct spin_frame_size grown_size(const struct spin_plan *plan, int f)
                                     grown_count(plan, size.n_residual)};
 }
 
+/* Sizes in bytes of the arrays that grow with the number of frames. */
+struct clip_bytes {
+    size_t frames;     /* all arrays of struct spin_train_frame */
+    size_t statistics; /* those of `frames` that are released after the last densification */
+    size_t permutations, average;
+};
+
 /* Opens and closes all objects of a training, on a device that only counts allocated memory. Before
  * tracks are found, the count is an upper bound: it assumes that all splats own their values and
  * that there are as many tracks as splats. */
 static spin_status open_training(const struct spin_plan *plan, struct spin_device *device,
-                                 size_t *n_averaged)
+                                 struct clip_bytes *of)
 {
     const struct spin_retrain_options *o = plan->o;
     size_t n_frames = (size_t)plan->clip.n_frames, most = grown_count(plan, plan->clip.n_max);
+    size_t n_averaged = 0;
     struct spin_frame_size *frame = NULL;
     struct spin_trainer_size size = {.n_frames = plan->clip.n_frames,
                                      .tracked = o->tracks || plan->n_rows > 0,
@@ -528,7 +555,15 @@ static spin_status open_training(const struct spin_plan *plan, struct spin_devic
     SPIN_TRY_OUT(spin_plan_open_trainer(plan, device, &size, &t));
     SPIN_TRY_OUT(spin_field_eval_open(&evaluation, device, t.network, false, most, false));
     if (averages(plan))
-        SPIN_TRY_OUT(spin_average_values(&t, n_averaged));
+        SPIN_TRY_OUT(spin_average_values(&t, &n_averaged));
+    of->average = n_averaged * sizeof(float);
+    for (size_t f = 0; f < n_frames; f++) {
+        size_t statistics;
+
+        of->frames += spin_train_frame_bytes(frame[f], t.sh_width, t.tracked, &statistics);
+        of->statistics += statistics;
+        of->permutations += frame[f].n * sizeof(uint32_t);
+    }
     status = spin_image_store_open(&images, device, (size_t)o->batch, plan->max_pixels,
                                    SPIN_IMAGE_RGB8, spin_plan_is_weighted(plan));
 out:
@@ -561,22 +596,30 @@ static size_t scratch_bytes(const struct spin_plan *plan)
 }
 
 /* Estimates the memory for training the clip, in bytes: *of_device on the device, *of_host on the
- * host. */
-static void training_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host)
+ * host, and *of_clip for arrays that grow with the number of frames, which are included in the
+ * other two. */
+static void training_bytes(const struct spin_plan *plan, size_t *of_device, size_t *of_host,
+                           size_t *of_clip)
 {
     const struct spin_device *d = plan->device;
     size_t image = 3 * plan->max_pixels * sizeof(float);
     int views = d->views_at_once < plan->o->batch ? d->views_at_once : plan->o->batch;
     struct spin_counting_device c;
-    size_t n_averaged = 0, most = grown_count(plan, plan->clip.n_max);
+    struct clip_bytes of = {0};
+    size_t most = grown_count(plan, plan->clip.n_max), released = 0;
 
     spin_device_count(&c, d);
     *of_host = most * SPIN_ATTR * sizeof(float) + 12 * image;
     *of_device = SIZE_MAX / 4; /* result if open_training() fails: more than any device has */
-    if (open_training(plan, &c.device, &n_averaged) != SPIN_OK)
+    *of_clip = 0;
+    if (open_training(plan, &c.device, &of) != SPIN_OK)
         return;
-    *of_host += n_averaged * sizeof(float);
-    *of_device = c.bytes + scratch_bytes(plan) +
+    /* The average begins after the statistics are released. */
+    if (d->is_host)
+        released = of.statistics < of.average ? of.statistics : of.average;
+    *of_clip = of.frames + of.permutations + of.average - released;
+    *of_host += of.permutations + of.average;
+    *of_device = c.bytes - released + scratch_bytes(plan) +
                  (size_t)views * spin_raster_grows(most, plan->max_pixels, true);
 }
 
@@ -617,6 +660,22 @@ static double step_bytes(const struct spin_plan *plan)
     return sizeof(float) * floats;
 }
 
+/* Decides whether the arrays of the frames are kept in temporary files: if the needed memory is
+ * insufficient, and the arrays are larger than the pages of a few frames, which stay in memory.
+ * Returns the number of bytes that this saves. */
+static size_t plan_scratch(struct spin_plan *plan, size_t needed, size_t of_clip)
+{
+    struct spin_retrain_report *report = plan->report;
+    size_t pages = SCRATCH_FRAMES * (of_clip / (size_t)plan->clip.n_frames);
+    bool possible = plan->scratch_folder && plan->device->is_host && of_clip > pages &&
+                    needed <= spin_addresses_available();
+
+    plan->scratch = possible && needed > report->bytes_available ? plan->scratch_folder : NULL;
+    report->bytes_scratch = plan->scratch ? of_clip : 0;
+    report->bytes_disk = plan->scratch ? spin_path_free_bytes(plan->scratch) : 0;
+    return plan->scratch ? of_clip - pages : 0;
+}
+
 /* Estimates the memory of the run for the report. On a GPU, device memory and host memory must both
  * be sufficient; the report contains the numbers of host memory if only host memory is
  * insufficient, otherwise those of device memory. held: size in bytes of the decoded images that
@@ -624,19 +683,20 @@ static double step_bytes(const struct spin_plan *plan)
 static void plan_memory(struct spin_plan *plan, size_t held)
 {
     struct spin_retrain_report *report = plan->report;
-    size_t of_device, of_host, available, refining = spin_plan_refine_bytes(plan);
+    size_t of_device, of_host, of_clip, available, refining = spin_plan_refine_bytes(plan);
 
-    training_bytes(plan, &of_device, &of_host);
+    training_bytes(plan, &of_device, &of_host, &of_clip);
     if (plan->o->refine > 0 &&
         (plan->o->method == SPIN_METHOD_FRAMES || of_device + of_host < refining)) {
         of_device = refining;
-        of_host = 0;
+        of_host = of_clip = 0;
     }
     report->ranks = spin_n_ranks();
     if (plan->o->method != SPIN_METHOD_FRAMES)
         report->bytes_sent = (spin_n_ranks() > 1 ? spin_n_ranks() : 0) * step_bytes(plan);
     of_host += program_bytes + (plan->device->is_host ? of_device : 0);
     report->bytes_available = spin_memory_available() + held;
+    of_host -= plan_scratch(plan, of_host, of_clip);
     of_host += plan_pixels(plan, report->bytes_available, of_host, held);
     report->bytes_needed = of_host;
     if (plan->device->is_host)
@@ -875,6 +935,23 @@ static spin_status open_clip(struct spin_plan *plan)
     return plan_extent(plan);
 }
 
+/* Sets the folder of temporary files: that of --scratch, or the folder of the output. */
+static spin_status name_scratch(struct spin_plan *plan)
+{
+    const char *chosen = plan->o->scratch, *output = plan->o->output;
+
+    if (!SPIN_PAGES_IN_FILES || (chosen && strcmp(chosen, "off") == 0))
+        return SPIN_OK;
+    if (chosen)
+        return spin_strdup(chosen, &plan->scratch_folder);
+    SPIN_TRY(spin_path_folder(output ? output : "", &plan->scratch_folder));
+    if (spin_path_is_in_memory(plan->scratch_folder)) {
+        free(plan->scratch_folder);
+        plan->scratch_folder = NULL;
+    }
+    return SPIN_OK;
+}
+
 /* Sets the paths of the files of an unfinished run: checkpoint, bundle for viewing, and folder of
  * refined frames. */
 static spin_status name_parts(struct spin_plan *plan)
@@ -892,7 +969,7 @@ static spin_status name_parts(struct spin_plan *plan)
         snprintf(plan->parts, n, "%s", cache);
     else
         snprintf(plan->parts, n, "%s.parts", output);
-    return SPIN_OK;
+    return name_scratch(plan);
 }
 
 spin_status spin_plan_open(struct spin_plan *plan, const struct spin_retrain_options *o,
@@ -975,6 +1052,7 @@ void spin_plan_close(struct spin_plan *plan)
     free(plan->part);
     free(plan->clip_of_state);
     free(plan->parts);
+    free(plan->scratch_folder);
     spin_clip_close(&plan->clip);
 }
 

@@ -33,6 +33,11 @@ struct spin_retrain_report {
     double refine_seconds; /* seconds of refinement, included in `seconds` */
     double outside_ball;   /* share of splats, 0..1, outside the unit ball of the contraction */
     size_t bytes_needed, bytes_available; /* bytes_available is 0 if unknown */
+    /* If the arrays of the frames are kept in temporary files, because the memory is insufficient
+     * for them: their size, which bytes_needed does not include, and free space of the disk;
+     * otherwise 0. */
+    size_t bytes_scratch;
+    uint64_t bytes_disk;
     /* If the memory is insufficient: options, in the syntax of the command line, with which the run
      * would fit; empty if none were found. */
     char fitting[96];
@@ -93,6 +98,10 @@ struct spin_plan {
      * splats densification adds, and share of pixels of the background colour, which are quick to
      * render. */
     double edges, empty;
+    /* Folder of temporary files for the arrays of the frames, see --scratch; NULL: none are
+     * written. scratch_folder: the folder that the options select. */
+    const char *scratch;
+    char *scratch_folder;
     size_t pixels_budget; /* size limit of the cache of decoded images, in bytes */
     char *part;           /* path of the checkpoint */
     /* Path of the bundle that an interrupted run writes beside the checkpoint, so that its splats

@@ -374,8 +374,7 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
                         (void **)&frames->permutation));
     frames->n = rows->n_frames;
     for (int f = 0; f < frames->n; f++) {
-        SPIN_TRY(spin_alloc(rows->counts[f] + 1, sizeof **frames->permutation,
-                            (void **)&frames->permutation[f]));
+        SPIN_TRY(spin_frames_reserve(frames, t, f, rows->counts[f]));
         for (size_t i = 0; i < rows->counts[f]; i++)
             frames->permutation[f][i] = (uint32_t)i;
         t->frame[f].time = spin_plan_info(plan, f)->time;

@@ -20,7 +20,8 @@ struct spin_tracks {
     /* [n][3] position of each track: the mean over all frames if the track is static, otherwise the
      * position of its first splat. */
     float *place;
-    /* [frames][splats, in the bundle's order] track of each splat, or SPIN_NO_TRACK. */
+    /* [frames][splats, in the bundle's order] track of each splat, or SPIN_NO_TRACK; NULL for
+     * frames that spin_frames_load() has loaded. */
     uint32_t **of;
     int n_frames;
     /* True if the source has persistent ids: row i belongs to track of[0][i] in every frame. */

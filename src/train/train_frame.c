@@ -9,58 +9,126 @@
 #include "scene/bundle.h"
 #include "geometry/knn.h"
 
-/* Allocates device memory; if floats is 0, *out is left unchanged, that is, NULL. */
-static spin_status reserve_floats(struct spin_device *d, size_t floats, float SPIN_DEV **out)
+/* An array of a frame: where its pointer is stored, and its size. */
+struct part {
+    float SPIN_DEV **at;
+    size_t floats;
+};
+enum { PARTS = 11, ALIGNMENT = 64 };
+
+static size_t part_bytes(const struct part *part)
 {
-    return floats == 0 ? SPIN_OK : d->op->reserve(d, floats * sizeof(float), (void SPIN_DEV **)out);
+    return (part->floats * sizeof(float) + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
 }
 
-static spin_status reserve_turns(struct spin_train_frame *f, struct spin_device *d)
+/* Lists the arrays that all iterations use. track and turn are absent without tracks; turn is also
+ * absent if no splat with a track owns both a position and residual values. */
+static void list_parts(struct spin_train_frame *f, bool tracked, struct part part[PARTS])
 {
-    size_t n = f->size.n_pos;
-    SPIN_FREED float *identity = NULL;
+    const struct spin_frame_size *n = &f->size;
+    bool turns = tracked && n->n_pos != n->n_free && n->n_pos <= n->n_residual;
+    const struct part all[PARTS] = {
+        {&f->pos, 3 * n->n_pos},
+        {&f->m, 3 * n->n_pos},
+        {&f->v, 3 * n->n_pos},
+        {&f->residual, SPIN_RESIDUAL * n->n_residual},
+        {&f->residual_m, SPIN_RESIDUAL * n->n_residual},
+        {&f->residual_v, SPIN_RESIDUAL * n->n_residual},
+        {&f->sh, f->sh_width * n->n},
+        {&f->sh_m, f->sh_width * n->n},
+        {&f->sh_v, f->sh_width * n->n},
+        {(float SPIN_DEV **)&f->track, tracked ? n->n : 0},
+        {&f->turn, turns ? 4 * n->n_pos : 0},
+    };
 
-    if (n == f->size.n_free || n > f->size.n_residual)
-        return SPIN_OK;
-    SPIN_TRY(reserve_floats(d, 4 * n, &f->turn));
-    SPIN_TRY(spin_alloc(4 * n, sizeof *identity, (void **)&identity));
+    memcpy(part, all, sizeof all);
+}
+
+static size_t parts_bytes(const struct part *part, size_t n)
+{
+    size_t bytes = 0;
+
     for (size_t i = 0; i < n; i++)
-        identity[4 * i] = 1;
-    d->op->upload(d, f->turn, identity, 4 * n * sizeof *identity);
+        bytes += part_bytes(&part[i]);
+    return bytes;
+}
+
+/* Allocates one block for n arrays, and sets their pointers; an empty array stays NULL. */
+static spin_status reserve_parts(struct spin_device *d, const char *folder, const struct part *part,
+                                 size_t n, void SPIN_DEV **block)
+{
+    size_t bytes = parts_bytes(part, n);
+
+    if (bytes == 0)
+        return SPIN_OK;
+    SPIN_TRY(folder ? spin_pages_reserve_in(folder, bytes, (void **)block)
+                    : d->op->reserve(d, bytes, block));
+    bytes = 0;
+    for (size_t i = 0; i < n; i++) {
+        if (part[i].floats > 0)
+            *part[i].at = (float SPIN_DEV *)(void SPIN_DEV *)((char SPIN_DEV *)*block + bytes);
+        bytes += part_bytes(&part[i]);
+    }
     return SPIN_OK;
 }
 
-spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device *d,
-                                  struct spin_frame_size size, size_t sh_width, bool tracked)
+static spin_status set_identity_turns(struct spin_train_frame *f, struct spin_device *d)
 {
-    float SPIN_DEV **pos[3] = {&f->pos, &f->m, &f->v};
-    float SPIN_DEV **residual[3] = {&f->residual, &f->residual_m, &f->residual_v};
-    float SPIN_DEV **sh[3] = {&f->sh, &f->sh_m, &f->sh_v};
+    size_t n = f->turn ? f->size.n_pos : 0;
+    SPIN_FREED float *identity = NULL;
+
+    SPIN_TRY(spin_alloc(4 * n + 1, sizeof *identity, (void **)&identity));
+    for (size_t i = 0; i < n; i++)
+        identity[4 * i] = 1;
+    if (n > 0)
+        d->op->upload(d, f->turn, identity, 4 * n * sizeof *identity);
+    return SPIN_OK;
+}
+
+size_t spin_train_frame_bytes(struct spin_frame_size size, size_t sh_width, bool tracked,
+                              size_t *statistics)
+{
+    struct spin_train_frame f = {.size = size, .sh_width = sh_width};
+    const struct part part = {&f.gradient, tracked ? size.n : 0};
+    struct part parts[PARTS];
+
+    list_parts(&f, tracked, parts);
+    *statistics = 2 * part_bytes(&part);
+    return parts_bytes(parts, PARTS) + *statistics;
+}
+
+spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device *d,
+                                  const char *folder, struct spin_frame_size size, size_t sh_width,
+                                  bool tracked)
+{
+    struct part part[PARTS];
 
     memset(f, 0, sizeof *f);
     f->size = size;
     f->sh_width = sh_width;
-    for (int i = 0; i < 3; i++) {
-        SPIN_TRY(reserve_floats(d, size.n_pos * 3, pos[i]));
-        SPIN_TRY(reserve_floats(d, size.n_residual * SPIN_RESIDUAL, residual[i]));
-        SPIN_TRY(reserve_floats(d, size.n * sh_width, sh[i]));
+    list_parts(f, tracked, part);
+    SPIN_TRY(reserve_parts(d, folder, part, PARTS, &f->block));
+    if (tracked) {
+        const struct part statistics[] = {{&f->gradient, size.n},
+                                          {(float SPIN_DEV **)&f->seen, size.n}};
+
+        SPIN_TRY(reserve_parts(d, folder, statistics, 2, &f->statistics));
     }
-    if (!tracked)
-        return SPIN_OK;
-    SPIN_TRY(reserve_floats(d, size.n, (float SPIN_DEV **)&f->track));
-    SPIN_TRY(reserve_floats(d, size.n, &f->gradient));
-    SPIN_TRY(reserve_floats(d, size.n, (float SPIN_DEV **)&f->seen));
-    return reserve_turns(f, d);
+    return set_identity_turns(f, d);
+}
+
+void spin_train_frame_drop_statistics(struct spin_train_frame *f, struct spin_device *d)
+{
+    d->op->release(d, f->statistics);
+    f->statistics = NULL;
+    f->gradient = NULL;
+    f->seen = NULL;
 }
 
 void spin_train_frame_close(struct spin_train_frame *f, struct spin_device *d)
 {
-    void SPIN_DEV *all[] = {f->pos,        f->m,    f->v,    f->residual, f->residual_m,
-                            f->residual_v, f->sh,   f->sh_m, f->sh_v,     f->track,
-                            f->gradient,   f->seen, f->turn};
-
-    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
-        d->op->release(d, all[i]);
+    spin_train_frame_drop_statistics(f, d);
+    d->op->release(d, f->block);
     memset(f, 0, sizeof *f);
 }
 

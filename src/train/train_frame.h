@@ -25,7 +25,8 @@ struct spin_train_frame {
     /* [n][sh_width] SH coefficients beyond the first, and their moments; NULL if sh_width is 0. */
     float SPIN_DEV *sh, *sh_m, *sh_v;
     size_t sh_width;
-    /* track, gradient and seen are NULL if the frame was opened with `tracked` false. */
+    /* track, gradient and seen are NULL if the frame was opened with `tracked` false; gradient and
+     * seen also after spin_train_frame_drop_statistics(). */
     uint32_t SPIN_DEV *track; /* [n] track of each splat, or SPIN_NO_TRACK */
     /* [n] sum over views of the norm of the screen gradient of each splat, see densify_stats() of
      * device.h. */
@@ -36,13 +37,24 @@ struct spin_train_frame {
      * turns are then the identity. */
     float SPIN_DEV *turn;
     int64_t steps; /* number of Adam steps of the frame so far */
+    /* The memory of all arrays: of gradient and seen, and of the others. */
+    void SPIN_DEV *statistics, *block;
 };
 
 /* Allocates a frame. All values are zero, and all turns are the identity. tracked: true if splats
- * may have tracks, and statistics are gathered. Close the frame also after a failure. */
+ * may have tracks, and statistics are gathered. folder: on the CPU, the folder of temporary files
+ * in which to keep the arrays (spin_pages_reserve_in()); NULL: in the memory of the device. Close
+ * the frame also after a failure. */
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
-                                  struct spin_frame_size size, size_t sh_width, bool tracked);
+                                  const char *folder, struct spin_frame_size size, size_t sh_width,
+                                  bool tracked);
+/* Returns the size of all arrays of a frame in bytes, and sets *statistics to the part of it that
+ * spin_train_frame_drop_statistics() releases. */
+size_t spin_train_frame_bytes(struct spin_frame_size size, size_t sh_width, bool tracked,
+                              size_t *statistics);
 void spin_train_frame_close(struct spin_train_frame *frame, struct spin_device *d);
+/* Releases the densification statistics, when no densification follows. */
+void spin_train_frame_drop_statistics(struct spin_train_frame *frame, struct spin_device *d);
 
 /* Rows in host memory, one for each splat; consecutive rows begin `stride` floats apart. If `at` is
  * NULL, the values are not transferred. */

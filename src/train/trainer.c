@@ -114,6 +114,7 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
     t->n_moving = size->n_moving;
     t->n_varying = size->n_varying;
     t->n_backdrop = size->n_backdrop;
+    t->scratch = size->scratch;
     t->residuals = has_residual(size);
     t->sh_degree = size->sh_degree;
     t->sh_width = spin_column_width(SPIN_COL_SH, size->sh_degree) - 3;
@@ -133,8 +134,8 @@ spin_status spin_trainer_open(struct spin_trainer *t, struct spin_device *device
                                      size->exposure,
                                      t->max_pixels * smaller(device->views_at_once, t->max_items)));
     for (int f = 0; f < t->n_frames; f++)
-        SPIN_TRY_OUT(
-            spin_train_frame_open(&t->frame[f], device, size->frame[f], t->sh_width, t->tracked));
+        SPIN_TRY_OUT(spin_train_frame_open(&t->frame[f], device, t->scratch, size->frame[f],
+                                           t->sh_width, t->tracked));
     SPIN_TRY_OUT(open_buffers(t));
     if (t->n_ranks > 1)
         SPIN_TRY_OUT(spin_rank_sum_open(&t->rank_sum, device));
@@ -170,9 +171,11 @@ spin_status spin_trainer_resize(struct spin_trainer *t)
 
 spin_status spin_trainer_join_seen(struct spin_trainer *t)
 {
-    for (int f = 0; t->n_ranks > 1 && t->tracked && f < t->n_frames; f++) {
+    for (int f = 0; t->n_ranks > 1 && f < t->n_frames; f++) {
         const struct spin_train_frame *frame = &t->frame[f];
 
+        if (!frame->statistics)
+            continue;
         SPIN_TRY(spin_rank_sum(&t->rank_sum, frame->gradient, frame->size.n, SPIN_SUM_F32));
         SPIN_TRY(spin_rank_sum(&t->rank_sum, frame->seen, frame->size.n, SPIN_SUM_U32));
     }
@@ -181,12 +184,20 @@ spin_status spin_trainer_join_seen(struct spin_trainer *t)
 
 void spin_trainer_part_seen(struct spin_trainer *t)
 {
-    for (int f = 0; t->tracked && t->rank > 0 && f < t->n_frames; f++) {
+    for (int f = 0; t->rank > 0 && f < t->n_frames; f++) {
         const struct spin_train_frame *frame = &t->frame[f];
 
+        if (!frame->statistics)
+            continue;
         t->device->op->zero(t->device, frame->gradient, frame->size.n * sizeof *frame->gradient);
         t->device->op->zero(t->device, frame->seen, frame->size.n * sizeof *frame->seen);
     }
+}
+
+void spin_trainer_drop_statistics(struct spin_trainer *t)
+{
+    for (int f = 0; f < t->n_frames; f++)
+        spin_train_frame_drop_statistics(&t->frame[f], t->device);
 }
 
 spin_status spin_trainer_enable_lazy_adam(struct spin_trainer *t)
@@ -214,7 +225,7 @@ void spin_trainer_close(struct spin_trainer *t)
     spin_param_close(&t->tracks, d);
     d->op->release(d, t->motion);
     spin_exposures_close(&t->exposures, d);
-    free(t->average.mean);
+    spin_pages_release(t->average.mean);
     for (int f = 0; f < t->n_frames; f++)
         spin_train_frame_close(&t->frame[f], d);
     free(t->frame);

@@ -130,6 +130,8 @@ struct spin_trainer_size {
     /* True for the training of a single frame, which this rank does without the other ranks. */
     bool alone;
     int sh_degree; /* SH degree of the splats' own coefficients; 0: only the first coefficient */
+    /* Folder of the temporary files that contain the arrays of the frames; NULL: device memory. */
+    const char *scratch;
     int max_items; /* largest number of images in a batch */
     size_t max_pixels, max_tiles;
     /* Number of cameras whose exposure is learned, and number of lenses. If n_cameras is 0, neither
@@ -174,8 +176,9 @@ struct spin_trainer {
     struct spin_exposures exposures;
     struct spin_train_frame *frame; /* [n_frames] */
     int n_frames;
-    bool residuals; /* true if splats or tracks have residual values */
-    int sh_degree;  /* SH degree of the splats' own coefficients */
+    const char *scratch; /* see spin_trainer_size */
+    bool residuals;      /* true if splats or tracks have residual values */
+    int sh_degree;       /* SH degree of the splats' own coefficients */
     size_t sh_width;
     /* Index of this rank, and number of ranks that share an iteration. */
     int rank, n_ranks;
@@ -235,6 +238,8 @@ spin_status spin_trainer_join_seen(struct spin_trainer *t);
  * rank 0 keeps the sums and all other ranks clear theirs, so that the next all-reduce counts each
  * view only once. */
 void spin_trainer_part_seen(struct spin_trainer *t);
+/* Releases the statistics of all frames, when no densification follows. */
+void spin_trainer_drop_statistics(struct spin_trainer *t);
 
 /* Returns the SH degree of the current iteration, which may rise during the training. The
  * coefficients of higher degrees must be zero, see spin_field_clear_sh(). */

@@ -25,6 +25,13 @@ static spin_status read_frame(struct spin_plan *plan, struct spin_refinement *re
     return refinement ? SPIN_OK : spin_backdrop_append(&plan->backdrop, out);
 }
 
+spin_status spin_frames_reserve(struct spin_frames *frames, const struct spin_trainer *t, int f,
+                                size_t n)
+{
+    return spin_pages_reserve_in(t->scratch, (n + 1) * sizeof **frames->permutation,
+                                 (void **)&frames->permutation[f]);
+}
+
 /* ---- The scene transform --------------------------------------------------------------------- */
 
 /* With --scene-normalise auto, sets the centre of the scene transform to the median of the sampled
@@ -282,8 +289,7 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
     /* After a resume, this number may differ from that in the bundle because of densification. */
     size_t n = trainer->frame[f].size.n;
 
-    SPIN_TRY(
-        spin_alloc((n > s->n ? n : s->n) + 1, sizeof(uint32_t), (void **)&frames->permutation[f]));
+    SPIN_TRY(spin_frames_reserve(frames, trainer, f, n > s->n ? n : s->n));
     /* Order splats along a space-filling curve so that neighbours share cache lines. */
     SPIN_TRY(spin_morton_order(s->n, s->means, frames->permutation[f]));
     if (trainer->tracked && first_values) {
@@ -302,7 +308,7 @@ static spin_status load_frame(struct spin_frames *frames, struct spin_plan *plan
 }
 
 spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
-                             struct spin_refinement *refinement, const struct spin_tracks *tracks,
+                             struct spin_refinement *refinement, struct spin_tracks *tracks,
                              struct spin_trainer *trainer, bool first_values)
 {
     SPIN_LEAVES(close_first_tracks) struct first_tracks first = {0};
@@ -323,21 +329,27 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
         SPIN_TRY(read_frame(plan, from, f, columns, &splats));
         spin_point_sample_add(&sample, &splats);
         SPIN_TRY(load_frame(frames, plan, &first, &turns, trainer, f, &splats, first_values));
+        if (tracks->of) {
+            free(tracks->of[f]);
+            tracks->of[f] = NULL;
+        }
     }
+    fit_transform(plan->o, &sample, transform);
+    plan->report->outside_ball = share_outside(&sample, transform);
+    spin_point_sample_close(&sample);
+    sample.point = NULL;
     if (first_values) {
         SPIN_TRY(send_turns(plan, &turns, tracks->n, trainer));
         if (plan->o->residual == SPIN_RESIDUAL_SOURCE)
             turn_first_tracks(&first, &turns);
         SPIN_TRY(send_first_tracks(&first, trainer));
     }
-    fit_transform(plan->o, &sample, transform);
-    plan->report->outside_ball = share_outside(&sample, transform);
     return SPIN_OK;
 }
 
 void spin_frames_close(struct spin_frames *frames)
 {
     for (int f = 0; f < frames->n; f++)
-        free(frames->permutation[f]);
+        spin_pages_release(frames->permutation[f]);
     free(frames->permutation);
 }

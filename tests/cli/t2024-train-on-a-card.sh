@@ -21,7 +21,7 @@ run "$bin/spin-import" "$run_of" --data "$data" -o "$in"
 is "$code" 0 "imports the run"
 
 kept=0
-for n in 55 60 65 70 75 80 85 90; do # in a verb, which wants memory for itself
+for n in 25 30 35 40 45 50 55 60 65 70; do # in a verb, which wants memory for itself
     rm -f "$work"/poor.spin*
     SPIN_EMU_FULL=$n run "$bin/spin-retrain" "$in" -o "$work/poor.spin" $small --iterations 4
     grep -q "emulated: out of memory: an operation needs [0-9]* bytes of scratch memory" "$work/err" && [ "$code" = 1 ] &&

@@ -26,7 +26,7 @@ static int counts(double share, int64_t until, int64_t iterations, int64_t *firs
         *mean += (double)i;
     }
     *mean /= n;
-    free(t.average.mean);
+    spin_pages_release(t.average.mean);
     return n;
 }
 

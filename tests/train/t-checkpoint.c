@@ -58,8 +58,8 @@ static void open_run(struct run *r, struct spin_device *d, const struct spin_fra
 
 static void end(struct run *r)
 {
-    free(r->place[0]);
-    free(r->place[1]);
+    spin_pages_release(r->place[0]);
+    spin_pages_release(r->place[1]);
     spin_trainer_close(&r->t);
 }
 

@@ -20,6 +20,22 @@ int statvfs(const char *restrict path, struct statvfs *restrict fs)
     return 0;
 }
 
+/* Available memory; 0: that of the machine. */
+static size_t n_memory;
+
+FILE *fopen(const char *restrict path, const char *restrict mode)
+{
+    static char text[64];
+    int fd;
+
+    if (strcmp(path, "/proc/meminfo") == 0 && n_memory > 0) {
+        snprintf(text, sizeof text, "MemAvailable: %zu kB\n", n_memory / 1024);
+        return fmemopen(text, strlen(text), "r");
+    }
+    fd = open(path, mode[0] == 'r' ? O_RDONLY : O_WRONLY | O_CREAT | O_TRUNC, 0666);
+    return fd >= 0 ? fdopen(fd, mode) : NULL;
+}
+
 static uint64_t n_reserve = UINT64_MAX;
 
 int fallocate(int fd, int mode, off_t first, off_t n)
@@ -73,6 +89,34 @@ static void test_growth(struct spin_retrain_options o, const char *folder)
     ok(want.size > 0 && got.size == want.size && got.crc == want.crc, "to the same bytes");
 }
 
+/* Frames that do not fit into memory need space on the disk beside the other files. */
+static void test_temporary_files(struct spin_retrain_options o)
+{
+    struct spin_retrain_report whole, report = {0};
+
+    o.dry_run = true;
+    ok(spin_train(&o, &whole) == SPIN_OK && whole.bytes_scratch == 0, "fits into memory");
+    n_memory = whole.bytes_needed; /* includes images that need not be kept */
+    while (spin_train(&o, &report) == SPIN_OK && report.bytes_scratch == 0 && n_memory > 1 << 20)
+        n_memory -= 1 << 18;
+    ok(report.bytes_scratch > 1 << 20 && report.bytes_needed < n_memory &&
+           report.bytes_disk == n_free,
+       "with less memory, frames are kept in temporary files: %zu bytes", report.bytes_scratch);
+    o.dry_run = false;
+    n_free = report.bytes_scratch / 2;
+    ok(spin_train(&o, &report) == SPIN_E_IO &&
+           strstr(spin_last_error(), "the state of the training needs about ") &&
+           strstr(spin_last_error(), " for checkpoint and output, but the disk has ") &&
+           strstr(spin_last_error(), "free: free some space, or give a folder on another disk "
+                                     "with --scratch") &&
+           !spin_path_exists(o.output),
+       "which do not fit on the disk: %s", spin_last_error());
+    o.scratch = "off";
+    ok(spin_train(&o, &report) == SPIN_E_MEMORY && report.bytes_scratch == 0,
+       "--scratch off: the memory is insufficient");
+    n_memory = 0;
+    n_free = (uint64_t)1 << 40;
+}
 TAP_MAIN
 {
     struct spin_import_options in = {.from = "d3dgs"};
@@ -120,4 +164,7 @@ TAP_MAIN
     ok(spin_train(&o, &report) == SPIN_E_IO, "and less is not");
     n_free = (uint64_t)1 << 40;
     test_growth(o, folder);
+    remove(output);
+    o.force = false;
+    test_temporary_files(o);
 }

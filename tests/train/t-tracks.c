@@ -289,7 +289,8 @@ static void check_densify(struct spin_device *d)
     open_trainer(d, &t);
     put_gradients(d, &t);
     for (int f = 0; f < 2; f++) {
-        permutation[f] = malloc(8 * sizeof **permutation);
+        if (spin_pages_reserve(8 * sizeof **permutation, (void **)&permutation[f]) != SPIN_OK)
+            exit(1);
         for (uint32_t i = 0; i < size_of[f].n; i++)
             permutation[f][i] = (uint32_t)size_of[f].n - 1 - i;
     }
@@ -320,7 +321,7 @@ static void check_densify(struct spin_device *d)
     ok(t.frame[0].size.n_residual == 2 && t.frame[1].size.n_residual == 0,
        "splats without a track keep values of their own");
     for (int f = 0; f < 2; f++)
-        free(permutation[f]);
+        spin_pages_release(permutation[f]);
     spin_trainer_close(&t);
 }
 
@@ -403,7 +404,7 @@ static void check_carried(struct spin_device *d)
                got[7] == got[4] + 3,
            "and their turn; without a track there is none");
         ok(frame->time == 0.5 + f && frame->steps == 40 + f, "it keeps its time and its steps");
-        free(place[f]);
+        spin_pages_release(place[f]);
     }
     spin_trainer_close(&t);
 }
@@ -441,7 +442,7 @@ static void split_all(struct spin_device *d, uint64_t seed, int iteration, float
                                  expf(tracked_value(0, 0, i, 3 + c));
         }
     for (int f = 0; f < 2; f++)
-        free(place[f]);
+        spin_pages_release(place[f]);
     spin_trainer_close(&t);
 }
 
@@ -502,7 +503,7 @@ static void check_most(struct spin_device *d)
                (most > 6 ? n[0] <= most && n[1] <= most
                          : n[0] == splats[most][0] && n[1] == splats[most][1]),
            "at most %zu splats: %zu tracks, %zu and %zu splats", most, t.n_tracks, n[0], n[1]);
-        free(place[0]), free(place[1]);
+        spin_pages_release(place[0]), spin_pages_release(place[1]);
         spin_trainer_close(&t);
     }
 }
@@ -532,7 +533,7 @@ static void check_last(struct spin_device *d)
     for (size_t i = 0; i < SPIN_RESIDUAL * 5; i++)
         left += host[i] != 0;
     ok(left == 0, "and no gradient");
-    free(place[0]), free(place[1]);
+    spin_pages_release(place[0]), spin_pages_release(place[1]);
     spin_trainer_close(&t);
 }
 

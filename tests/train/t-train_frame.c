@@ -46,7 +46,7 @@ static void test_step(double tracked)
     int n_groups;
 
     if (spin_device_open("cpu", 1, d) != SPIN_OK ||
-        spin_train_frame_open(&frame, d, size, 0, true) != SPIN_OK)
+        spin_train_frame_open(&frame, d, NULL, size, 0, true) != SPIN_OK)
         exit(1);
     d->op->upload(d, frame.pos, host, 3 * POS * sizeof *host);
     d->op->upload(d, frame.residual, host, SPIN_RESIDUAL * RESIDUAL * sizeof *host);
@@ -85,7 +85,7 @@ static void test_sh(void)
     uint32_t turned[N];
 
     if (spin_device_open("cpu", 1, d) != SPIN_OK ||
-        spin_train_frame_open(&frame, d, size, WIDTH, true) != SPIN_OK)
+        spin_train_frame_open(&frame, d, NULL, size, WIDTH, true) != SPIN_OK)
         exit(1);
     for (uint32_t i = 0; i < WIDTH * N; i++)
         host[i] = (float)i;

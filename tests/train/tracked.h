@@ -4,6 +4,7 @@
 
 #include "tests/check.h"
 #include "tests/tap.h"
+#include "base/mem.h"
 #include "train/checkpoint.h"
 #include "train/densify.h"
 
@@ -117,7 +118,9 @@ __attribute__((unused)) static void tracked_see(struct spin_device *d, struct sp
 __attribute__((unused)) static void tracked_places(uint32_t *permutation[2])
 {
     for (int f = 0; f < TRACKED_FRAMES; f++) {
-        permutation[f] = malloc(TRACKED_MOST * sizeof **permutation);
+        if (spin_pages_reserve(TRACKED_MOST * sizeof **permutation, (void **)&permutation[f]) !=
+            SPIN_OK)
+            exit(1);
         for (uint32_t i = 0; i < tracked_size[f].n; i++)
             permutation[f][i] = (i + 2) % (uint32_t)tracked_size[f].n;
     }

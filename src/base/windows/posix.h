@@ -132,7 +132,7 @@ int getrusage(int self, struct rusage *out);
 struct rlimit {
     uint64_t rlim_cur, rlim_max;
 };
-enum { RLIMIT_AS, RLIMIT_CORE };
+enum { RLIMIT_AS, RLIMIT_DATA, RLIMIT_CORE };
 #define RLIM_INFINITY UINT64_MAX
 #define getrlimit(which, out) ((void)(out), -1)
 #define setrlimit(which, in) ((void)(in), -1)
