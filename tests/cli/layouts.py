@@ -142,10 +142,11 @@ def make(root):
     make_rig(root, 'rig_flat', '/sparse/0', [n + '_0000.png' for n in cam],
              lambda f, c: 'images/%s_%04d.png' % (cam[c], f))
     every = [(f, c) for f in range(FRAMES) for c in range(CAMERAS)]
-    images(root + '/rig_all', lambda f, c: 'images/%s/%04d.png' % (cam[c], f))
-    model_text(root + '/rig_all/sparse/0', [rig[c] for _, c in every],
-               ['%s/%04d.png' % (cam[c], f) for f, c in every])
-    expect('rig_all', lambda f, c: 'images/%s/%04d.png' % (cam[c], f), lambda c: c == 0)
+    for name, image in (('rig_all', lambda f, c: '%s/%04d.png' % (cam[c], f)),
+                        ('rig_folders', lambda f, c: '%04d_b/%s.png' % (f, cam[c]))):
+        images(root + '/' + name, lambda f, c: 'images/' + image(f, c))
+        model_text('%s/%s/sparse/0' % (root, name), [rig[c] for _, c in every], [image(f, c) for f, c in every])
+        expect(name, lambda f, c: 'images/' + image(f, c), lambda c: c == 0)
     # Frames that lack some images: one of 9 is missing.
     make_rig(root, 'missing', '/sparse/0', [n + '.png' for n in cam],
              lambda f, c: None if (f, c) == (1, 2) else 'images/%s/%04d.png' % (cam[c], f))

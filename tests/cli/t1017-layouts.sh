@@ -25,6 +25,7 @@ rig_cameras clip -
 rig_frames clip -
 rig_flat clip -
 rig_all clip -
+rig_folders clip -
 missing clip - 1 of 9 images is missing
 still still/frame_0000.ply -
 beside_text still/frame_0000.ply -

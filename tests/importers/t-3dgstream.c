@@ -303,6 +303,12 @@ static void test_settings(const char *root)
     free(other);
 }
 
+#define GRID                                                                                       \
+    "{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"          \
+    "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\","
+#define SIZES                                                                                      \
+    "\"n_levels\":32,\"n_features_per_level\":4,\"log2_hashmap_size\":9,\"base_resolution\":8"
+
 static void test_networks(const char *root)
 {
     static const char *const bad[][3] = {
@@ -318,16 +324,11 @@ static void test_networks(const char *root)
         {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
          "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"Frequency\"}}",
          "'Frequency'", "another encoding"},
-        {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
-         "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\",\"type\":\"Tiled\"}}",
-         "'Tiled'", "a grid that is tiled"},
-        {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
-         "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\",\"hash\":\"Rng\"}}",
-         "'Rng'", "another hash"},
-        {"{\"network\":{\"otype\":\"FullyFusedMLP\",\"activation\":\"ReLU\",\"n_neurons\":64,"
-         "\"n_hidden_layers\":2},\"encoding\":{\"otype\":\"HashGrid\",\"n_levels\":32,"
-         "\"n_features_per_level\":4,\"log2_hashmap_size\":9,\"base_resolution\":8}}",
-         "the hash grid is too large", "a grid with more levels than numbers"},
+        {GRID "\"type\":\"Tiled\"}}", "'Tiled'", "a grid that is tiled"},
+        {GRID "\"hash\":\"Rng\"}}", "'Rng'", "another hash"},
+        {GRID SIZES "}}", "the hash grid is too large", "a grid with more levels than numbers"},
+        {GRID SIZES ",\"per_level_scale\":0.9}}", "'per_level_scale' is 0.9", "levels that shrink"},
+        {GRID SIZES ",\"per_level_scale\":65}}", "'per_level_scale' is 65", "levels that explode"},
     };
     const char *folder = link_packed(root, true), *network = path_in(folder, "NTCs/NTC_000000.pth");
     struct spin_map map;
