@@ -89,7 +89,7 @@ if command -v unzip >/dev/null; then
     "$bin/spin-retrain" "$in" -o "$work/late.spin" $long >"$work/out" 2>"$work/err" &
     pid=$!
     seen=1
-    while [ $seen = 1 ] && kill -0 $pid 2>/dev/null; do
+    while [ $seen != 0 ] && kill -0 $pid 2>/dev/null; do
         sleep 0.02
         unzip -l "$work/late.spin.part" >"$work/list" 2>/dev/null &&
             grep -q "frames/00000/track" "$work/list" && ! grep -q "gradient" "$work/list"
