@@ -38,9 +38,9 @@ is "$code $(of 'd["reached"] <= 80000 and d["tries"] > 1')" "0 True" "a page of 
 ok $? "is at most that large, and nearly"
 run "$bin/spin-export" "$work/c.spin" -o "$work/small.html" --decimate 73kB --json
 is "$code $(of 'd["reached"] > 69000 and d["after"] > 500')" "0 True" "so is one of 73 kB, most of which is no splats"
-run "$bin/spin-export" "$work/c.spin" --to sog -o "$work/sog" --decimate 100kB
-[ "$code" = 0 ] && [ "$(all_bytes "$work/sog")" -le 100000 ] && [ "$(all_bytes "$work/sog")" -gt 90000 ]
-ok $? "a folder counts with all its files"
+run "$bin/spin-export" "$work/c.spin" --to sog -o "$work/sog" --decimate 100kB --check --json
+grep -q '"check": {' "$work/out" && [ "$code" = 0 ] && [ "$(all_bytes "$work/sog")" -le 100000 ] && [ "$(all_bytes "$work/sog")" -gt 90000 ]
+ok $? "a folder counts with all its files, and is checked"
 run "$bin/spin-export" "$work/c.spin" --to images -o "$work/i" --decimate 50% --range 0:1 --json
 is "$code $(of 'd["psnr"] > 20')" "0 True" "pictures of half of them"
 run "$bin/spin-export" "$work/c.spin" -o "$work/no.glb" --decimate 1kB
