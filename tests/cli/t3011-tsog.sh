@@ -160,6 +160,18 @@ ok $? "as frames for half a second"
 run "$bin/spin-import" "$work/frames.tsog" -o "$work/frames-back.spin" --json
 is "$code $(member from) $(member frames)" "0 tsog 12" "and come back"
 out_has '"splats_4d": null' "as frames"
+python3 - "$work/frames.spin" "$work/frames-back.spin" <<'P'
+import sys
+sys.path.insert(0, "exporters/python")
+import numpy as np, spin4d
+a, b = map(spin4d.load, sys.argv[1:])
+for f in range(len(a)):
+    for x, y in zip(a.frame(f), b.frame(f)):  # rows are in another order
+        x, y = (np.reshape(v, (len(v), -1)) for v in (x, y))
+        x, y = x.T @ x / len(x), y.T @ y / len(y)
+        assert np.abs(x - y).max() <= 0.02 * np.abs(x).max(), f
+P
+ok $? "with the same splats"
 for bundle in frames frames-back; do
     "$bin/spin-import" --info "$work/$bundle.spin" | grep '^splats' >"$work/$bundle.count"
 done

@@ -136,7 +136,7 @@ static void test_layers(void)
                "    double3 xformOp:translate = (10, 0, 0)\n"
                "    float xformOp:rotateZ = 90\n    float3 xformOp:scale = (2, 2, 2)\n"
                "    uniform token[] xformOpOrder = [\"xformOp:translate\", \"xformOp:rotateZ\", "
-               "\"xformOp:scale\"]\n"
+               "\"xformOp:scale:unset\", \"xformOp:scale\"]\n"
                "    over \"A\" (\n        prepend references = @./a.usda@\n    )\n    {\n    }\n"
                "    def \"B\" (\n        payload = @a.usda@</S>\n    )\n    {\n    }\n"
                "    def \"M\" (\n        references = @mesh.obj@\n    )\n    {\n    }\n"

@@ -64,6 +64,8 @@ static const struct row {
     {"UUIDs behind",
      "1_550e8400-e29b-41d4-a716-446655440000.ply,2_123e4567-e89b-12d3-a456-42661417400a.ply", "1 2",
      NULL},
+    {"a hash in a single name", "frame_0007_a3f9c2.ply", "7", NULL},
+    {"a short word in a single name", "frame_0007_v2.ply", "7", NULL},
     {"only hashes", "a3f9c201.ply,77e01bcc.ply,0b22dd1e.ply", NULL, "hashes"},
     /* decimals and time stamps */
     {"decimals", "t_0.00.ply,t_0.25.ply,t_0.50.ply,t_1.00.ply", "", NULL},
