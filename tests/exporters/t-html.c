@@ -479,6 +479,13 @@ static void test_draft(void)
     ok(!spin_json_get(version, "draft"), "there is none where a key is as small");
     spin_map_close(&data);
     spin_json_free(doc);
+    version = split_clip("wide.html", 100000, 12, &data, &doc);
+    draft = spin_json_get(version, "draft");
+    ok(0.05 * number(draft, "at") > 620000 && number(draft, "bytes") <= 600000 &&
+           number(draft, "bytes") > 500000,
+       "of a large clip, it has %.0f bytes", number(draft, "bytes"));
+    spin_map_close(&data);
+    spin_json_free(doc);
 }
 
 static void test_split(void)
