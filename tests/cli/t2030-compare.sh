@@ -207,6 +207,10 @@ PY
     out_has "^mask     subject only" "it is said"
     run "$bin/spin-eval" "$work/masked.spin" --mask --dynamic masks
     fails 2 spin-eval "--mask with --dynamic"
+    mask=$(find "$work/masked/seg" -name '*.png' | head -n 1)
+    run "$bin/spin-retrain" "$work/masked.spin" -o "$work/never.spin" --log "$mask" --force
+    fails 1 spin-retrain "a log that would replace a mask"
+    err_has "'$mask': it is an input" "and says so"
 
     # Alpha, of a data set without masks: the PSNR of pixels whose alpha is at least a half, from
     # 16-bit images, and the SSIM of windows that touch such a pixel.

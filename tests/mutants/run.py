@@ -662,6 +662,8 @@ class Judge:
             if self.memory.passes(test) is None:
                 start = time.time()
                 why, _ = run_test(self.clean, test, 900)
+                if why:  # a limit on time may be exceeded once on a busy machine
+                    why, _ = run_test(self.clean, test, 900)
                 self.memory.set_passes(test, not why)
                 if why:
                     say("%s fails without a fault and is not counted: %s" % (label(test), why))
