@@ -98,8 +98,8 @@ class Scope:
             return f.read()
 
     def is_left_out(self, test):
-        """`make test` omits these, and other fixtures or a network are not here. Tests of ranks are used
-        where ROOM_TESTS names them."""
+        """`make test` omits these, and other fixtures or a network are not here. Tests of ranks are
+        used where ROOM_TESTS names them."""
         head = "".join(self.read(test).splitlines(True)[:12])
         return bool(re.search(r"K:.*\btest-card\b", head)) or test.startswith("tests/card/")
 
