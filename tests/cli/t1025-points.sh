@@ -46,7 +46,7 @@ offered "$work/sets/colmap_t" "colmap) of 3 cameras and 3 frames" "the points of
 ok $? "the result is measured: $n_measured"
 
 # Without points nothing is offered.
-rm "$work/pan op'tic/init_pt_cld.npz"
+: >"$work/pan op'tic/init_pt_cld.npz"
 run "$bin/spin4d" "$work/pan op'tic" -o "$work/none.html"
 is "$(grep -c 'not a run: give the folder' "$work/err") $(grep -c 'or start from' "$work/err")" "1 0" "a data set without points"
 
