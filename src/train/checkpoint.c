@@ -56,6 +56,13 @@ static spin_status compare_ranks(const struct spin_trainer *t, uint64_t hash)
     return status;
 }
 
+/* True if the array belongs to a frame that has not changed since its last check. Skipping these
+ * frames matters if they are kept in temporary files. */
+static bool is_checked(const struct spin_trainer *t, const struct spin_state_array *piece)
+{
+    return piece->of_frame && t->frame[piece->frame].steps == t->frame[piece->frame].checked;
+}
+
 /* Sets *bad to true if a parameter is not finite, otherwise to false. The check runs on the device.
  */
 static spin_status find_nonfinite(const struct spin_trainer *t,
@@ -68,7 +75,7 @@ static spin_status find_nonfinite(const struct spin_trainer *t,
 
     SPIN_TRY(d->op->reserve(d, sizeof found, &count));
     for (size_t i = 0; i < n_pieces; i++)
-        if (spin_state_is_parameter(&piece[i]) && piece[i].n > 0)
+        if (spin_state_is_parameter(&piece[i]) && piece[i].n > 0 && !is_checked(t, &piece[i]))
             d->op->not_finite(d, piece[i].n, piece[i].at, count);
     status = d->op->download(d, &found, count, sizeof found);
     d->op->release(d, count);
@@ -88,6 +95,8 @@ spin_status spin_check_parameters(struct spin_trainer *t)
 
     SPIN_TRY_OUT(spin_state_arrays(t, NULL, &piece, &n_pieces));
     SPIN_TRY_OUT(find_nonfinite(t, piece, n_pieces, &bad));
+    for (int f = 0; f < t->n_frames && !bad; f++)
+        t->frame[f].checked = t->frame[f].steps;
     if (!bad && spin_n_ranks() == 1)
         goto out;
     /* Download the parameters, to find the array that is not finite, or to compare the ranks. */
@@ -519,7 +528,7 @@ spin_status spin_checkpoint_load(struct spin_checkpoint *c, struct spin_trainer 
 static struct spin_state_array of_frame(int f, const char *what, const char *array,
                                         float SPIN_DEV *at, size_t n)
 {
-    struct spin_state_array piece = {.at = at, .n = n, .frame = f};
+    struct spin_state_array piece = {.at = at, .n = n, .of_frame = true, .frame = f};
 
     snprintf(piece.name, sizeof piece.name, "%s/%05d/%s", what, f, array);
     return piece;

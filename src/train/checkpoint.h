@@ -30,6 +30,7 @@ struct spin_state_array {
     /* The array in host memory; NULL: the array is in device memory, at `at`. */
     uint32_t *host;
     size_t n;
+    bool of_frame; /* whether it belongs to a frame: the one with this index */
     int frame;
 };
 

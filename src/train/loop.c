@@ -225,6 +225,19 @@ static void count_seconds(struct spin_steps *steps, double seconds)
         steps->op_s[i] += steps->step_s[i];
 }
 
+/* If frames are kept in temporary files, reads those of the next iteration in the background. */
+static void read_ahead(const struct spin_loop *l, const struct spin_sampler *sampler)
+{
+    struct spin_trainer *t = l->trainer;
+
+    for (int k = 0; t->scratch && k < l->plan->o->batch; k++) {
+        int frame = spin_sampler_next_frame(sampler, t->iteration, (size_t)k);
+
+        if (frame >= 0)
+            spin_train_frame_read_ahead(&t->frame[frame]);
+    }
+}
+
 spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampler,
                            struct spin_steps *steps)
 {
@@ -234,6 +247,7 @@ spin_status spin_loop_step(const struct spin_loop *l, struct spin_sampler *sampl
 
     read_op_seconds(steps, d); /* discard the times of other work since the last iteration */
     SPIN_TRY(spin_sampler_batch(sampler, l->trainer->iteration));
+    read_ahead(l, sampler);
     loaded = spin_now_s();
     spin_ranks_spent(&sent_before, &waited_before);
     SPIN_TRY(run_iteration(l, sampler, steps));

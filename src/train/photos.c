@@ -367,6 +367,14 @@ spin_status spin_sampler_batch(struct spin_sampler *s, int64_t iteration)
     return SPIN_OK;
 }
 
+int spin_sampler_next_frame(const struct spin_sampler *s, int64_t iteration, size_t k)
+{
+    size_t batch = (size_t)s->plan->o->batch, n = s->plan->n_train, per_epoch = n / batch;
+    size_t next = per_epoch > 0 ? (size_t)iteration % per_epoch + 1 : 1;
+
+    return next < per_epoch ? s->plan->train[s->sequence[next * batch + k]].frame : -1;
+}
+
 /* Returns the number of slots of the sampler's image store. On a GPU: as many images as fit into
  * half of the free memory, but at least a batch and at most all images. On the CPU: a batch, since
  * the image cache in host memory already keeps images. For a single frame: all images of the frame.

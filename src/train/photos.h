@@ -74,6 +74,9 @@ void spin_sampler_close(struct spin_sampler *sampler);
  * rank renders. The choice depends only on the seed and the iteration. If the number of pairs is
  * not a multiple of the batch size, the last pairs of an epoch are not used in that epoch. */
 spin_status spin_sampler_batch(struct spin_sampler *sampler, int64_t iteration);
+/* Returns the frame of item k of the iteration after the one whose batch was loaded last; -1 if
+ * that is the first iteration of an epoch, whose order is not known yet. */
+int spin_sampler_next_frame(const struct spin_sampler *sampler, int64_t iteration, size_t k);
 
 /* ---- Test views ------------------------------------------------------------------------------ */
 

@@ -348,8 +348,7 @@ spin_status spin_turns_open(struct spin_turns *turns, int n_frames)
 void spin_turns_close(struct spin_turns *turns)
 {
     for (int f = 0; turns->frame && f < turns->n_frames; f++) {
-        free(turns->frame[f].track);
-        free(turns->frame[f].at);
+        spin_pages_release(turns->frame[f].at);
     }
     free(turns->frame);
     memset(turns, 0, sizeof *turns);
@@ -359,10 +358,11 @@ spin_status spin_turns_reserve(struct spin_turns *turns, int f, size_t n)
 {
     struct spin_turns_frame *frame = &turns->frame[f];
 
-    SPIN_TRY(spin_alloc(n + 1, sizeof *frame->track, (void **)&frame->track));
-    SPIN_TRY(spin_alloc(n + 1, 7 * sizeof *frame->at, (void **)&frame->at));
+    SPIN_TRY(spin_pages_reserve_in(turns->scratch, (8 * n + 1) * sizeof *frame->at,
+                                   (void **)&frame->at));
     frame->n = n;
     frame->turn = frame->at + 3 * n;
+    frame->track = (uint32_t *)(frame->turn + 4 * n);
     for (size_t i = 0; i < n; i++)
         frame->turn[4 * i] = 1;
     return SPIN_OK;

@@ -57,6 +57,8 @@ void spin_track_matching_close(struct spin_track_matching *chains);
 
 struct spin_turns {
     int n_frames;
+    /* Set by the caller: folder of temporary files for the frames; NULL: they are in memory. */
+    const char *scratch;
     /* The splats of dynamic tracks in each frame: track [n], in ascending order; position `at`
      * [n][3]; turn [n][4], a unit quaternion. */
     struct spin_turns_frame {

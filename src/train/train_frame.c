@@ -106,6 +106,7 @@ spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device
     memset(f, 0, sizeof *f);
     f->size = size;
     f->sh_width = sh_width;
+    f->checked = -1;
     list_parts(f, tracked, part);
     SPIN_TRY(reserve_parts(d, folder, part, PARTS, &f->block));
     if (tracked) {
@@ -115,6 +116,12 @@ spin_status spin_train_frame_open(struct spin_train_frame *f, struct spin_device
         SPIN_TRY(reserve_parts(d, folder, statistics, 2, &f->statistics));
     }
     return set_identity_turns(f, d);
+}
+
+void spin_train_frame_read_ahead(const struct spin_train_frame *f)
+{
+    spin_pages_read_ahead((void *)f->block);
+    spin_pages_read_ahead((void *)f->statistics);
 }
 
 void spin_train_frame_drop_statistics(struct spin_train_frame *f, struct spin_device *d)
@@ -454,12 +461,16 @@ spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct 
 
 /* ---- Sample of the points of a clip ---------------------------------------------------------- */
 
-enum { SAMPLE = 20000 }; /* largest number of points sampled in a frame */
+/* Largest numbers of points sampled in a frame, and in a clip. */
+enum { SAMPLE = 20000, SAMPLE_OF_CLIP = 200 * SAMPLE };
 
 spin_status spin_point_sample_open(struct spin_point_sample *sample, int n_frames)
 {
+    size_t most = n_frames > 0 ? SAMPLE_OF_CLIP / (size_t)n_frames : SAMPLE;
+
+    sample->most = most > SAMPLE ? SAMPLE : most > 0 ? most : 1;
     SPIN_TRY(
-        spin_alloc((size_t)SAMPLE * (size_t)n_frames * 4, sizeof(float), (void **)&sample->point));
+        spin_alloc(sample->most * (size_t)n_frames * 4, sizeof(float), (void **)&sample->point));
     sample->n = 0;
     return SPIN_OK;
 }
@@ -468,7 +479,7 @@ void spin_point_sample_close(struct spin_point_sample *sample) { free(sample->po
 
 void spin_point_sample_add(struct spin_point_sample *sample, const struct spin_splats *s)
 {
-    size_t step = s->n / SAMPLE + 1;
+    size_t step = s->n / sample->most + 1;
 
     for (size_t i = 0; i < s->n; i += step)
         memcpy(sample->point + 3 * sample->n++, s->means + 3 * i, 3 * sizeof(float));

@@ -37,6 +37,8 @@ struct spin_train_frame {
      * turns are then the identity. */
     float SPIN_DEV *turn;
     int64_t steps; /* number of Adam steps of the frame so far */
+    /* `steps` when spin_check_parameters() last found all parameters finite; -1: never. */
+    int64_t checked;
     /* The memory of all arrays: of gradient and seen, and of the others. */
     void SPIN_DEV *statistics, *block;
 };
@@ -48,6 +50,9 @@ struct spin_train_frame {
 spin_status spin_train_frame_open(struct spin_train_frame *frame, struct spin_device *d,
                                   const char *folder, struct spin_frame_size size, size_t sh_width,
                                   bool tracked);
+/* Lets the system read the arrays of a frame that is kept in a temporary file, in the background.
+ */
+void spin_train_frame_read_ahead(const struct spin_train_frame *frame);
 /* Returns the size of all arrays of a frame in bytes, and sets *statistics to the part of it that
  * spin_train_frame_drop_statistics() releases. */
 size_t spin_train_frame_bytes(struct spin_frame_size size, size_t sh_width, bool tracked,
@@ -170,15 +175,16 @@ spin_status spin_refine_to_splats(const struct spin_refine_cloud *cloud, struct 
 /* Samples points of a clip, and computes a ball that contains most of them. */
 
 struct spin_point_sample {
-    float *point; /* [n][3] sampled points, followed by [n] floats of scratch */
-    size_t n;
+    float *point;   /* [n][3] sampled points, followed by [n] floats of scratch */
+    size_t n, most; /* most: largest number of points sampled in a frame */
 };
 
 /* Allocates memory for the sampled points of n_frames frames. Zero *sample before the call, and
  * close it also after a failure. */
 spin_status spin_point_sample_open(struct spin_point_sample *sample, int n_frames);
 void spin_point_sample_close(struct spin_point_sample *sample);
-/* Adds the means of at most 20000 splats of a frame, in evenly spaced rows. */
+/* Adds the means of at most 20000 splats of a frame, or fewer if the clip has more than 200 frames,
+ * in evenly spaced rows. */
 void spin_point_sample_add(struct spin_point_sample *sample, const struct spin_splats *s);
 /* Sets centre to the median of the points along each axis, and returns the radius of the ball
  * around this centre that contains 90 % of the points. The sample must contain at least one point.

@@ -320,6 +320,7 @@ spin_status spin_frames_load(struct spin_frames *frames, struct spin_plan *plan,
     SPIN_LEAVES(spin_turns_close) struct spin_turns turns = {0};
 
     SPIN_TRY(spin_turns_open(&turns, plan->clip.n_frames));
+    turns.scratch = trainer->scratch;
     SPIN_TRY(spin_alloc((size_t)plan->clip.n_frames, sizeof *frames->permutation,
                         (void **)&frames->permutation));
     frames->n = plan->clip.n_frames;
