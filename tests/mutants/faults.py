@@ -58,13 +58,14 @@ RELEASING_CALLS = re.compile(
 SILENT_STATEMENTS = re.compile(r"^\(void\)|^memset\([\w>.-]+, 0, sizeof")
 # Lines of which no fault is made, and why.
 SILENT_LINES = [re.compile(p) for p in (
-    r"(spin_no_memory|SPIN_E_MEMORY|SPIN_E_NOMEM)",  # allocation fails in few tests (tests/*/t-no_memory.c)
+    r"(spin_no_memory|SPIN_E_MEMORY|SPIN_E_NOMEM|\bENOMEM\b)",  # allocation fails in few tests (tests/*/t-no_memory.c)
     r"capacity\b|\bn_threads\b",  # of a buffer, and of the pool: any gives the same result
     r"\b(grain|GRAIN|chunk_rows|PER_TASK|AHEAD)\b",  # rows per task of the thread pool
     r"\b(spin_log_level|isatty|getenv|EINTR|EAGAIN)\b",  # the terminal and the environment
     r"\bstatic bool (said|warned|told)\b|\b(said|warned|told) = true\b",  # a message is printed once
     r"SPIN_ARG\(\"[\w-]+\", 0,",  # no short name
     r"\b[A-Z_]*ABI[A-Z_]*\b|\bSPIN_VERSION\b",
+    r"\bclock->",  # times of stages, in the log
     r"&one == 1",  # the byte order, of which there is one here
     r"\batexit\b",  # memory is released at the exit
     r"\b(EAGER|nap)\b",  # pauses between two polls
