@@ -11,6 +11,9 @@
 /* A splat is dynamic if its pixel has changed, in one frame, in at least this share of the cameras
  * that see it. */
 #define SHARE 0.7
+/* Captured images need a smaller share, since they do not flicker like frames that were trained one
+ * by one. */
+#define SHARE_CAPTURED 0.5
 /* Nevertheless it is static if less than this share of the splats around it would be dynamic. */
 #define CROWD 0.5
 #define MOST_BYTES 1.5e9 /* of the sampled renders, if they are large */
@@ -30,6 +33,7 @@ enum {
     LEAST_CAMERAS = 4,  /* that capture images */
     LEAST_FRAMES = 8,   /* with captured images; fewer frames hardly tell motion from noise */
     LEAST_CHANGE = 12,  /* smallest threshold, in 255ths, above which a pixel has changed */
+    LEAST_CAPTURED = 6, /* the same for captured images */
     MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
     FRAMES = 8,         /* those of them that are examined for each splat, besides its own frame */
     CELLS = 100,        /* cells along the longest side of the grid */
@@ -356,7 +360,7 @@ static void set_threshold(struct settling *s)
         count[s->change[i]]++;
     flicker = fmin(QUARTILE_FACTOR * quantile(count, 0.75, all),
                    MEDIAN_FACTOR * quantile(count, 0.5, all));
-    s->threshold = (int)fmax(LEAST_CHANGE, flicker);
+    s->threshold = (int)fmax(s->captured ? LEAST_CAPTURED : LEAST_CHANGE, flicker);
 }
 
 static void find_changes(struct settling *s)
@@ -406,6 +410,7 @@ static bool sees(const struct settling *s, int c, const float point[3], size_t *
 static bool is_static(const struct settling *s, const float point[3], int own)
 {
     int row[FRAMES + 1] = {own}, changed[FRAMES + 1] = {0}, n = 1, seen = 0;
+    double share = s->captured ? SHARE_CAPTURED : SHARE;
 
     for (; n <= FRAMES && n <= s->n_samples; n++)
         row[n] = (n - 1) * s->n_samples / (s->n_samples < FRAMES ? s->n_samples : FRAMES);
@@ -422,7 +427,7 @@ static bool is_static(const struct settling *s, const float point[3], int own)
         }
     }
     for (int k = 0; k < n; k++)
-        if (seen >= 2 && changed[k] >= SHARE * seen)
+        if (seen >= 2 && changed[k] >= share * seen)
             return false;
     return true;
 }
