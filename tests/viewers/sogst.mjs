@@ -9,10 +9,10 @@ import { render } from './lib/reference.mjs';
 import { serve } from './lib/server.mjs';
 import { readPly } from './lib/splat.mjs';
 
-const HELP = `usage: node sogst.mjs PLAYER_DIR FILE.sogst PLY_DIR OUT_DIR
-PLY_DIR has the frames of FILE. Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
-const [player, file, truth, out] = process.argv.slice(2), LONG = 60000, LEAST = 32, width = 480, height = 270;
-if (!out || process.argv.length > 6 || !fs.existsSync(file)) { console.error(HELP); process.exit(2); }
+const HELP = `usage: node sogst.mjs PLAYER_DIR FILE.sogst PLY_DIR OUT_DIR [DB]
+PLY_DIR has the frames of FILE. DB: least agreement (32). Exit status: 0 all well, 1 something failed, 2 wrong usage.`;
+const [player, file, truth, out, least = '32'] = process.argv.slice(2), LONG = 60000, LEAST = Number(least), width = 480, height = 270;
+if (!out || process.argv.length > 7 || !fs.existsSync(file)) { console.error(HELP); process.exit(2); }
 const plys = fs.readdirSync(truth).filter((f) => f.endsWith('.ply')).sort(), site = path.join(out, 'sogst'), name = path.basename(file);
 fs.rmSync(site, { recursive: true, force: true });
 fs.cpSync(player, site, { recursive: true });
