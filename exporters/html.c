@@ -59,8 +59,8 @@ static const struct spin_plugin_option options[] = {
 
 /* Largest size of the draft (a coarse version of the first frame), as a fraction of the size of all
  * blocks and, for long clips, in bytes. With these limits, the first image appears before a tenth
- * of the file of --split is loaded. Also, it appears before 1 MB is loaded, including the page,
- * however long the clip is. */
+ * of the file of --split is loaded. Also, it appears before 1 MB is loaded, including the page, for
+ * clips of up to 10,000 frames. */
 #define DRAFT_SHARE 0.05
 #define DRAFT_BYTES 600000.0
 
