@@ -54,11 +54,15 @@ ok $? "to the same bytes"
 is "$(ls -A "$work/out.d" | tr '\n' ' ')" "files.spin whole.spin " "no temporary file is left"
 
 # The files are in the chosen folder, have no name, and are all there is at an interrupt.
-limited $kb strace -f -qq -e trace=openat -o "$work/trace" "$bin/spin-retrain" "$in" \
+limited $kb strace -f -qq -e trace=openat,mmap,madvise -o "$work/trace" "$bin/spin-retrain" "$in" \
     -o "$work/out.d/chosen.spin" --scratch "$work/scratch" $small
 if [ -s "$work/trace" ]; then
     grep -q "\"$work/scratch/" "$work/trace" && ! grep -q "\"$work/out.d/.spin4d-" "$work/trace"
     ok $? "--scratch chooses the folder"
+    greater "$(grep -c "PROT_READ|PROT_WRITE, MAP_SHARED, [0-9]" "$work/trace")" 120
+    ok $? "the arrays of each frame are pages of files"
+    greater "$(grep -c "MADV_WILLNEED" "$work/trace")" 50
+    ok $? "which are read ahead of the iteration"
 else
     skip "--scratch chooses the folder" "strace is not here"
 fi

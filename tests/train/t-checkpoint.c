@@ -497,6 +497,25 @@ static bool count_warning(const char *line)
     return false;
 }
 
+/* Frames that have changed since the last check are checked again. */
+static void check_not_finite(struct spin_device *d)
+{
+    static const float bad = NAN;
+    struct run r;
+
+    open_run(&r, d, tracked_size, TRACKED, 2, 3);
+    fill(&r);
+    r.t.frame[0].steps = r.t.frame[1].steps = 4;
+    ok(spin_check_parameters(&r.t) == SPIN_OK, "all parameters are finite");
+    r.t.frame[1].steps++;
+    d->op->upload(d, r.t.frame[1].pos + 2, &bad, sizeof bad);
+    ok(spin_check_parameters(&r.t) == SPIN_E_MALFORMED &&
+           strstr(spin_last_error(), "'frames/00001/p' has a value that is not finite at index 2"),
+       "not after a step of a frame: %s", spin_last_error());
+    ok(spin_check_parameters(&r.t) == SPIN_E_MALFORMED, "nor when it is checked once more");
+    end(&r);
+}
+
 static void check_code_paths(void)
 {
     struct spin_simd_paths paths;
@@ -528,6 +547,7 @@ TAP_MAIN
     d = check_device(2);
     check_back(d);
     check_refused(d);
+    check_not_finite(d);
     check_device_free(d);
     check_fingerprint();
     check_former_options();
