@@ -5,8 +5,11 @@
 #include "math/covariance.h"
 
 #define NEEDED (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
-#define LARGE 4.0  /* standard deviation of a large splat, in cells */
-#define EXTENT 2.5 /* of a large splat, in standard deviations */
+#define UNBOUNDED                                                                                  \
+    16.0            /* an unbounded scene is more than this factor wider than its detailed part */
+#define CONTEXT 1.5 /* sides of the detailed part by which the grid extends beyond it */
+#define LARGE 4.0   /* standard deviation of a large splat, in cells */
+#define EXTENT 2.5  /* of a large splat, in standard deviations */
 enum {
     MOST_SPLATS = 100000,
     MOST_SAMPLES = 150, /* of a large splat, along half an axis */
@@ -101,24 +104,69 @@ static spin_status read_frames(struct spin_voxels *v, int n_frames, spin_voxel_r
 
 /* ---- The grid -------------------------------------------------------------------------------- */
 
-/* Sets low and high to the 1st and the 99th percentile of the positions of visible splats along
- * each axis. */
-static spin_status find_bounds(const struct spin_voxels *v, double low[3], double high[3])
-{
-    SPIN_FREED float *value = NULL;
+struct coordinate {
+    float at, weight;
+};
 
-    SPIN_TRY(spin_alloc(v->n_splats, sizeof *value, (void **)&value));
+/* Returns the smallest coordinate that is not exceeded by a share of the weights of n sorted
+ * coordinates. */
+static double weighted_quantile(const struct coordinate *x, size_t n, double share)
+{
+    double all = 0, sum = 0;
+    size_t k = 0;
+
+    for (size_t i = 0; i < n; i++)
+        all += (double)x[i].weight;
+    for (; k + 1 < n && (sum += (double)x[k].weight) < share * all; k++)
+        ;
+    return (double)x[k].at;
+}
+
+/* Sets low and high to the 1st and the 99th percentile of the positions of visible splats along
+ * each axis. detail: small splats count more than large ones, by the inverse of their area. */
+static spin_status find_bounds(const struct spin_voxels *v, bool detail, double low[3],
+                               double high[3])
+{
+    SPIN_FREED struct coordinate *x = NULL;
+
+    SPIN_TRY(spin_alloc(v->n_splats, sizeof *x, (void **)&x));
     for (int c = 0; c < 3; c++) {
         size_t n = 0;
 
         for (size_t i = 0; i < v->n_splats; i++)
-            if (v->splat[i].opacity > 0.05f)
-                value[n++] = v->splat[i].at[c];
+            if (v->splat[i].opacity > 0.05f) {
+                x[n].at = v->splat[i].at[c];
+                x[n++].weight = detail ? powf(fmaxf(v->splat[i].largest, 1e-9f), -2) : 1;
+            }
         if (n == 0)
             return spin_unsupported("all splats are transparent");
-        qsort(value, n, sizeof *value, spin_by_float);
-        low[c] = (double)value[n / 100];
-        high[c] = (double)value[n - 1 - n / 100];
+        qsort(x, n, sizeof *x, spin_by_float);
+        low[c] = detail ? weighted_quantile(x, n, 0.01) : (double)x[n / 100].at;
+        high[c] = detail ? weighted_quantile(x, n, 0.99) : (double)x[n - 1 - n / 100].at;
+    }
+    return SPIN_OK;
+}
+
+static double longest_side(const double low[3], const double high[3])
+{
+    return fmax(high[0] - low[0], fmax(high[1] - low[1], high[2] - low[2]));
+}
+
+/* Sets low and high to the bounding box of the scene. An unbounded scene, with a sky or a wide
+ * landscape of large splats, is reduced to its detailed part. */
+static spin_status find_scene(const struct spin_voxels *v, double low[3], double high[3])
+{
+    double near[2][3];
+
+    SPIN_TRY(find_bounds(v, false, low, high));
+    SPIN_TRY(find_bounds(v, true, near[0], near[1]));
+    if (longest_side(low, high) <= UNBOUNDED * longest_side(near[0], near[1]))
+        return SPIN_OK;
+    for (int c = 0; c < 3; c++) {
+        double margin = CONTEXT * longest_side(near[0], near[1]);
+
+        low[c] = fmax(low[c], near[0][c] - margin);
+        high[c] = fmin(high[c], near[1][c] + margin);
     }
     return SPIN_OK;
 }
@@ -127,11 +175,10 @@ static spin_status find_bounds(const struct spin_voxels *v, double low[3], doubl
  * cells. */
 static spin_status set_grid(struct spin_voxels *v)
 {
-    double low[3], high[3], side = 0;
+    double low[3], high[3], side;
 
-    SPIN_TRY(find_bounds(v, low, high));
-    for (int c = 0; c < 3; c++)
-        side = fmax(side, high[c] - low[c]);
+    SPIN_TRY(find_scene(v, low, high));
+    side = longest_side(low, high);
     side = side > 0 ? side : 1;
     v->cell = 1.1 * side / SPIN_VOXEL_SIDE;
     v->n = 1;

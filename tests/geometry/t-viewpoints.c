@@ -19,6 +19,7 @@ struct scene {
     bool moves;
     bool detail;
     bool flickers; /* a part of the room changes its colour in every frame */
+    bool sky;      /* the half sphere is a sky, and wide: there is no room */
     struct spin_splats splats;
 };
 
@@ -46,10 +47,11 @@ static void put_splat(struct scene *s, size_t i, const double at[3], double size
 static void put_room(struct scene *s, size_t i)
 {
     double z = uniform(5, i), angle = 6.2832 * uniform(6, i), flat = sqrt(1 - z * z);
-    double wall[3] = {RADIUS * flat * cos(angle), -RADIUS * z, RADIUS * flat * sin(angle)};
-    double floor[3] = {RADIUS * sqrt(z) * cos(angle), 0, RADIUS * sqrt(z) * sin(angle)};
+    double radius = s->sky ? 100 * RADIUS : RADIUS;
+    double wall[3] = {radius * flat * cos(angle), -radius * z, radius * flat * sin(angle)};
+    double floor[3] = {radius * sqrt(z) * cos(angle), 0, radius * sqrt(z) * sin(angle)};
 
-    put_splat(s, i, i % 3 ? wall : floor, 0.06);
+    put_splat(s, i, i % 3 || s->sky ? wall : floor, 0.02 * radius);
 }
 
 /* A ball that swings beside the middle of the room; or two; or two, one twice as dense. */
@@ -189,6 +191,30 @@ static void check_subject(bool moves)
     }
     ok(n_near == 0 && count_blind(&s, &p, 0, &n_seen) == 0,
        "all cameras see it from outside: %d are near", n_near);
+    spin_viewpoints_close(&p);
+    spin_splats_free(&s.splats);
+}
+
+/* Below a sky, cameras stand around the body, not around the sky. */
+static void check_sky(void)
+{
+    struct scene s = {.room = true, .sky = true, .bodies = 1, .scale = 1, .moves = true};
+    struct spin_viewpoints p = {0};
+    double nearest = INFINITY, farthest = 0;
+    int n_seen;
+
+    place_cameras(&s, &p);
+    ok(!p.room && p.moves && p.n == CAMERAS + TESTS, "a sky is no room");
+    for (int k = 0; k < p.n; k++) {
+        double eye[3], away;
+
+        find_eye(&p.camera[k].camera, &s, eye);
+        away = sqrt(pow(eye[0] - 0.5, 2) + pow(eye[1] + 0.9, 2) + pow(eye[2] - 0.4, 2));
+        nearest = fmin(nearest, away);
+        farthest = fmax(farthest, away);
+    }
+    ok(nearest > 0.5 && farthest < 4, "cameras are near the body: %g to %g", nearest, farthest);
+    ok(count_blind(&s, &p, 0, &n_seen) == 0, "and all of them see it");
     spin_viewpoints_close(&p);
     spin_splats_free(&s.splats);
 }
@@ -334,6 +360,7 @@ TAP_MAIN
     check_two_bodies();
     check_subject(true);
     check_subject(false);
+    check_sky();
     check_denser();
     check_detail(false, 1);
     check_detail(true, 1);
