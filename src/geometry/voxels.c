@@ -273,6 +273,20 @@ static void add_mass(const struct spin_voxels *v, int f, int channel, float *fie
     }
 }
 
+/* Returns whether a splat may extend into the grid. */
+static bool touches_grid(const struct spin_voxels *v, const struct spin_voxel_splat *s)
+{
+    double reach = EXTENT * (double)s->largest;
+
+    for (int c = 0; c < 3; c++) {
+        double at = (double)s->at[c] - v->low[c];
+
+        if (at < -reach || at > v->dim[c] * v->cell + reach)
+            return false;
+    }
+    return true;
+}
+
 /* Adds a splat as samples of the ellipse of its two longest axes. The samples are at most a third
  * of a cell apart, unless the splat is very large. */
 static void add_large(const struct spin_voxels *v, const struct spin_voxel_splat *s, float *field)
@@ -321,10 +335,10 @@ static void add_extents(struct spin_voxels *v)
         const struct spin_voxel_splat *s = &v->splat[i];
 
         add_parts(v, s, v->opacity);
-        if ((double)s->largest > LARGE * v->cell)
-            add_large(v, s, v->haze);
-        else
+        if ((double)s->largest <= LARGE * v->cell)
             add_parts(v, s, v->haze);
+        else if (touches_grid(v, s))
+            add_large(v, s, v->haze);
     }
 }
 
