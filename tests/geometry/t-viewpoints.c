@@ -19,7 +19,7 @@ struct scene {
     bool moves;
     bool detail;
     bool flickers; /* a part of the room changes its colour in every frame */
-    bool sky;      /* the half sphere is a sky, and wide: there is no room */
+    bool sky;      /* the half sphere is a wide sky, so the scene is not indoors */
     struct spin_splats splats;
 };
 
