@@ -33,6 +33,7 @@
 #include "scene/data_path.h"
 #include "scene/foreign.h"
 #include "scene/probe.h"
+#include "train/options.h"
 
 /* Number of frames that are sampled from a continuous run if neither the user nor the run states
  * it: two seconds. */
@@ -41,6 +42,10 @@
 /* The shares of static and of dynamic splats to keep with --splats auto. Dynamic splats are stored
  * for each frame. */
 static const double auto_static = 0.6, auto_dynamic = 0.4;
+
+/* On renders, tracks are trained with this share of the usual iterations if 4D splats are trained
+ * from them: the quality of these is the same (tests/bench/ablations.md). */
+static const double track_share = 0.85;
 
 struct convert {
     const struct spin_convert_options *o;
@@ -66,6 +71,7 @@ struct convert {
     /* true: the frames of the import share no rows. Before the clip is retrained, it is rewritten
      * so that each static row is stored only once. */
     bool settles;
+    int n_frames; /* of `import` */
     struct spin_settle_options thinning; /* its members keep_static, keep_dynamic and most */
     spin_json *report;
 };
@@ -408,6 +414,7 @@ static spin_status inspect_bundle(struct convert *c)
     c->is_trained = spin_bundle_is_trained(&bundle) || spin_bundle_is_trained_4d(&bundle) ||
                     bundle.refined.columns;
     c->renders = retrains_on_renders(c, &bundle);
+    c->n_frames = bundle.meta.n_frames;
     c->settles = c->renders && !bundle.meta.identity;
     if (c->has_data && !c->renders && !c->is_trained && !c->o->no_retrain)
         SPIN_TRY(spin_settle_applies(&bundle, &c->settles));
@@ -439,6 +446,9 @@ static void set_recipe(const struct convert *c, struct spin_retrain_options *o)
         o->dynamic_residual = false;
         if (c->o->splats) /* do not add the splats again that were left out */
             o->densify_every = 0;
+        if (c->tracks && o->iterations < 0)
+            o->iterations = (int)(track_share * -o->iterations *
+                                  spin_options_clip_iterations(c->n_frames) / spin_n_ranks());
     }
     o->learn_exposure = SPIN_EXPOSURE_OFF;
     o->antialias = false;

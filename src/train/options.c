@@ -218,6 +218,11 @@ int spin_options_most_iterations(size_t n_images, size_t n_positions)
     return (int)fmin(fmax(FEWEST_ITERATIONS, positions * positions / 12 * (double)n_images), 1e9);
 }
 
+double spin_options_clip_iterations(int n_frames)
+{
+    return CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames;
+}
+
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most_iterations)
 {
     /* One iteration of all ranks replaces this number of iterations of a single rank. */
@@ -227,7 +232,7 @@ void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most
     scale_rates(o, share);
     if (o->iterations < 0)
         o->iterations =
-            (int)ceil(fmin(-o->iterations * (CLIP_ITERATIONS + (double)FRAME_ITERATIONS * n_frames),
+            (int)ceil(fmin(-o->iterations * spin_options_clip_iterations(n_frames),
                            most_iterations) /
                       share);
     if (o->track_iterations < 0)

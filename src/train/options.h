@@ -14,6 +14,8 @@ spin_status spin_options_check(const struct spin_retrain_options *o);
  * default number of iterations of the presets quick and best. */
 void spin_options_resolve(struct spin_retrain_options *o, int n_frames, int most_iterations);
 
+/* Returns the default number of iterations of the preset quick, without the limit below. */
+double spin_options_clip_iterations(int n_frames);
 /* Returns the upper limit of the default number of iterations, for n_images training images of
  * cameras at n_positions distinct positions: n_images x n_positions^2 / 12, but at least 1000. A
  * longer training with few cameras overfits (docs/results.md). */
