@@ -19,6 +19,8 @@ static int counts(double share, int64_t until, int64_t iterations, int64_t *firs
         t.iteration = i;
         if (spin_average_resume(&t) != SPIN_OK)
             exit(1);
+        spin_pages_release(t.average.mean);
+        t.average.mean = NULL;
         if (t.average.n == before)
             continue;
         n++;
@@ -26,7 +28,6 @@ static int counts(double share, int64_t until, int64_t iterations, int64_t *firs
         *mean += (double)i;
     }
     *mean /= n;
-    spin_pages_release(t.average.mean);
     return n;
 }
 
