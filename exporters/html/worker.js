@@ -499,9 +499,9 @@ async function draftOf(version) {
     return out;
 }
 
-// Returns the cached object of this name, or calls make() to create it. If the cache is larger than
-// about `count` objects of this size, and than LEAST_BYTES, it drops the least recently used
-// objects, except those of the names in `needed`: memory does not grow with the length of the clip.
+// Returns the cached object of this name; if there is none, make() creates it. The cache holds
+// `count` objects of this size, but at least LEAST_BYTES and at most MOST_BYTES. Beyond this limit,
+// the least recently used objects are dropped, except those named in `needed`.
 async function keep(name, make, needed = [], count = 0) {
     const known = frames.get(name);
     if (known) {

@@ -76,7 +76,7 @@ async function openFile(address) {
 
 // Reads the directory of a file. The result is a function that returns the contents of entries by
 // their names. A name is missing in these if the file does not contain the entry. Calls that are
-// made at the same time are answered together.
+// made at the same time share requests for entries that are close to one another in the file.
 async function directoryOf(file) {
     const tail = Math.max(0, file.size - TAIL), last = await file.at(tail, file.size), view = (b) => new DataView(b.buffer, b.byteOffset, b.length);
     let end = last.length - 22;
@@ -215,7 +215,7 @@ async function open(address) {
 // ---- The page's clip ----------------------------------------------------------------------------
 
 // Describes the clip as the JSON of a page does. The first view shows the region that contains most
-// of the splats of the parts `shown`; the axes of these files are x right, y down, z forward.
+// of the splats of the parts `shown`. In these files, x points right, y down and z forward.
 function clipOf(name, { meta, bands, coefficients }, shown) {
     const { min, max, fps } = meta.time, sides = [0, 1, 2].map((c) => {
         const x = Float32Array.from(shown.flatMap((s) => Array.from({ length: s.n }, (_, i) => s.place[3 * i + c]))).sort();

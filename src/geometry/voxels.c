@@ -5,8 +5,8 @@
 #include "math/covariance.h"
 
 #define NEEDED (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
-#define UNBOUNDED                                                                                  \
-    16.0            /* an unbounded scene is more than this factor wider than its detailed part */
+/* A scene is unbounded if it is wider than its detailed part by more than this factor. */
+#define UNBOUNDED 16.0
 #define CONTEXT 1.5 /* sides of the detailed part by which the grid extends beyond it */
 #define LARGE 4.0   /* standard deviation of a large splat, in cells */
 #define EXTENT 2.5  /* of a large splat, in standard deviations */

@@ -43,8 +43,8 @@
  * for each frame. */
 static const double auto_static = 0.6, auto_dynamic = 0.4;
 
-/* On renders, tracks are trained with this share of the usual iterations if 4D splats are trained
- * from them: the quality of these is the same (tests/bench/ablations.md). */
+/* Tracks that are trained on renders, and from which 4D splats are trained, need only this share of
+ * the usual iterations: the quality of the 4D splats is the same (tests/bench/ablations.md). */
 static const double track_share = 0.85;
 
 struct convert {
@@ -71,7 +71,7 @@ struct convert {
     /* true: the frames of the import share no rows. Before the clip is retrained, it is rewritten
      * so that each static row is stored only once. */
     bool settles;
-    int n_frames; /* of `import` */
+    int n_frames;                        /* of `import` */
     struct spin_settle_options thinning; /* its members keep_static, keep_dynamic and most */
     spin_json *report;
 };
@@ -489,7 +489,8 @@ static spin_status settle_clip(struct convert *c)
     o.force = true;
     status = spin_settle(&o, &s);
     if (status == SPIN_E_UNSUPPORTED && !c->renders) {
-        spin_log(0, "static splats are stored in every frame: %s", spin_last_error());
+        spin_log(0, "static splats cannot be found and remain stored in every frame: %s",
+                 spin_last_error());
         c->settles = false;
         return SPIN_OK;
     }

@@ -249,8 +249,8 @@ static void blur(const struct settling *s, uint8_t *image)
         }
 }
 
-/* Renders frame f, which is shown, from camera c, or reads the captured image. out: [3][plane],
- * blurred. */
+/* Sets `out` [3][plane] to the blurred image of camera c in frame f: the captured image, or a
+ * render, for which f must be the current frame of the player. */
 static spin_status draw_blurred(struct settling *s, int f, int c, uint8_t *out)
 {
     static const float black[3];

@@ -31,9 +31,9 @@ struct spin_settle_options {
 spin_status spin_settle_applies(struct spin_bundle *bundle, bool *applies);
 /* Writes the bundle `output`. Its frames begin with the static rows, which are bit-identical in all
  * frames, so that spin-retrain recognises them as static tracks; the dynamic rows of the frame
- * follow. The data set of the new bundle is that of the options; the renders are drawn from
- * `input`. Fails with SPIN_E_UNSUPPORTED, and writes nothing, if the images are captured and their
- * cameras move, are fewer than four, or lack images of a frame.
+ * follow. The new bundle refers to the data set of the options; renders are drawn from `input`.
+ * Fails with SPIN_E_UNSUPPORTED, and writes nothing, if the images are captured and their cameras
+ * move, are fewer than four, or lack images of a frame.
  *
  * A row is dynamic if, in its own frame or in one of eight others spread over the clip, the colour
  * of its pixel differs from the median of this pixel over time for most cameras that see it. The

@@ -103,6 +103,16 @@ run "$bin/spin4d" run.spin -o shared.html --iterations 20
 is "$code" 0 "a page of frames that share their rows"
 is "$(grep -c "renders of the clip itself" "$work/err")" 0 "is not retrained"
 static_and_dynamic() { sed -n 's/^of .* per frame, \([0-9]*\) are static and stored once, and \([0-9]*\) are dynamic.*/\1 \2/p' "$work/err"; }
+# Ends the training as soon as it states the number of its iterations: 85 % of 1500 + 6 x 100.
+"$bin/spin4d" frames -o share.tsog --data renders --data-from $views 2>share.err &
+pid=$! waits=0
+while ! grep -q "preset quick" share.err && kill -0 $pid 2>/dev/null && [ $waits -lt 600 ]; do
+    sleep 0.1
+    waits=$((waits + 1))
+done
+kill -KILL $pid 2>/dev/null
+wait $pid 2>/dev/null
+is "$(sed -n 's/^preset quick: \([0-9]*\) iterations.*/\1/p' share.err)" 1785 "tracks need fewer iterations before 4D splats"
 run "$bin/spin4d" frames -o all.tsog --data renders --data-from $views --iterations 2
 sizes=$(sed -n 's/.* the clip will have about \(.*\) kB/\1/p' "$work/err")
 is "$(echo "$sizes $(stat -c %s all.tsog)" | awk '{ print ($2 / 1000 / $1 > 0.5 && $2 / 1000 / $1 < 2) }')" 1 "the size is estimated"
@@ -143,6 +153,10 @@ run "$bin/spin4d" given.spin -o named.html --iterations 2
 is "$code $(points_settle)" "0 1" "also those that a bundle names"
 run "$bin/spin4d" stage --data images -o same.html --iterations 2
 is "$code $(static_and_dynamic)" "0 " "not needed if frames share positions"
+run "$bin/spin-export" stage.spin --data renders --data-from renders:cameras=3,test=1,size=96x64 --to images --views all \
+    --transforms -o three
+run "$bin/spin4d" points --data three -o three.html --iterations 2
+err_has "stored in every frame: there are fewer than 4 cameras" "three cameras show too little"
 cp -r points seven
 rm seven/frame_00003.ply
 run "$bin/spin4d" seven --data images -o seven.html --iterations 2

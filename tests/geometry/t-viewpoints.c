@@ -19,6 +19,7 @@ struct scene {
     bool moves;
     bool detail;
     bool flickers; /* a part of the room changes its colour in every frame */
+    bool fine;     /* the splats of bodies are small */
     bool sky;      /* the half sphere is a wide sky, so the scene is not indoors */
     struct spin_splats splats;
 };
@@ -65,7 +66,7 @@ static void put_body(struct scene *s, size_t i, int f)
     at[0] += 0.5 + swing;
     at[1] -= 0.9;
     at[2] += body != 1 ? 0.4 : -0.8;
-    put_splat(s, s->splats.n - BODY + i, at, 0.015);
+    put_splat(s, s->splats.n - BODY + i, at, s->fine ? 0.0005 : 0.015);
 }
 
 static spin_status read_frame(void *context, int f, const struct spin_splats **out)
@@ -191,6 +192,18 @@ static void check_subject(bool moves)
     }
     ok(n_near == 0 && count_blind(&s, &p, 0, &n_seen) == 0,
        "all cameras see it from outside: %d are near", n_near);
+    spin_viewpoints_close(&p);
+    spin_splats_free(&s.splats);
+}
+
+/* A room is not left out because a body in it is more detailed. */
+static void check_fine_body(void)
+{
+    struct scene s = {.room = true, .fine = true, .bodies = 1, .scale = 1, .detail = true};
+    struct spin_viewpoints p = {0};
+
+    place_cameras(&s, &p);
+    ok(p.room && p.n == CAMERAS + TESTS, "a detailed body is in a room");
     spin_viewpoints_close(&p);
     spin_splats_free(&s.splats);
 }
@@ -360,6 +373,7 @@ TAP_MAIN
     check_two_bodies();
     check_subject(true);
     check_subject(false);
+    check_fine_body();
     check_sky();
     check_denser();
     check_detail(false, 1);
