@@ -9,6 +9,7 @@ enum { WIDTH = 720, HEIGHT = 260, LEFT = 56, RIGHT = 26, TOP = 10, BOTTOM = 42, 
 
 struct frame {
     double x0, x1, y0, y1; /* range of the axes */
+    double step;           /* distance of the ticks of y, of which y0 and y1 are multiples */
 };
 
 double spin_svg_chart_step(double span, int most)
@@ -34,7 +35,7 @@ static double y_to_px(const struct frame *f, double y)
 
 static bool measure_range(const struct spin_svg_chart *chart, struct frame *f)
 {
-    *f = (struct frame){DBL_MAX, -DBL_MAX, DBL_MAX, -DBL_MAX};
+    *f = (struct frame){DBL_MAX, -DBL_MAX, DBL_MAX, -DBL_MAX, 0};
     for (int k = 0; k < chart->n_lines; k++)
         for (size_t i = 0; i < chart->line[k].n; i++) {
             double x = chart->line[k].x[i], y = chart->line[k].y[i];
@@ -52,20 +53,18 @@ static bool measure_range(const struct spin_svg_chart *chart, struct frame *f)
 /* Extends the range of y to multiples of the tick distance; a single value gets a range of 1. */
 static void round_frame(struct frame *f)
 {
-    double step;
-
     if (f->y1 - f->y0 < 1e-9 * fmax(1, fabs(f->y1))) {
         f->y0 -= 0.5;
         f->y1 += 0.5;
     }
-    step = spin_svg_chart_step(f->y1 - f->y0, 5);
-    f->y0 = floor(f->y0 / step) * step;
-    f->y1 = ceil(f->y1 / step) * step;
+    f->step = spin_svg_chart_step(f->y1 - f->y0, 5);
+    f->y0 = floor(f->y0 / f->step) * f->step;
+    f->y1 = ceil(f->y1 / f->step) * f->step;
 }
 
 static void write_axes(FILE *to, const struct spin_svg_chart *chart, const struct frame *f)
 {
-    double step = spin_svg_chart_step(f->y1 - f->y0, 5);
+    double step = f->step;
 
     for (double y = f->y0; y < f->y1 + step / 2; y += step)
         fprintf(to,
@@ -129,7 +128,7 @@ void spin_svg_chart_file(FILE *to, const struct spin_svg_chart *chart)
     if (measure_range(chart, &f))
         round_frame(&f);
     else
-        f = (struct frame){0, 1, 0, 1};
+        f = (struct frame){0, 1, 0, 1, 0.2};
     fprintf(to,
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 %d %d %d\" "
             "font-family=\"sans-serif\" font-size=\"12\">\n<style>.grid{stroke:#d8dde4}"
