@@ -117,7 +117,7 @@ static void check_crops(void)
     struct spin_crop crop[4];
     struct spin_image_cache pixels;
     size_t n = 0;
-    bool inside = true;
+    bool inside = true, scored = true;
 
     clip.dataset_frame = row_of;
     clip.frame = frame_of;
@@ -154,8 +154,14 @@ static void check_crops(void)
         inside = inside && pair[crop[i].pair].view % 2 == 0 && crop[i].x <= left &&
                  crop[i].x + crop[i].side_x >= left + 10 && crop[i].y <= 30 &&
                  crop[i].y + crop[i].side_y >= 40;
+        /* The core of 8 x 8 pixels lies within the square, and the other 36 pixels of the square
+         * count a quarter, negatively. */
+        scored =
+            scored && crop[i].side_x == 24 && crop[i].side_y == 24 &&
+            fabs(crop[i].score - (64 - 0.25 * 36) * (0.7 - 0.002 * ((35 * W + left + 5) % 97))) < 1;
     }
     ok(inside, "each holds the whole square");
+    ok(scored, "and has its score");
     spin_image_cache_close(&pixels);
     spin_views_free(views);
 }

@@ -52,6 +52,13 @@ static void maps(void)
     ok(spin_map_open(in_root("empty"), &map) == SPIN_OK && map.size == 0 && map.data,
        "maps nothing");
     spin_map_close(&map);
+    put_file(in_root("lfs"), "version https://git-lfs.github.com/spec/");
+    error_is(spin_map_open(in_root("lfs"), &map), SPIN_E_UNSUPPORTED, "git lfs pull",
+             "a Git LFS pointer is none");
+    put_file(in_root("lfs"), "version https://git-lfs.github.com/spec");
+    ok(spin_map_open(in_root("lfs"), &map) == SPIN_OK && map.size == 39,
+       "a shorter text is a file");
+    spin_map_close(&map);
     ok(spin_map_open(in_root("none"), &map) == SPIN_E_NOT_FOUND, "a missing file is not found");
     snprintf(want, sizeof want, "cannot open '%s': no such file or folder", in_root("none"));
     is_text(spin_last_error(), want, "and the text names it");

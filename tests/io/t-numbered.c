@@ -65,6 +65,8 @@ static const struct row {
      "1_550e8400-e29b-41d4-a716-446655440000.ply,2_123e4567-e89b-12d3-a456-42661417400a.ply", "1 2",
      NULL},
     {"a hash in a single name", "frame_0007_a3f9c2.ply", "7", NULL},
+    {"four letters and runs of digits in a single name", "x7_ab3c.ply", "7", NULL},
+    {"three in a single name", "x7_b33c.ply", "33", NULL},
     {"a short word in a single name", "frame_0007_v2.ply", "7", NULL},
     {"only hashes", "a3f9c201.ply,77e01bcc.ply,0b22dd1e.ply", NULL, "hashes"},
     /* decimals and time stamps */
@@ -98,6 +100,8 @@ static const struct row {
     {"two numbers of equal merit", "a_1_5.ply,a_2_6.ply,a_3_7.ply", NULL, "'a_%d_*.ply'"},
     {"one of two numbers has a gap", "a1_b1.ply,a2_b2.ply,a3_b4.ply", NULL,
      "--pattern 'a%d_b*.ply' or --pattern 'a*_b%d.ply'"},
+    {"as usual, beside a number that does not vary", "v7_a01_b1.ply,v7_a02_b3.ply,v7_a03_b2.ply",
+     NULL, "--pattern 'v7_a%02d_b*.ply' or --pattern 'v7_a*_b%d.ply'"},
     {"the first of two numbers has a gap", "a1_b1.ply,a2_b2.ply,a9_b3.ply", NULL, "--pattern"},
     {"a wide gap", "a1_b1.ply,a2_b2.ply,a3_b40.ply", NULL, "--pattern"},
     {"numbers of different steps", "a1_b10.ply,a2_b20.ply,a3_b30.ply", NULL, "--pattern"},
@@ -210,6 +214,16 @@ static void check_cameras(void)
     ok(spin_camera_number("dashcam9_1_0000.png") == -1, "dashcam9");
     ok(spin_camera_number("camping_1.png") == -1, "camping_1");
     ok(spin_camera_number("cam.png") == -1, "cam without a number");
+    ok(spin_camera_number("cam0/cam3/000.png") == 3, "the nearest folder counts");
+    ok(spin_camera_number("cam3/cam0/cam.png") == 0, "camera 0 is one");
+    ok(spin_camera_number("cam00") == 0 && spin_camera_number("/cam-5") == 5,
+       "no folder, the root");
+    ok(spin_camera_number("cam123456789.png") == 123456789 &&
+           spin_camera_number("cam1234567890.png") == -1,
+       "at most nine digits");
+    ok(spin_camera_number("cam_x cam4.png") == 4 && spin_camera_number("cam__4.png") == -1 &&
+           spin_camera_number("CAM.4") == 4 && spin_camera_number("cameras1.png") == -1,
+       "one separator; the first word with a number");
 }
 
 static void check_split(void)
