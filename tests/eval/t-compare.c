@@ -169,7 +169,7 @@ static void check_sheet(struct spin_crop crop, int x, int y, int times, const ch
     int width = 0, height = 0, wrong = 0;
     uint8_t *sheet = NULL;
 
-    c.row[0] = (struct spin_compare_row){crop, WIDTH, HEIGHT, 12, 3, rows};
+    c.row[0] = (struct spin_compare_row){crop, WIDTH, HEIGHT, 12, 3, rows, 1 + RUNS};
     snprintf(path, sizeof path, "%s/sheets", folder);
     if (spin_compare_figures(&c, path, true) != SPIN_OK)
         exit(1);

@@ -53,21 +53,20 @@ static spin_status choose_rows(struct spin_compare *c, const struct spin_clip *c
     return SPIN_OK;
 }
 
-/* Allocates image n of a row. */
-static spin_status add_picture(struct spin_compare_row *row, int n, uint8_t **out)
+/* Allocates the next image of a row. */
+static spin_status add_picture(struct spin_compare_row *row, uint8_t **out)
 {
-    void *grown = realloc(row->picture, ((size_t)n + 1) * sizeof *row->picture);
+    void *grown = realloc(row->picture, ((size_t)row->n_pictures + 1) * sizeof *row->picture);
 
     if (!grown)
         return spin_fail(SPIN_E_MEMORY, "out of memory for the images of the comparison");
     row->picture = grown;
-    row->picture[n] = NULL;
-    SPIN_TRY(spin_alloc((size_t)row->width * (size_t)row->height, 3, (void **)&row->picture[n]));
-    *out = row->picture[n];
+    SPIN_TRY(spin_alloc((size_t)row->width * (size_t)row->height, 3, (void **)out));
+    row->picture[row->n_pictures++] = *out;
     return SPIN_OK;
 }
 
-static spin_status draw_row(struct spin_compare_row *row, int n, const struct spin_clip *clip,
+static spin_status draw_row(struct spin_compare_row *row, const struct spin_clip *clip,
                             struct spin_image_cache *pixels, const struct spin_pair *pair,
                             struct spin_player *player, const float background[3])
 {
@@ -81,11 +80,11 @@ static spin_status draw_row(struct spin_compare_row *row, int n, const struct sp
         return spin_misuse("cannot compare the runs: their images of camera %d differ in size; "
                            "give runs of the same data set",
                            row->camera);
-    if (n == 0) {
-        SPIN_TRY(add_picture(row, 0, &out));
+    if (row->n_pictures == 0) {
+        SPIN_TRY(add_picture(row, &out));
         SPIN_TRY(spin_image_cache_get_rgb8(pixels, pair->view, out));
     }
-    SPIN_TRY(add_picture(row, n + 1, &out));
+    SPIN_TRY(add_picture(row, &out));
     SPIN_TRY(spin_alloc(plane, 3 * sizeof(float), (void **)&image));
     SPIN_TRY(spin_player_show(player, clip->frame[pair->frame]));
     SPIN_TRY(spin_player_draw(player, camera, background, image));
@@ -110,8 +109,8 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
             return SPIN_OK; /* the views of the runs differ, which the caller reports */
     }
     for (size_t i = 0; i < c->n_rows; i++)
-        SPIN_TRY(draw_row(&c->row[i], c->n, clip, pixels, &pairs[c->row[i].crop.pair], player,
-                          background));
+        SPIN_TRY(
+            draw_row(&c->row[i], clip, pixels, &pairs[c->row[i].crop.pair], player, background));
     c->n++;
     return SPIN_OK;
 }
@@ -119,7 +118,7 @@ spin_status spin_compare_draw(struct spin_compare *c, const struct spin_clip *cl
 void spin_compare_free(struct spin_compare *c)
 {
     for (size_t i = 0; i < c->n_rows; i++) {
-        for (int k = 0; c->row[i].picture && k < c->n + (c->n > 0); k++)
+        for (int k = 0; k < c->row[i].n_pictures; k++)
             free(c->row[i].picture[k]);
         free(c->row[i].picture);
     }

@@ -18,6 +18,7 @@ struct spin_compare {
         struct spin_crop crop; /* part of the image that is shown enlarged */
         int width, height, frame, camera;
         uint8_t **picture; /* [1 + n] images [h][w][3]: ground truth, then the render of each run */
+        int n_pictures;    /* 1 + n or, after an error, 2 + n */
     } row[SPIN_COMPARE_ROWS];
 };
 
