@@ -445,11 +445,9 @@ static spin_status load_header(struct spin_checkpoint *c, struct spin_trainer *t
     spin_simd_paths_add(c->simd_paths, spin_json_string(spin_json_get(j, "path")));
     for (int f = 0; f < t->n_frames; f++) {
         const spin_json *step = spin_json_at(spin_json_get(j, "steps"), (size_t)f);
-        double v = 0;
 
-        if (!spin_json_number(step, &v) || v < 0 || v > 1e15)
+        if (!spin_json_integer(step, &steps) || steps < 0)
             return spin_malformed("state.json: a value of 'steps' is missing or out of range");
-        steps = (int64_t)v;
         t->frame[f].steps = steps;
     }
     return SPIN_OK;
