@@ -39,6 +39,10 @@ is "$told" "$(grep -a -h -m 1 '^element vertex' "$work"/ply/frame_*.ply | awk '{
 is "$(grep -c '^{"refine": [0-9]*, .*"views": \[\[1, [0-9]*\]\]' "$work/log.jsonl")" 136 "--log has every iteration, a line as of any step"
 grep -q '"clones": ' "$work/log.jsonl"
 ok $? "and what densification did"
+# shellcheck disable=SC2046
+set -- $(sed -n '/\[\[1, /s/.*"clones": \([0-9]*\), "splits": \([0-9]*\), "pruned": \([0-9]*\).*/\1 \2 \3/p' "$work/log.jsonl")
+is "$(sed -n '/\[\[1, /s/.*"splats": \([0-9]*\).*/\1/p' "$work/log.jsonl" | uniq | xargs)" "2940 $((2940 + $1 + $2 - $3))" \
+    "and the splats before and after it"
 ls "$work/preview"/*refined.png >/dev/null 2>&1
 ok $? "--preview has pictures"
 nothing_at "$work/one.spin." "nothing unfinished is left"

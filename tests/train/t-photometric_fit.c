@@ -75,25 +75,30 @@ static void check(const char *what, double most_gain, double most_falloff)
     ok(zero == 0, "%s: no offsets", what);
 }
 
-/* A camera without samples stays at 0, and outliers in red do not affect other colours. */
+/* A camera and a lens without samples stay at 0, and outliers in red do not affect other colours.
+ */
 static void test_apart(void)
 {
-    float clean[CAMERAS + 1 + LENSES][6], red[CAMERAS + 1 + LENSES][6];
+    static const double corners[LENSES + 1] = {1.3, 1.3, 1.3};
+    float clean[CAMERAS + 2 + LENSES][6], red[CAMERAS + 2 + LENSES][6];
+    const float *lens = clean[CAMERAS + 1 + LENSES];
     struct spin_photometric_result look;
     bool same = true;
 
     make(13);
-    ok(spin_photometric_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES, corner_r2, clean[0],
+    ok(spin_photometric_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES + 1, corners, clean[0],
                                &look) == SPIN_OK &&
            clean[CAMERAS][0] == 0 && clean[CAMERAS][1] == 0 && clean[CAMERAS][2] == 0,
        "a camera without samples stays at 0");
+    ok(clean[CAMERAS + LENSES][0] != 0 && lens[0] == 0 && lens[3] == 0 && lens[5] == 0,
+       "and so does a lens");
     for (size_t i = 0; i < POINTS * SEEN; i += 17)
         sample[i].value[0] = 0.9f;
-    ok(spin_photometric_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES, corner_r2, red[0],
+    ok(spin_photometric_choose(sample, POINTS * SEEN, CAMERAS + 1, LENSES + 1, corners, red[0],
                                &look) == SPIN_OK &&
            red[0][0] != clean[0][0],
        "wrong values of red");
-    for (size_t k = 0; k < CAMERAS + 1 + LENSES; k++)
+    for (size_t k = 0; k < CAMERAS + 2 + LENSES; k++)
         for (size_t c = 0; c < 6; c++)
             same &= c % 3 == 0 || red[k][c] == clean[k][c];
     ok(same, "change red alone");
