@@ -6,8 +6,9 @@
     ONE(compressed_ply)                                                                            \
     ONE(ftgs)                                                                                      \
     ONE(gltf)                                                                                      \
-    ONE(html) ONE(images) ONE(ply) ONE(sog) ONE(sogst) ONE(sogst_ply) ONE(splat) ONE(spz)          \
-        ONE(stglite) ONE(tsog) ONE(usd) ONE(video)
+    ONE(html)                                                                                      \
+    ONE(images) ONE(ply) ONE(sog) ONE(sogst) ONE(sogst_ply) ONE(splat) ONE(spz) ONE(stglite)       \
+        ONE(streamed_sog) ONE(tsog) ONE(usd) ONE(video)
 
 #define DECLARE(id) extern const struct spin_exporter spin_exporter_##id;
 #define LIST(id) &spin_exporter_##id,

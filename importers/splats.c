@@ -37,7 +37,8 @@ struct clip {
     const double *turn; /* rotation to the training's axes, for files that do not record their axes;
                            NULL: none */
     struct spin_file_sequence files;
-    double shift[3]; /* GLB: subtracted from the translations of all nodes */
+    struct spin_splats still; /* splats that follow those of the file in every frame */
+    double shift[3];          /* GLB: subtracted from the translations of all nodes */
     int n_frames, sh_degree;
     int *numbers;   /* [n_frames] */
     double *times;  /* [n_frames] */
@@ -224,6 +225,8 @@ static void close_clip(void *self)
 
     if (clip && clip->format)
         close_file(clip);
+    if (clip)
+        spin_splats_free(&clip->still);
     spin_model_close(self);
 }
 
@@ -432,6 +435,70 @@ static spin_status read_sog_levels(struct clip *clip, unsigned columns, struct s
     return spin_sog_levels_read(&clip->opened.levels, columns, out);
 }
 
+/* Opens a frame of a clip whose static splats are a streamed SOG. */
+static spin_status open_sog_frame(struct clip *clip)
+{
+    struct opened *out = &clip->opened;
+
+    SPIN_TRY(open_sog(clip));
+    out->n += clip->still.n;
+    out->sh_degree =
+        clip->still.sh_degree > out->sh_degree ? clip->still.sh_degree : out->sh_degree;
+    out->antialias = out->antialias || clip->still.antialias;
+    return SPIN_OK;
+}
+
+static spin_status read_sog_frame(struct clip *clip, unsigned columns, struct spin_splats *out)
+{
+    static const struct spin_placement in_place = {.q = {1}, .scale = 1};
+    SPIN_LEAVES(spin_splats_free) struct spin_splats own = {0};
+
+    SPIN_TRY(read_sog(clip, columns, &own));
+    SPIN_TRY(spin_splats_reserve(out, own.n + clip->still.n, columns, clip->opened.sh_degree));
+    spin_splats_place(&own, columns, &in_place, 0, out);
+    spin_splats_place(&clip->still, columns, &in_place, own.n, out);
+    return SPIN_OK;
+}
+
+/* Sets *joined if a folder with a streamed SOG, written by spin-export, also contains the splats
+ * that are not static, as one file per frame. */
+static spin_status is_joined(struct spin_model *m, const char *folder, bool *joined)
+{
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+    struct spin_file_sequence files = {0};
+    const char *path, *still;
+
+    *joined = false;
+    SPIN_TRY(spin_model_find(m, &path, folder, "sequence.json"));
+    if (!path || spin_json_load(path, &root) != SPIN_OK)
+        return SPIN_OK;
+    still = spin_json_string(spin_json_get(root, "static"));
+    if (!still || strcmp(still, SPIN_SOG_LEVELS_FILE) != 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_file_sequence_list(m, folder, ".sog", &files));
+    *joined = files.n_frames > 0;
+    return SPIN_OK;
+}
+
+/* Reads the static splats of a clip from a streamed SOG. */
+static spin_status read_still(struct clip *clip, const char *folder, const char *index)
+{
+    SPIN_LEAVES(spin_map_close) struct spin_map map = {0};
+    struct spin_model *m = &clip->base;
+    struct sog_levels levels;
+    const char *note[2];
+    char count[48];
+
+    SPIN_TRY(spin_map_open(index, &map));
+    SPIN_TRY_IN(spin_sog_levels_open(m, folder, map.data, map.size, &levels), "'%s'", index);
+    SPIN_TRY(spin_sog_levels_read(&levels, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, &clip->still));
+    SPIN_TRY(spin_sog_levels_note(m, &levels, &note[0], &note[1]));
+    spin_note(m->sequence, "%s", note[0]);
+    spin_note(m->sequence, "every frame contains the %s of the streamed SOG",
+              spin_text_count((long long)clip->still.n, "static splat", count));
+    return SPIN_OK;
+}
+
 static const struct spin_plugin_option sog_options[] = {
     {"lod", "N",
      "streamed SOG: the level of detail to read, 0 is the finest (default: the finest "
@@ -468,10 +535,18 @@ static spin_status open_sog_clip(void *self, const char *path)
     static const struct format format = {".sog", "SOG", open_sog, read_sog};
     static const struct format streamed = {".json", "streamed SOG", open_sog_levels,
                                            read_sog_levels};
+    static const struct format joined = {".sog", "SOG", open_sog_frame, read_sog_frame};
     struct clip *clip = self;
     const char *meta, *index;
+    bool is_clip = false;
 
     SPIN_TRY(spin_model_find(&clip->base, &index, path, SPIN_SOG_LEVELS_FILE));
+    if (index)
+        SPIN_TRY(is_joined(&clip->base, path, &is_clip));
+    if (is_clip) {
+        SPIN_TRY(read_still(clip, path, index));
+        return open_clip(clip, &joined, path);
+    }
     if (index || strcmp(spin_path_name(path), SPIN_SOG_LEVELS_FILE) == 0)
         return open_clip(clip, &streamed, index ? index : path);
     if (spin_model_option(&clip->base, "lod"))

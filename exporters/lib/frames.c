@@ -163,7 +163,7 @@ static spin_status entries_json(const struct spin_frames *x, spin_json *list)
 
         spin_json_push(list, item);
         SPIN_TRY(spin_pattern_path(&x->pattern, x->folder.path, e->number, &path));
-        spin_json_set_string(item, "file", spin_path_name(path));
+        spin_json_set_string(item, "file", e->file ? e->file : spin_path_name(path));
         free(path);
         spin_json_set_integer(item, "frame", e->number);
         spin_json_set_number(item, "time", e->time);
@@ -228,6 +228,8 @@ static spin_status write_sequence(struct spin_frames *x)
     }
     if (x->job->pair && *x->job->pair)
         spin_json_set_string(root, "pair", x->job->pair);
+    if (x->format->still)
+        spin_json_set_string(root, "static", x->format->still);
     SPIN_TRY(add_belongings(x, root));
     spin_json_set(root, "frames", list);
     SPIN_TRY(entries_json(x, list));
@@ -258,7 +260,9 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     SPIN_LEAVES(spin_out_abandon) struct spin_out out = {0};
     struct spin_frame_info shifted = *info;
     SPIN_FREED char *path = NULL;
+    const char *file = NULL;
     uint64_t length;
+    size_t n;
 
     (void)frame;
     if (x->start >= 0)
@@ -267,13 +271,21 @@ spin_status spin_frames_frame(void *self, int frame, const struct spin_frame_inf
     if (x->file && x->format->add)
         return x->format->add(x, info, splats);
     SPIN_TRY(spin_splat_rows_choose(&x->rows, splats));
+    n = x->rows.n_kept;
+    if (x->format->begin_frame)
+        SPIN_TRY(x->format->begin_frame(x, info, &file));
+    if (file) {
+        SPIN_TRY(spin_frames_add(x, info, n));
+        x->entry[x->n_entries - 1].file = file;
+        return SPIN_OK;
+    }
     SPIN_TRY(path_of(x, info->number, &path));
     SPIN_TRY(spin_out_open(path, x->job->force, &out));
     out.sync = x->job->sync;
     spin_output_folder_mark(&x->folder, path);
     SPIN_TRY(write_frame(x, info, &out));
     SPIN_TRY(spin_out_length(&out, &length));
-    SPIN_TRY(spin_frames_add(x, info, x->rows.n_kept));
+    SPIN_TRY(spin_frames_add(x, info, n));
     if (x->rows.report)
         x->rows.report->bytes += length;
     return spin_out_commit(&out);

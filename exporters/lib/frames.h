@@ -38,6 +38,9 @@ struct spin_frames_format {
     bool lossy;  /* true: values are rounded; errors are logged at the end, unless frames->exact */
     bool packed; /* true: files are compressed, and bytes() returns an upper bound */
     bool clips_colours; /* true: the format clamps colours to a range */
+    /* Name of a file in the folder with splats that all frames have, and that the files of the
+     * frames do not contain; NULL: none. */
+    const char *still;
 
     /* Reads the options of the format, before the common options are read; may set frames->axes.
      * NULL: the format has no options. */
@@ -53,6 +56,10 @@ struct spin_frames_format {
     spin_status (*close)(void *self);
     /* Returns the size in bytes of a file with n splats, or an upper bound if `packed` is true. */
     uint64_t (*bytes)(const void *self, size_t n);
+    /* Called before a frame is written, with all of its rows kept; may keep fewer rows. If the
+     * frame needs no file of its own, sets *file to the name of the file in the folder that
+     * contains it; write() is then not called. NULL: nothing to do. */
+    spin_status (*begin_frame)(void *self, const struct spin_frame_info *info, const char **file);
     /* Writes the file of a frame, which contains the kept rows of frames->rows. */
     spin_status (*write)(void *self, const struct spin_frame_info *info, struct spin_out *out);
     /* Sets *row to the kept rows in the order of the file. NULL: the order is that of frames->sort.
@@ -69,6 +76,7 @@ struct spin_frames_entry {
     int number, source_index;
     double time;
     size_t n;
+    const char *file; /* name of the file that contains the frame; NULL: that of the pattern */
 };
 
 struct spin_frames {

@@ -232,6 +232,7 @@ static const struct {
     const char *format, *name;
 } unnumbered[] = {{"images", "transforms_train.json"},
                   {"images", "transforms_test.json"},
+                  {"streamed-sog", "lod-meta.json"},
                   {"usd", "clip.usda"},
                   {"usd", "manifest.usda"},
                   {"usd", "still.usda"},

@@ -85,8 +85,12 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
 
 /* ---- sequence.json of an exported clip ------------------------------------------------------- */
 
-static const spin_json *entry_of(const spin_json *frames, int number)
+/* Returns the entry of the frame with this number. The name of a still's file may contain no
+ * number, so the only entry belongs to the only frame. */
+static const spin_json *entry_of(const spin_json *frames, int number, int n_frames)
 {
+    if (n_frames == 1 && spin_json_length(frames) == 1)
+        return spin_json_at(frames, 0);
     for (size_t k = 0; k < spin_json_length(frames); k++) {
         const spin_json *entry = spin_json_at(frames, k);
         int64_t is;
@@ -104,7 +108,7 @@ static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame,
 {
     const spin_json *frames = spin_json_get(root, "frames");
     const char *pair = spin_json_string(spin_json_get(root, "pair"));
-    int64_t n_source, at;
+    int64_t n_source, at, number;
     bool numbered, placed = spin_json_integer(spin_json_get(root, "source_frames"), &n_source) &&
                             n_source > 0 && n_source <= INT_MAX &&
                             spin_json_bool(spin_json_get(root, "numbered"), &numbered);
@@ -112,7 +116,7 @@ static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame,
 
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < n; i++) {
-            const spin_json *entry = entry_of(frames, frame[i].number);
+            const spin_json *entry = entry_of(frames, frame[i].number, n);
 
             if (!entry || !spin_json_number(spin_json_get(entry, "time"), &time) ||
                 !isfinite(time) ||
@@ -120,6 +124,8 @@ static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame,
                             at < 0 || at >= n_source)))
                 return false;
             if (pass == 1) {
+                if (n == 1 && spin_json_integer(spin_json_get(entry, "frame"), &number))
+                    frame[i].number = (int)number;
                 frame[i].time = time;
                 place[i] = placed ? (int)at : i;
             }

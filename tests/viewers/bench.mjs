@@ -8,6 +8,7 @@ import { createRequire } from 'node:module';
 import { parseArgs } from 'node:util';
 import { check, checkGlb, meshesAt, readGlb, timesOf } from './lib/splat.mjs';
 import { KINDS, kindOf, turned } from './lib/kinds.mjs';
+import { finest } from './lib/compact.mjs';
 import { render, MODELS } from './lib/reference.mjs';
 import { decodePng, encodePng, psnr, drawnShare } from './lib/png.mjs';
 
@@ -169,7 +170,7 @@ function join(list) {
 // and not a fault.
 function splatTransform(file, count, kind) {
     const cli = path.join(path.dirname(require.resolve('@playcanvas/splat-transform')), '../bin/cli.mjs');
-    const t0 = Date.now(), r = spawnSync(process.execPath, [cli, '-q', file, '--stats', 'json', 'null'], { encoding: 'utf8', maxBuffer: 1 << 28 });
+    const t0 = Date.now(), r = spawnSync(process.execPath, [cli, '-q', ...finest(file), file, '--stats', 'json', 'null'], { encoding: 'utf8', maxBuffer: 1 << 28 });
     const problems = [];
     if (r.status !== 0) return { problems: [`splat-transform: exit ${r.status}: ${(r.stderr || r.stdout).trim().split('\n').slice(-2).join(' ')}`] };
     const j = JSON.parse(r.stdout);

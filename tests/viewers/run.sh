@@ -209,7 +209,11 @@ import mini-source --from d3dgs "$clip" --data "$clip" &&
     echo "a page of another site" &&
     { node "$here/embed.mjs" "$bin/../player" mini/page.html mini-shots || fail "mini: a page of another site does not hold the clip"; } &&
     echo "the pages beside docs/how-to/viewers.md" &&
-    { node "$here/snippets.mjs" mini mini-shots || fail "mini: a page of the documents does not show the clip"; }
+    { node "$here/snippets.mjs" mini mini-shots || fail "mini: a page of the documents does not show the clip"; } &&
+    echo "one frame as streamed SOG" &&
+    "$bin/spin-export" -q --force mini.spin --range 0:1 --to streamed-sog -o mini-streamed &&
+    { node "$here/bench.mjs" $size --viewers playcanvas --out mini-shots --eye 2.84,-1.44,0 --target 0,-0.95,0 --fovy 41 \
+        mini-streamed/lod-meta.json || fail "mini: the streamed SOG is not drawn as it should be"; }
 
 # Antialiased splats: the page draws them as the PLY declares. The splats and the window are small,
 # so that antialiasing matters: without it the image would still agree to 38 dB.

@@ -165,13 +165,16 @@ export function readSpz(file) {
     return s;
 }
 
+// Options of splat-transform that select the finest level of a streamed SOG.
+export const finest = (file) => (file.endsWith('lod-meta.json') ? ['--select-lod', '0'] : []);
+
 // Node cannot decode WebP: the tool of the format's authors converts the file to PLY.
 export function readSog(file) {
     const at = createRequire(import.meta.url).resolve('@playcanvas/splat-transform');
     const cli = path.join(path.dirname(at), '../bin/cli.mjs');
     const folder = fs.mkdtempSync(path.join(os.tmpdir(), 'viewer-sog-')), ply = path.join(folder, 'sog.ply');
     try {
-        const r = spawnSync(process.execPath, [cli, '-q', file, ply], { encoding: 'utf8' });
+        const r = spawnSync(process.execPath, [cli, '-q', ...finest(file), file, ply], { encoding: 'utf8' });
         if (r.status !== 0) throw new Error(`${file}: splat-transform: ${(r.stderr || r.stdout).trim()}`);
         return { ...readPly(ply), file, bytes: fs.statSync(file).size };
     } finally {

@@ -17,6 +17,7 @@ export const KINDS = {
     spz: { ends: '.spz', label: '`.spz`, version 4', read: readSpz, turn: same, tool: true },
     spz3: { ends: '.spz', label: '`.spz`, version 3', read: readSpz, turn: same, tool: true },
     sog: { ends: '.sog', read: readSog, turn: same, tool: true },
+    'streamed-sog': { ends: 'lod-meta.json', label: 'streamed SOG', read: readSog, turn: same, tool: true },
     splat: { ends: '.splat', read: readSplat, turn: same, tool: true }
 };
 

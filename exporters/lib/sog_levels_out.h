@@ -1,0 +1,32 @@
+/* Writes splats as a streamed SOG of PlayCanvas, version 1: chunks at several levels of detail, and
+ * an index with a tree of bounding boxes (see importers/lib/sog_levels.h). A player chooses the
+ * level for each leaf of the tree, mostly by its distance from the camera. */
+#pragma once
+
+#include "exporters/lib/sog_images.h"
+
+#define SPIN_SOG_INDEX "lod-meta.json"
+
+enum { SPIN_SOG_MOST_LEVELS = 8 };
+
+struct spin_sog_levels_out {
+    /* Set by the caller. */
+    const char *folder; /* an existing folder */
+    struct spin_pool *pool;
+    int n_levels; /* 1 to SPIN_SOG_MOST_LEVELS; level k has about 1/4^k of the splats */
+    int effort;   /* effort of WebP, 0 to 9 */
+    bool antialias, sync;
+
+    /* Results. */
+    uint64_t bytes; /* size of all chunks */
+    size_t n_chunks;
+    size_t counts[SPIN_SOG_MOST_LEVELS]; /* number of splats of each level */
+    struct spin_quant_error quant;       /* rounding errors of level 0 */
+    char *index;                         /* the text of the index, which the caller writes last */
+};
+
+/* Writes the chunks of these splats, which must have all attributes, and creates the index. Folders
+ * of chunks that a former export left in the folder, and that this one does not use, are removed.
+ */
+spin_status spin_sog_levels_write(struct spin_sog_levels_out *x, const struct spin_splats *splats);
+void spin_sog_levels_out_free(struct spin_sog_levels_out *x);
