@@ -76,6 +76,10 @@ static void sample_frame(struct spin_series *series, size_t quota, const float *
 {
     size_t total = n_rows * n, step = total > quota ? (total + quota - 1) / quota : 1;
 
+    /* A step that has no factor in common with n samples all n values of a row alike; the factors
+     * of n are 2, 3 and 5. */
+    while (step > 1 && (step % 2 == 0 || step % 3 == 0 || step % 5 == 0))
+        step++;
     for (size_t i = 0; i < total && series->n_sample < SAMPLE; i += step) {
         float value = values[i / n * width + first + i % n];
 
