@@ -16,7 +16,6 @@ static void free_frame(struct spin_page_frame *f)
     free(f->present);
     free(f->row);
     free(f->own);
-    *f = (struct spin_page_frame){0};
 }
 
 void spin_page_group_free(struct spin_page_group *g)
