@@ -48,7 +48,7 @@ ROOM_TESTS = {
     "src/run/describe": "cli/t1012 cli/t1015 cli/t1017-l cli/t1024 cli/t2025 cli/t9005",
     "src/run/row_filter": "run/ cmd/t-export cli/t3015",
     "src/run/retrain": "cmd/t-retrain cli/t2025 cli/t2007 cli/t9006 cli/t9001",
-    "src/run/import": "run/t-spin importers/t-golden cli/t1017 cli/t1001 cli/t1010 cli/t1011 cli/t1012 cli/t3009 cli/t9006",
+    "src/run/import": "run/t-spin importers/t-golden cli/t1003 cli/t1022 cli/t1017 cli/t1001 cli/t1010 cli/t1011 cli/t1012 cli/t3009 cli/t9006",
     "src/io/ranks": "cli/t5002",
     "src/geometry": "geometry/ exporters/t-camera_path cli/t1026 cli/t3016",
     "importers": "importers/t-detect importers/t-golden importers/t-rows cli/t1001 cli/t1010 cli/t9006",
