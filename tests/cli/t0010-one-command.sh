@@ -185,6 +185,10 @@ fails 2 spin4d "an output without an ending"
 run "$bin/spin4d" alone -o no/such/folder.html
 fails 1 spin4d "a folder that is not there"
 nothing_at no "nothing was made"
+mkdir full && touch full/mine
+run "$bin/spin4d" alone --to ply -o full
+fails 1 spin4d "a folder with files"
+err_has "'full' exists and is not empty; use --force" "which it names"
 for name in import retrain eval export; do
     run "$bin/spin4d" $name --version
     is "$(cat "$work/out")" "$("$bin/spin-$name" --version)" "spin4d $name"

@@ -170,6 +170,9 @@ for f, means in enumerate(p["means3D"]):
     run "$bin/spin-retrain" "$work/points.spin" -o "$work/unseen.spin" --iterations 1 --lr-track 0 --lr-residual 0 \
         --densify-every 0 --precision full --test-cams 0,3,7,12,15,19 --backdrop off
     is "$code" 0 "retrains points for two cameras"
+    "$bin/spin-import" --info "$work/unseen.spin" --views --json >"$work/views.json"
+    is "$(awk '/"camera": / { camera = $2 } /"test": true/ { print camera }' "$work/views.json" | tr -d , | sort -nu | xargs)" \
+        "0 3 7 12 15 19" "--info --views marks the cameras that were held out"
     "$bin/spin-export" "$work/unseen.spin" --to ply --range 8:9 -o "$work/unseen" -q 2>"$work/err"
     python3 -c 'import glob, sys
 import numpy as np

@@ -43,6 +43,8 @@ ok $? "and what densification did"
 set -- $(sed -n '/\[\[1, /s/.*"clones": \([0-9]*\), "splits": \([0-9]*\), "pruned": \([0-9]*\).*/\1 \2 \3/p' "$work/log.jsonl")
 is "$(sed -n '/\[\[1, /s/.*"splats": \([0-9]*\).*/\1/p' "$work/log.jsonl" | uniq | xargs)" "2940 $((2940 + $1 + $2 - $3))" \
     "and the splats before and after it"
+unzip -p "$work/one.spin" meta.json | sed -n '/"per_unit"/,$p' >"$work/units"
+is "$(grep -c '"refined/[a-z_]*": ' "$work/units")" 5 "all columns are packed as multiples of their steps"
 ls "$work/preview"/*refined.png >/dev/null 2>&1
 ok $? "--preview has pictures"
 nothing_at "$work/one.spin." "nothing unfinished is left"

@@ -38,13 +38,19 @@ grep -q "for the size of the training's images: opacities are multiplied by 0\.[
 ok $? "with the size and the mean factor"
 
 # Small images need lower opacities, large ones hardly any change.
-factor() {
-    run "$bin/spin-export" "$work/anti.spin" --to ply -o "$work/size" --force --bake-antialias "$1"
+factor() { # SIZE [CLIP]
+    run "$bin/spin-export" "$work/${2:-anti}.spin" --to ply -o "$work/size" --force --bake-antialias "$1"
     sed -n 's/.*opacities are multiplied by \([0-9.]*\) on average.*/\1/p' "$work/err"
 }
 small=$(factor 20x12) large=$(factor 8000x4500)
 awk -v s="$small" -v l="$large" 'BEGIN { exit !(s < 0.7 && l > 0.97 && l <= 1) }'
 ok $? "the factor depends on the size: $small for 20x12, $large for 8000x4500"
+"$bin/spin-retrain" "$work/in.spin" -o "$work/half.spin" --data $clip --device cpu --method frames --refine 1 \
+    --antialias on --range 0:1 --scale 0.5 -q >"$work/out" 2>&1
+half=$(factor auto half)
+[ -n "$half" ] && [ "$half" = "$(factor 80x45 half)" ] && [ "$half" != "$(factor 160x90 half)" ]
+ok $? "by default on that of the images of the training, scaled as they were: $half"
+factor 8000x4500 >"$work/large"
 ! LC_ALL=C grep -aq '^comment antialiased' "$work/size/frame_00000.ply"
 ok $? "baked splats are not marked"
 

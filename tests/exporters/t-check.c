@@ -6,12 +6,27 @@
 
 enum { FRAMES = 3 };
 
-static const size_t rows[FRAMES] = {600, 0, 600};
+static size_t rows[FRAMES] = {600, 0, 600};
+static bool shares;        /* every third row is the same in all frames */
 static const char *damage; /* this file, once all are written */
 static bool written;
 static const char *with; /* by another; NULL: bits of it are turned over */
 
-static void make(int f, struct spin_splats *s) { make_frame(s, rows[f], 2, 11 + (uint32_t)f); }
+static void make(int f, struct spin_splats *s)
+{
+    struct spin_splats all = {0};
+
+    make_frame(s, rows[f], 2, 11 + (uint32_t)f);
+    make_frame(&all, rows[f], 2, 99);
+    for (size_t i = 0; i < rows[f] && shares; i += 3) {
+        memcpy(s->means + 3 * i, all.means + 3 * i, 3 * sizeof(float));
+        memcpy(s->quats + 4 * i, all.quats + 4 * i, 4 * sizeof(float));
+        memcpy(s->log_scales + 3 * i, all.log_scales + 3 * i, 3 * sizeof(float));
+        memcpy(s->sh + 27 * i, all.sh + 27 * i, 27 * sizeof(float));
+        s->logit_opacities[i] = all.logit_opacities[i];
+    }
+    spin_splats_free(&all);
+}
 
 static void copy_over(const char *from, const char *to)
 {
@@ -116,7 +131,8 @@ static void test_format(const char *name, const char *file, const char *ending,
     }
     if (!ok(good, "%s: what was written is there: %s", name, spin_last_error()))
         return;
-    ok(check.frames == FRAMES && check.splats == 1200, "%s: all frames, the empty one too", name);
+    ok(check.frames == FRAMES && check.splats == 1200 + rows[1],
+       "%s: all frames, the empty one too", name);
     for (int p = 0; p < 6; p++)
         ok(most[p] > 0 ? check.largest[p] > most[p] / 20 && check.largest[p] <= most[p] &&
                              check.rms[p] > 0 && check.rms[p] < check.largest[p]
@@ -143,6 +159,11 @@ TAP_MAIN
     test_format("gltf", "gltf", "glb", plain, none);
     test_format("gltf", "clip.glb", "", plain, none);
     test_format("gltf", "apart.glb", "", apart, none);
+    shares = true;
+    rows[1] = 600;
+    test_format("gltf", "mixed.glb", "", apart, none);
+    shares = false;
+    rows[1] = 0;
     test_format("splat", "splat", "splat", plain, (double[6]){0, 0, 1, 0.002, 0.002, 0});
     test_format("compressed-ply", "compressed", "compressed.ply", plain,
                 (double[6]){0.005, 0.004, 0.25, 0.002, 0.002, 0.016});

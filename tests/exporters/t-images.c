@@ -1,4 +1,6 @@
 /* K: image export */
+#include <unistd.h>
+
 #include "base/err.h"
 #include "base/log.h"
 #include "io/image.h"
@@ -122,6 +124,8 @@ static int pixel_is(const char *output, const char *name, int width, int x, int 
 static void test_renders(const struct spin_views *views)
 {
     static const char *const all[] = {"views", "all", NULL};
+    static const char *const transforms[] = {"views", "all", "transforms", "1", NULL};
+    char path[600];
     static const char *const compare[] = {"panels", "truth,after", "views", "train", NULL};
     struct spin_plugin_values values = {all};
     struct spin_export_job job = make_job(views, "test", NULL);
@@ -146,6 +150,18 @@ static void test_renders(const struct spin_views *views)
            pixel_is(job.output, "cam_03_frame_00042.png", 10, 0, 10, 20, 30) &&
            pixel_is(job.output, "cam_03_frame_00042.png", 10, 9, 5, 9, 255),
        "puts the data set's image to the left");
+    values.pairs = transforms;
+    job = make_job(views, "again", &values);
+    for (int i = 0; i < 2; i++) {
+        job.force = i == 1;
+        for (int test = 0; test < 2; test++) {
+            snprintf(path, sizeof path, "%s/transforms_%s.json", job.output,
+                     test ? "test" : "train");
+            ok((i == 0 || access(path, F_OK) == 0) && (test || export_clip(&job) == SPIN_OK) &&
+                   access(path, F_OK) == 0,
+               "has transforms, also when it is written again");
+        }
+    }
 }
 
 /* Alpha and depth are independent of each other, and fetched once per image. */
