@@ -9,7 +9,9 @@
  * and its derivative.
  *
  * TSOG can also contain a clip that consists of frames: each splat then has the index of the only
- * frame in which it is visible. */
+ * frame in which it is visible. The file sorts the splats of all frames in one list, so the frames
+ * are read twice: for the ranges, then for the codes, which wait in a temporary file for the order
+ * of the list. */
 #include "base/base.h"
 #include "exporters/lib/time_windows_check.h"
 #include "exporters/lib/pictures.h"
@@ -33,6 +35,9 @@
  * is also the largest number of frames. */
 #define STEPS 65536
 enum { PER_GROUP = SPIN_4D_CENTROIDS };
+/* Clips of frames: images are encoded in parallel as long as their encoders, with this number of
+ * bytes for each pixel, need less memory than ENCODERS. */
+enum { ENCODER = 40, ENCODERS = 1 << 30 };
 
 struct container {
     const char *name;     /* name of the format in messages */
@@ -51,10 +56,7 @@ struct export
     /* Used if `frames` is true: a copy of the job in which splats_4d contains the rows of all
      * frames, and the time of a frame is its index. */
     struct spin_export_job own;
-    bool frames;     /* true: the clip consists of frames, not of 4D splats */
-    double *places;  /* [n_frames] times of `own`: 0, 1, 2, ...; only if `frames` is true */
-    size_t n_cut;    /* rows that have been added to windows.clip; only if `frames` is true */
-    size_t capacity; /* rows that windows.clip can hold; only if `frames` is true */
+    bool frames; /* true: the clip consists of frames, not of 4D splats */
     struct spin_splat_rows rows;
     struct spin_sort_rows order; /* row j of the file is row item[j].row of windows.clip */
     struct spin_time_windows windows;
@@ -62,6 +64,8 @@ struct export
     double segment; /* duration of a segment in seconds; 0: the clip is not segmented */
     int level;
     struct spin_sog_4d coding;
+    struct spin_sog_range scale, dc; /* [0] ranges of all log scales and of all SH of degree 0 */
+    bool ranged;                     /* true: the ranges contain a row */
     struct spin_quant_error quant;
     /* Largest error of an opacity from quantising the centres and sigmas of time windows. */
     double fade_lost;
@@ -83,6 +87,18 @@ struct export
      * images of labels. */
     struct spin_picture *picture;
     struct spin_quant_error *block_quant;
+    size_t n_blocks; /* blocks that block_quant can hold */
+
+    /* The following members are used only if `frames` is true. Rows are numbered in the order of
+     * the frames. windows.clip contains the rows of one frame. */
+    double *places;            /* [n_frames] times of `own`: 0, 1, 2, ... */
+    size_t *first;             /* [n_frames] number of the first row of each frame */
+    size_t capacity;           /* rows that windows.clip can hold */
+    float box[6];              /* bounding box of all positions, without a rotation of the scene */
+    char *folder;              /* folder of temporary files; NULL: they are kept in memory */
+    uint8_t *plane[PER_GROUP]; /* [n][4] pixels of the rows, in a temporary file */
+    float *row_rest;           /* [n][n_rest] SH coefficients above degree 0, in a temporary file */
+    uint32_t *row; /* [n] number of the row that is row j of the file, in a temporary file */
 };
 
 static const struct spin_splats_4d *clip_of(const struct export *x) { return &x->windows.clip; }
@@ -90,10 +106,10 @@ static const struct spin_splats_4d *clip_of(const struct export *x) { return &x-
 /* Warns if there are more splats than the player of the format draws. */
 static void warn_of_kind(const struct export *x)
 {
-    if (!x->kind->sogst && x->order.n > PLAYED)
+    if (!x->kind->sogst && x->coding.n > PLAYED)
         spin_warn(
             "the player of TSOG draws only %d of the %zu splats: drop some with --min-opacity",
-            PLAYED, x->order.n);
+            PLAYED, x->coding.n);
 }
 
 /* ---- Times ----------------------------------------------------------------------------------- */
@@ -294,69 +310,88 @@ static void turned_path(const struct export *x, size_t k, int power, float out[3
         &x->rows, clip_of(x)->paths + 3 * (size_t)clip_of(x)->degree * k + 3 * power, out);
 }
 
-static void choose_ranges(struct export *x)
+/* Widens the ranges by row k of windows.clip. */
+static void widen_ranges(struct export *x, size_t k)
 {
     struct spin_sog_4d *to = &x->coding;
-    struct spin_sog_range scale = {0}, dc = {0};
     float v[3], room[3 * SPIN_SH_MAX];
+    const float *sh = spin_splat_rows_sh(&x->rows, k, room);
+    bool first = !x->ranged;
 
-    for (size_t j = 0; j < x->order.n; j++) {
-        size_t k = x->order.item[j].row;
-        const float *sh = spin_splat_rows_sh(&x->rows, k, room);
-
-        for (size_t c = 0; c < 3; c++) {
-            widen_range(&scale, 0, (double)clip_of(x)->log_scales[3 * k + c], j + c == 0);
-            widen_range(&dc, 0, (double)sh[c], j + c == 0);
-        }
-        spin_splat_rows_place(&x->rows, k, v);
-        for (size_t c = 0; c < 3; c++)
-            widen_range(&to->means, c, spin_sog_log((double)v[c]), j == 0);
-        for (int p = 0; p < to->degree; p++) {
-            turned_path(x, k, p, v);
-            for (size_t c = 0; c < 3; c++)
-                widen_range(p == 0 ? &to->motion : &to->accel, c,
-                            to->linear ? (double)v[c] : spin_sog_log((double)v[c]), j == 0);
-        }
+    x->ranged = true;
+    for (size_t c = 0; c < 3; c++) {
+        widen_range(&x->scale, 0, (double)clip_of(x)->log_scales[3 * k + c], first && c == 0);
+        widen_range(&x->dc, 0, (double)sh[c], first && c == 0);
     }
+    spin_splat_rows_place(&x->rows, k, v);
+    for (size_t c = 0; c < 3; c++)
+        widen_range(&to->means, c, spin_sog_log((double)v[c]), first);
+    for (int p = 0; p < to->degree; p++) {
+        turned_path(x, k, p, v);
+        for (size_t c = 0; c < 3; c++)
+            widen_range(p == 0 ? &to->motion : &to->accel, c,
+                        to->linear ? (double)v[c] : spin_sog_log((double)v[c]), first);
+    }
+}
+
+static void finish_ranges(struct export *x)
+{
+    struct spin_sog_4d *to = &x->coding;
+
     finish_range(&to->means);
     finish_range(&to->motion);
     finish_range(&to->accel);
-    fill_book(&to->scales, scale.mins[0], scale.maxs[0], false);
-    fill_book(&to->sh0, dc.mins[0], dc.maxs[0], false);
+    fill_book(&to->scales, x->scale.mins[0], x->scale.maxs[0], false);
+    fill_book(&to->sh0, x->dc.mins[0], x->dc.maxs[0], false);
 }
 
 static size_t n_rest(const struct export *x) { return spin_n_rest(x->coding.sh_degree); }
 
-static spin_status choose_palette(struct export *x)
+/* Sets `to`, [n_rest], to the SH coefficients above degree 0 of row k of windows.clip. Coefficients
+ * that the source lacks are not changed. */
+static void copy_rest(const struct export *x, size_t k, float *to)
 {
-    size_t n = x->order.n, width = n_rest(x), n_sh = 3 * (size_t)spin_splat_rows_n_sh(&x->rows);
+    size_t n_sh = 3 * (size_t)spin_splat_rows_n_sh(&x->rows);
     float room[3 * SPIN_SH_MAX];
 
-    if (width == 0)
-        return SPIN_OK;
-    SPIN_TRY(spin_alloc(n, width * sizeof *x->rest, (void **)&x->rest));
+    memcpy(to, spin_splat_rows_sh(&x->rows, k, room) + 3, (n_sh - 3) * sizeof *to);
+}
+
+/* Computes the palette and the codebook of `rest`. */
+static spin_status choose_palette(struct export *x)
+{
+    size_t n = x->coding.n, width = n_rest(x);
+
     SPIN_TRY(spin_alloc(n, sizeof *x->label, (void **)&x->label));
     SPIN_TRY(spin_alloc(spin_sog_palette(n), width * sizeof *x->palette, (void **)&x->palette));
-    for (size_t j = 0; j < n; j++)
-        memcpy(x->rest + width * j, spin_splat_rows_sh(&x->rows, x->order.item[j].row, room) + 3,
-               (n_sh - 3) * sizeof *x->rest);
     SPIN_TRY(spin_palette_make(x->rest, n, width, spin_sog_palette(n), x->rows.pool, x->label,
                                x->palette, &x->coding.n_palette));
     x->coding.sh_n.n = SPIN_CODEBOOK;
     return spin_codebook_make(x->palette, x->coding.n_palette * width, x->coding.sh_n.value);
 }
 
-static spin_status choose_coding(struct export *x)
+static void begin_coding(struct export *x)
 {
     x->coding.degree = clip_of(x)->degree;
     x->coding.linear = !x->kind->sogst;
     x->coding.sh_degree = x->rows.sh_degree;
+}
+
+static spin_status choose_coding(struct export *x)
+{
+    begin_coding(x);
     SPIN_TRY(spin_sort_rows_fill(&x->order, &x->rows));
     x->coding.n = x->order.n;
-    if (!x->frames)
-        SPIN_TRY(round_times(x));
+    SPIN_TRY(round_times(x));
     SPIN_TRY(choose_order(x));
-    choose_ranges(x);
+    for (size_t j = 0; j < x->order.n; j++)
+        widen_ranges(x, x->order.item[j].row);
+    finish_ranges(x);
+    if (n_rest(x) == 0)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(x->order.n, n_rest(x) * sizeof *x->rest, (void **)&x->rest));
+    for (size_t j = 0; j < x->order.n; j++)
+        copy_rest(x, x->order.item[j].row, x->rest + n_rest(x) * j);
     return choose_palette(x);
 }
 
@@ -408,47 +443,46 @@ static struct spin_picture *picture_of(const struct export *x, size_t g, int p)
     return &x->picture[at];
 }
 
+/* Makes image p of group g black, if the file contains it. */
+static spin_status blank_picture(struct export *x, size_t g, int p)
+{
+    struct spin_picture *to = picture_of(x, g, p);
+    struct spin_sog like = {.n = x->end[g] - first_of(x, g),
+                            .sh_degree = x->coding.sh_degree,
+                            .n_palette = x->coding.n_palette};
+    bool palette = p == SPIN_4D_CENTROIDS;
+    int width, height;
+
+    if (!is_used(x, p) || (palette ? g > 0 : like.n == 0))
+        return SPIN_OK;
+    spin_sog_size(&like, palette ? SPIN_SOG_CENTROIDS : SPIN_SOG_MEANS_LOW, &width, &height);
+    if (x->n_groups == 1 || palette)
+        snprintf(to->name, sizeof to->name, "%s", name_of(x, p));
+    else if (g == 0)
+        snprintf(to->name, sizeof to->name, "persistent/%s", name_of(x, p));
+    else
+        snprintf(to->name, sizeof to->name, "seg_%03zu/%s", g - 1, name_of(x, p));
+    return spin_picture_blank(to, width, height);
+}
+
 static spin_status blank_pictures(struct export *x)
 {
     SPIN_TRY(spin_alloc((size_t)n_pictures(x), sizeof *x->picture, (void **)&x->picture));
     for (size_t g = 0; g < x->n_groups; g++)
-        for (int p = 0; p < SPIN_4D_PICTURES; p++) {
-            struct spin_picture *to = picture_of(x, g, p);
-            struct spin_sog like = {.n = x->end[g] - first_of(x, g),
-                                    .sh_degree = x->coding.sh_degree,
-                                    .n_palette = x->coding.n_palette};
-            bool palette = p == SPIN_4D_CENTROIDS;
-            int width, height;
-
-            if (!is_used(x, p) || (palette ? g > 0 : like.n == 0))
-                continue;
-            spin_sog_size(&like, palette ? SPIN_SOG_CENTROIDS : SPIN_SOG_MEANS_LOW, &width,
-                          &height);
-            if (x->n_groups == 1 || palette)
-                snprintf(to->name, sizeof to->name, "%s", name_of(x, p));
-            else if (g == 0)
-                snprintf(to->name, sizeof to->name, "persistent/%s", name_of(x, p));
-            else
-                snprintf(to->name, sizeof to->name, "seg_%03zu/%s", g - 1, name_of(x, p));
-            SPIN_TRY(spin_picture_blank(to, width, height));
-        }
+        for (int p = 0; p < SPIN_4D_PICTURES; p++)
+            SPIN_TRY(blank_picture(x, g, p));
     return SPIN_OK;
 }
 
-static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_error *quant)
+/* Writes the pixels of row k of windows.clip, without SH above degree 0, to at[]. */
+static void code_row(const struct export *x, size_t k, uint8_t *const at[PER_GROUP],
+                     struct spin_quant_error *quant)
 {
     const struct spin_sog_4d *to = &x->coding;
-    size_t k = x->order.item[j].row, width = n_rest(x);
     struct spin_gaussian is, shown;
-    uint8_t *at[SPIN_4D_PICTURES];
     float room[3 * SPIN_SH_MAX], v[3], seen[3];
     const float *sh = spin_splat_rows_sh(&x->rows, k, room);
 
-    for (int p = 0; p < SPIN_4D_PICTURES; p++) {
-        uint8_t *rgba = picture_of(x, g, p)->rgba;
-
-        at[p] = rgba && p != SPIN_4D_CENTROIDS ? rgba + 4 * (j - first_of(x, g)) : NULL;
-    }
     spin_splat_rows_get(&x->rows, k, &is);
     spin_sog_code(&to->means, false, 3, is.place, at[SPIN_4D_MEANS], at[SPIN_4D_MEANS_HIGH],
                   shown.place);
@@ -472,17 +506,36 @@ static void code_row(struct export *x, size_t g, size_t j, struct spin_quant_err
     at[SPIN_4D_SH0][3] = spin_byte_of(is.opacity * 255);
     shown.opacity = (float)at[SPIN_4D_SH0][3] / 255;
     spin_quant_error_row(quant, &is, &shown);
+}
+
+/* Adds the errors of the SH above degree 0 of row j of the file. */
+static void measure_rest(const struct export *x, size_t j, struct spin_quant_error *quant)
+{
+    const float *book = x->coding.sh_n.value;
+    size_t width = n_rest(x);
+    float error[3 * SPIN_SH_MAX];
+
     for (size_t c = 0; c < width; c++) {
         float entry = x->palette[width * x->label[j] + c];
 
-        room[c] =
-            x->rest[width * j + c] - to->sh_n.value[spin_codebook_nearest(to->sh_n.value, entry)];
+        error[c] = x->rest[width * j + c] - book[spin_codebook_nearest(book, entry)];
     }
-    if (width > 0) {
-        at[SPIN_4D_LABELS][0] = (uint8_t)x->label[j];
-        at[SPIN_4D_LABELS][1] = (uint8_t)(x->label[j] >> 8);
-        spin_quant_error_add_sh(quant, room, width);
-    }
+    if (width > 0)
+        spin_quant_error_add_sh(quant, error, width);
+}
+
+static void code_label(uint32_t label, uint8_t *pixel)
+{
+    pixel[0] = (uint8_t)label;
+    pixel[1] = (uint8_t)(label >> 8);
+}
+
+static void code_palette(struct export *x)
+{
+    uint8_t *palette = picture_of(x, 0, SPIN_4D_CENTROIDS)->rgba;
+
+    for (size_t i = 0; palette && i < x->coding.n_palette * n_rest(x); i++)
+        palette[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->coding.sh_n.value, x->palette[i]);
 }
 
 static void code_task(void *context, int task)
@@ -491,26 +544,298 @@ static void code_task(void *context, int task)
     size_t j = (size_t)task * SPIN_ROWS_BLOCK, end = j + SPIN_ROWS_BLOCK, g = 0;
 
     for (end = end < x->order.n ? end : x->order.n; j < end; j++) {
+        uint8_t *at[PER_GROUP];
+
         while (x->end[g] <= j)
             g++;
-        code_row(x, g, j, &x->block_quant[task]);
+        for (int p = 0; p < PER_GROUP; p++) {
+            uint8_t *rgba = picture_of(x, g, p)->rgba;
+
+            at[p] = rgba ? rgba + 4 * (j - first_of(x, g)) : NULL;
+        }
+        code_row(x, x->order.item[j].row, at, &x->block_quant[task]);
+        measure_rest(x, j, &x->block_quant[task]);
+        if (x->label)
+            code_label(x->label[j],
+                       picture_of(x, g, SPIN_4D_LABELS)->rgba + 4 * (j - first_of(x, g)));
     }
+}
+
+/* Runs fn(x, block) for blocks of n rows on all threads, and adds the errors in block_quant. */
+static spin_status run_blocks(struct export *x, size_t n, spin_task_fn fn)
+{
+    size_t n_blocks = (n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
+
+    if (n_blocks > x->n_blocks)
+        SPIN_TRY(spin_grow(n_blocks, sizeof *x->block_quant, (void **)&x->block_quant));
+    x->n_blocks = n_blocks > x->n_blocks ? n_blocks : x->n_blocks;
+    memset(x->block_quant, 0, n_blocks * sizeof *x->block_quant);
+    spin_pool_run(x->rows.pool, (int)n_blocks, fn, x);
+    for (size_t b = 0; b < n_blocks; b++)
+        spin_quant_error_merge(&x->quant, &x->block_quant[b]);
+    return SPIN_OK;
 }
 
 static spin_status code_groups(struct export *x)
 {
-    int n_tasks = (int)((x->order.n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK);
-    uint8_t *palette;
-
     SPIN_TRY(blank_pictures(x));
-    SPIN_TRY(spin_alloc((size_t)n_tasks, sizeof *x->block_quant, (void **)&x->block_quant));
-    spin_pool_run(x->rows.pool, n_tasks, code_task, x);
-    for (int t = 0; t < n_tasks; t++)
-        spin_quant_error_merge(&x->quant, &x->block_quant[t]);
-    palette = picture_of(x, 0, SPIN_4D_CENTROIDS)->rgba;
-    for (size_t i = 0; palette && i < x->coding.n_palette * n_rest(x); i++)
-        palette[i / 3 * 4 + i % 3] = spin_codebook_nearest(x->coding.sh_n.value, x->palette[i]);
+    SPIN_TRY(run_blocks(x, x->order.n, code_task));
+    code_palette(x);
     spin_pictures_pack(x->picture, n_pictures(x), x->level, x->rows.pool);
+    return SPIN_OK;
+}
+
+/* ---- Clips of frames ------------------------------------------------------------------------- */
+
+/* Reserves capacity for n rows in windows.clip. */
+static spin_status make_room(struct export *x, size_t n)
+{
+    struct spin_splats_4d *s = &x->windows.clip;
+    const struct {
+        float **values;
+        size_t width;
+    } array[] = {{&s->centres, 3},         {&s->quats, 4},
+                 {&s->log_scales, 3},      {&s->sh, 3 * (size_t)spin_sh_count(s->sh_degree)},
+                 {&s->logit_opacities, 1}, {&s->times, 1},
+                 {&s->sigmas, 1},          {&s->cuts, 2}};
+
+    if (n <= x->capacity)
+        return SPIN_OK;
+    for (size_t k = 0; k < sizeof array / sizeof *array; k++)
+        SPIN_TRY(spin_grow(n, array[k].width * sizeof(float), (void **)array[k].values));
+    SPIN_TRY(spin_grow(n, 2 * sizeof *s->spans, (void **)&s->spans));
+    x->capacity = n;
+    return SPIN_OK;
+}
+
+static void copy_row(struct spin_splats_4d *s, size_t k, const struct spin_splats *from, size_t i,
+                     int frame)
+{
+    size_t n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
+
+    memcpy(s->centres + 3 * k, from->means + 3 * i, 3 * sizeof(float));
+    memcpy(s->quats + 4 * k, from->quats + 4 * i, 4 * sizeof(float));
+    memcpy(s->log_scales + 3 * k, from->log_scales + 3 * i, 3 * sizeof(float));
+    memcpy(s->sh + n_sh * k, from->sh + n_sh * i, n_sh * sizeof(float));
+    s->logit_opacities[k] = spin_finite_logit(from->logit_opacities[i]);
+    s->times[k] = s->cuts[2 * k] = (float)frame;
+    s->cuts[2 * k + 1] = (float)(frame + 1);
+    s->sigmas[k] = SPIN_FOREVER;
+}
+
+/* Sets windows.clip and `rows` to the splats of a frame. */
+static spin_status load_frame(struct export *x, int frame, const struct spin_splats *splats)
+{
+    struct spin_time_windows *b = &x->windows;
+    size_t n_dropped;
+
+    SPIN_TRY(make_room(x, splats->n));
+    for (size_t i = 0; i < splats->n; i++)
+        copy_row(&b->clip, i, splats, i, frame);
+    b->clip.n = splats->n;
+    SPIN_TRY(spin_splats_4d_finish(&b->clip, &n_dropped, NULL));
+    b->view = spin_splats_of_4d(&b->clip);
+    return spin_splat_rows_choose(&x->rows, &b->view);
+}
+
+/* The first pass: widens the ranges by the splats of a frame. */
+static spin_status take_frame(void *self, int frame, const struct spin_frame_info *info,
+                              const struct spin_splats *splats)
+{
+    struct export *x = self;
+
+    (void)info;
+    SPIN_TRY(load_frame(x, frame, splats));
+    begin_coding(x);
+    for (size_t k = 0; k < clip_of(x)->n; k++) {
+        widen_ranges(x, k);
+        spin_sort_rows_widen(x->box, clip_of(x)->centres + 3 * k);
+    }
+    x->first[frame] = x->coding.n;
+    x->coding.n += clip_of(x)->n;
+    return SPIN_OK;
+}
+
+/* Loads a frame again, and sets *first to the number of its first row. */
+static spin_status load_again(void *context, int frame, size_t *first)
+{
+    struct export *x = context;
+    int next = frame + 1;
+    const struct spin_splats *splats;
+
+    SPIN_TRY(x->job->again(x->job->context, frame, &splats));
+    SPIN_TRY(load_frame(x, frame, splats));
+    *first = x->first[frame];
+    if ((next < x->job->n_frames ? x->first[next] : x->coding.n) - *first != clip_of(x)->n)
+        return spin_fail(SPIN_E_IO,
+                         "frame %d of the export has changed since it was first read: another "
+                         "program writes the input; export it again",
+                         frame);
+    return SPIN_OK;
+}
+
+/* Allocates an array in a temporary file, or in memory if this is not possible. */
+static spin_status reserve(const struct export *x, size_t n, size_t width, void **out)
+{
+    size_t bytes;
+
+    if (!spin_mul_size(n, width, &bytes))
+        return spin_fail(SPIN_E_MEMORY, "%zu splats are too many", n);
+    if (x->folder && spin_pages_reserve_in(x->folder, bytes, out) == SPIN_OK)
+        return SPIN_OK;
+    return spin_pages_reserve(bytes, out);
+}
+
+static spin_status reserve_rows(struct export *x)
+{
+    size_t n = x->coding.n;
+
+    if (SPIN_PAGES_IN_FILES)
+        SPIN_TRY(spin_path_folder(x->job->output, &x->folder));
+    SPIN_TRY(spin_sort_rows_reserve(&x->order, n));
+    SPIN_TRY(reserve(x, n, sizeof *x->row, (void **)&x->row));
+    for (int p = 0; p < PER_GROUP; p++)
+        if (is_used(x, p))
+            SPIN_TRY(reserve(x, n, 4, (void **)&x->plane[p]));
+    if (n_rest(x) > 0)
+        SPIN_TRY(reserve(x, n, n_rest(x) * sizeof(float), (void **)&x->row_rest));
+    return SPIN_OK;
+}
+
+static void code_frame_task(void *context, int task)
+{
+    struct export *x = context;
+    size_t k = (size_t)task * SPIN_ROWS_BLOCK, end = k + SPIN_ROWS_BLOCK;
+
+    for (end = end < clip_of(x)->n ? end : clip_of(x)->n; k < end; k++) {
+        size_t row = x->order.n + k;
+        uint8_t *at[PER_GROUP];
+
+        for (int p = 0; p < PER_GROUP; p++) {
+            at[p] = x->plane[p] ? x->plane[p] + 4 * row : NULL;
+            if (at[p])
+                memcpy(at[p], "\0\0\0\377", 4);
+        }
+        code_row(x, k, at, &x->block_quant[task]);
+        if (x->row_rest)
+            copy_rest(x, k, x->row_rest + n_rest(x) * row);
+        x->order.item[row] = (struct spin_keyed){
+            .key = spin_sort_rows_place_key(x->box, clip_of(x)->centres + 3 * k),
+            .row = (uint32_t)row};
+    }
+}
+
+/* Sorts the rows, and frees everything else that belongs to the sort. */
+static void choose_frame_order(struct export *x)
+{
+    spin_sort_rows_sort(&x->order);
+    for (size_t j = 0; j < x->coding.n; j++)
+        x->row[j] = x->order.item[j].row;
+    spin_sort_rows_free(&x->order);
+}
+
+static void measure_rest_task(void *context, int task)
+{
+    struct export *x = context;
+    size_t j = (size_t)task * SPIN_ROWS_BLOCK, end = j + SPIN_ROWS_BLOCK;
+
+    for (end = end < x->coding.n ? end : x->coding.n; j < end; j++)
+        measure_rest(x, j, &x->block_quant[task]);
+}
+
+/* Sorts the SH above degree 0, computes their palette, and frees them. */
+static spin_status choose_frame_palette(struct export *x)
+{
+    size_t width = n_rest(x);
+
+    if (width == 0)
+        return SPIN_OK;
+    SPIN_TRY(reserve(x, x->coding.n, width * sizeof *x->rest, (void **)&x->rest));
+    for (size_t j = 0; j < x->coding.n; j++)
+        memcpy(x->rest + width * j, x->row_rest + width * x->row[j], width * sizeof *x->rest);
+    spin_pages_release(x->row_rest);
+    x->row_rest = NULL;
+    SPIN_TRY(choose_palette(x));
+    SPIN_TRY(run_blocks(x, x->coding.n, measure_rest_task));
+    spin_pages_release(x->rest);
+    x->rest = NULL;
+    return SPIN_OK;
+}
+
+static spin_status report_frames(const struct export *x)
+{
+    size_t n_empty = 0, n_frames = (size_t)x->job->n_frames;
+
+    if (x->coding.n > UINT32_MAX)
+        return spin_unsupported("%zu splats in all frames, at most %u are supported: select fewer "
+                                "frames with --range",
+                                x->coding.n, UINT32_MAX);
+    for (size_t f = 0; f < n_frames; f++)
+        n_empty += x->first[f] == (f + 1 < n_frames ? x->first[f + 1] : x->coding.n);
+    if (x->job->report)
+        x->job->report->splats_mean = (double)x->coding.n / (double)n_frames;
+    spin_splat_rows_warn_empty(n_empty, n_frames);
+    return SPIN_OK;
+}
+
+/* The second pass: computes the codes of all rows, their order and their palette. */
+static spin_status code_frames(struct export *x)
+{
+    size_t n = x->coding.n, first;
+
+    SPIN_TRY(report_frames(x));
+    finish_ranges(x);
+    SPIN_TRY(reserve_rows(x));
+    for (int f = 0; f < x->job->n_frames; f++) {
+        SPIN_TRY(load_again(x, f, &first));
+        x->order.n = first;
+        SPIN_TRY(run_blocks(x, clip_of(x)->n, code_frame_task));
+    }
+    x->order.n = n;
+    choose_frame_order(x);
+    SPIN_TRY(choose_frame_palette(x));
+    x->n_groups = 1;
+    SPIN_TRY(spin_alloc(1, sizeof *x->end, (void **)&x->end));
+    x->end[0] = n;
+    return spin_alloc((size_t)n_pictures(x), sizeof *x->picture, (void **)&x->picture);
+}
+
+static spin_status fill_picture(struct export *x, int p)
+{
+    struct spin_picture *to = picture_of(x, 0, p);
+
+    SPIN_TRY(blank_picture(x, 0, p));
+    if (p == SPIN_4D_CENTROIDS)
+        code_palette(x);
+    if (p < PER_GROUP && x->plane[p])
+        for (size_t j = 0; j < x->coding.n; j++)
+            memcpy(to->rgba + 4 * j, x->plane[p] + 4 * (size_t)x->row[j], 4);
+    if (p == SPIN_4D_LABELS && x->label)
+        for (size_t j = 0; j < x->coding.n; j++)
+            code_label(x->label[j], to->rgba + 4 * j);
+    return SPIN_OK;
+}
+
+/* Encodes and writes the images of a clip of frames, of which only some are in memory at a time. */
+static spin_status write_frame_pictures(struct export *x, struct spin_zip_writer *zip)
+{
+    int n_threads = spin_splat_rows_workers(&x->rows), step = 1;
+
+    while (step < n_threads && (size_t)(step + 1) * x->coding.n < ENCODERS / ENCODER)
+        step++;
+    for (int p = 0, n; p < SPIN_4D_PICTURES; p += n) {
+        struct spin_picture *picture = x->picture + p;
+
+        n = p + step < SPIN_4D_PICTURES ? step : SPIN_4D_PICTURES - p;
+        for (int q = p; q < p + n; q++)
+            SPIN_TRY(fill_picture(x, q));
+        spin_pictures_pack(picture, n, x->level, x->rows.pool);
+        if (spin_cancelled())
+            return spin_fail_cancelled();
+        SPIN_TRY(spin_pictures_write(picture, n, zip));
+        spin_pictures_free(picture, n, true);
+        memset(picture, 0, (size_t)n * sizeof *picture);
+    }
     return SPIN_OK;
 }
 
@@ -710,7 +1035,7 @@ static spin_status make_meta(const struct export *x, char **text, size_t *n)
 
 /* ---- One file -------------------------------------------------------------------------------- */
 
-static spin_status write_members(const struct export *x, struct spin_zip_writer *zip)
+static spin_status write_members(struct export *x, struct spin_zip_writer *zip)
 {
     SPIN_FREED char *meta = NULL;
     char name[16];
@@ -719,7 +1044,8 @@ static spin_status write_members(const struct export *x, struct spin_zip_writer 
     SPIN_TRY(make_meta(x, &meta, &n));
     zip->plain = true;
     SPIN_TRY(spin_zip_member_whole(zip, "meta.json", meta, n, NULL, 0));
-    SPIN_TRY(spin_pictures_write(x->picture, n_pictures(x), zip));
+    SPIN_TRY(x->frames ? write_frame_pictures(x, zip)
+                       : spin_pictures_write(x->picture, n_pictures(x), zip));
     if (!x->sound.data)
         return SPIN_OK;
     snprintf(name, sizeof name, "sound%s", spin_sound_ending(&x->sound));
@@ -739,13 +1065,16 @@ static spin_status write_file(struct export *x)
 
 /* ---- Check ----------------------------------------------------------------------------------- */
 
-static spin_status check_file(const struct export *x)
+static spin_status check_file(struct export *x)
 {
     const struct spin_sog_range *range = &x->coding.means;
     struct spin_time_windows_check of = {.windows = &x->windows,
                                          .rows = &x->rows,
                                          .order = x->order.item,
-                                         .n = x->order.n,
+                                         .row = x->row,
+                                         .n = x->coding.n,
+                                         .load = x->frames ? load_again : NULL,
+                                         .context = x,
                                          .importer = x->kind->importer};
 
     for (int c = 0; c < 3; c++)
@@ -766,13 +1095,22 @@ static void free_export(void *self)
     spin_splat_rows_end(&x->rows);
     spin_sort_rows_free(&x->order);
     spin_time_windows_free(&x->windows);
-    free(x->rest);
+    if (x->frames)
+        spin_pages_release(x->rest);
+    else
+        free(x->rest);
     free(x->palette);
     free(x->label);
     free(x->end);
     free(x->span);
     free(x->block_quant);
     free(x->places);
+    free(x->first);
+    free(x->folder);
+    for (int p = 0; p < PER_GROUP; p++)
+        spin_pages_release(x->plane[p]);
+    spin_pages_release(x->row_rest);
+    spin_pages_release(x->row);
     free(x->samples);
     free(x);
 }
@@ -809,6 +1147,7 @@ static spin_status read_options(struct export *x)
  * that are visible only in this frame. The index of the frame is their time. */
 static spin_status expect_frames(struct export *x)
 {
+    const float none[6] = SPIN_SORT_ROWS_NO_BOX;
     int n = x->job->n_frames;
 
     if (n > STEPS)
@@ -818,6 +1157,8 @@ static spin_status expect_frames(struct export *x)
     x->frames = true;
     x->own = *x->job;
     x->own.splats_4d = &x->windows.clip;
+    memcpy(x->box, none, sizeof none);
+    SPIN_TRY(spin_alloc((size_t)n, sizeof *x->first, (void **)&x->first));
     SPIN_TRY(spin_alloc((size_t)n, sizeof *x->places, (void **)&x->places));
     for (int f = 0; f < n; f++)
         x->places[f] = f;
@@ -848,82 +1189,17 @@ static spin_status begin_export(struct export *x, const struct spin_export_job *
     return SPIN_OK;
 }
 
-/* Reserves capacity for n more rows. */
-static spin_status make_room(struct export *x, size_t n)
-{
-    struct spin_splats_4d *s = &x->windows.clip;
-    const struct {
-        float **values;
-        size_t width;
-    } array[] = {{&s->centres, 3},         {&s->quats, 4},
-                 {&s->log_scales, 3},      {&s->sh, 3 * (size_t)spin_sh_count(s->sh_degree)},
-                 {&s->logit_opacities, 1}, {&s->times, 1},
-                 {&s->sigmas, 1},          {&s->cuts, 2}};
-    size_t capacity;
-
-    if (x->n_cut + n <= x->capacity)
-        return SPIN_OK;
-    capacity = 2 * x->capacity > x->n_cut + n ? 2 * x->capacity : x->n_cut + n;
-    for (size_t k = 0; k < sizeof array / sizeof *array; k++)
-        SPIN_TRY(spin_grow(capacity, array[k].width * sizeof(float), (void **)array[k].values));
-    x->capacity = capacity;
-    return SPIN_OK;
-}
-
-static void add_row(struct export *x, const struct spin_splats *from, size_t i, int frame)
-{
-    struct spin_splats_4d *s = &x->windows.clip;
-    size_t k = x->n_cut++, n_sh = 3 * (size_t)spin_sh_count(s->sh_degree);
-
-    memcpy(s->centres + 3 * k, from->means + 3 * i, 3 * sizeof(float));
-    memcpy(s->quats + 4 * k, from->quats + 4 * i, 4 * sizeof(float));
-    memcpy(s->log_scales + 3 * k, from->log_scales + 3 * i, 3 * sizeof(float));
-    memcpy(s->sh + n_sh * k, from->sh + n_sh * i, n_sh * sizeof(float));
-    s->logit_opacities[k] = spin_finite_logit(from->logit_opacities[i]);
-    s->times[k] = s->cuts[2 * k] = (float)frame;
-    s->cuts[2 * k + 1] = (float)(frame + 1);
-    s->sigmas[k] = SPIN_FOREVER;
-}
-
-static spin_status take_frame(void *self, int frame, const struct spin_frame_info *info,
-                              const struct spin_splats *splats)
-{
-    struct export *x = self;
-
-    (void)info;
-    SPIN_TRY(spin_splat_rows_choose(&x->rows, splats));
-    SPIN_TRY(make_room(x, x->rows.n_kept));
-    for (size_t i = 0; i < splats->n; i++)
-        if (x->rows.keep[i])
-            add_row(x, splats, i, frame);
-    return SPIN_OK;
-}
-
-/* Completes the 4D splats that take_frame() has made from the rows of all frames. */
-static spin_status join_frames(struct export *x)
-{
-    struct spin_time_windows *b = &x->windows;
-    size_t n_dropped;
-
-    free(b->clip.spans);
-    b->clip.spans = NULL;
-    b->clip.n = x->n_cut;
-    SPIN_TRY(spin_alloc(x->n_cut + 1, 2 * sizeof(double), (void **)&b->clip.spans));
-    SPIN_TRY(spin_splats_4d_finish(&b->clip, &n_dropped, NULL));
-    SPIN_TRY(spin_alloc(b->clip.n + 1, sizeof *b->from, (void **)&b->from));
-    for (size_t k = 0; k < b->clip.n; k++)
-        b->from[k] = k;
-    b->view = spin_splats_of_4d(&b->clip);
-    return SPIN_OK;
-}
-
 static spin_status encode_clip(struct export *x)
 {
-    SPIN_TRY(x->frames ? join_frames(x) : spin_time_windows_convert(&x->windows));
-    SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
-    if (x->rows.n_kept == 0)
+    if (!x->frames) {
+        SPIN_TRY(spin_time_windows_convert(&x->windows));
+        SPIN_TRY(spin_splat_rows_choose(&x->rows, &x->windows.view));
+    }
+    if ((x->frames ? x->coding.n : x->rows.n_kept) == 0)
         return spin_unsupported("no splats are left to write: relax the options that drop "
                                 "splats");
+    if (x->frames)
+        return code_frames(x);
     SPIN_TRY(spin_splat_rows_report_4d(&x->rows, x->job, x->windows.from, x->job->times,
                                        x->job->n_frames));
     SPIN_TRY(choose_coding(x));

@@ -4,11 +4,16 @@
 #include "math/approx.h"
 #include "math/morton.h"
 
+spin_status spin_sort_rows_reserve(struct spin_sort_rows *order, size_t n)
+{
+    order->n = 0;
+    SPIN_TRY(spin_grow(n + 1, sizeof *order->item, (void **)&order->item));
+    return spin_grow(n + 1, sizeof *order->spare, (void **)&order->spare);
+}
+
 spin_status spin_sort_rows_fill(struct spin_sort_rows *order, const struct spin_splat_rows *rows)
 {
-    SPIN_TRY(spin_grow(rows->n_kept + 1, sizeof *order->item, (void **)&order->item));
-    SPIN_TRY(spin_grow(rows->n_kept + 1, sizeof *order->spare, (void **)&order->spare));
-    order->n = 0;
+    SPIN_TRY(spin_sort_rows_reserve(order, rows->n_kept));
     for (size_t i = 0; i < rows->splats->n; i++)
         if (rows->keep[i])
             order->item[order->n++] = (struct spin_keyed){.row = (uint32_t)i};
@@ -58,27 +63,36 @@ void spin_sort_rows_by_size(struct spin_sort_rows *order, const struct spin_spla
     spin_sort_rows_sort(order);
 }
 
+void spin_sort_rows_widen(float box[6], const float place[3])
+{
+    for (int c = 0; c < 3; c++) {
+        box[c] = spin_minf(box[c], place[c]);
+        box[3 + c] = spin_maxf(box[3 + c], place[c]);
+    }
+}
+
+uint64_t spin_sort_rows_place_key(const float box[6], const float place[3])
+{
+    uint64_t key = 0;
+
+    for (int c = 0; c < 3; c++) {
+        double width = (double)box[3 + c] - box[c];
+        double u = width > 0 ? ((double)place[c] - box[c]) / width : 0;
+
+        key |= spin_morton_spread((uint64_t)(u * SPIN_MORTON_MAX)) << c;
+    }
+    return key;
+}
+
 void spin_sort_rows_by_place(struct spin_sort_rows *order, const struct spin_splats *s)
 {
-    float range[6] = {INFINITY, INFINITY, INFINITY, -INFINITY, -INFINITY, -INFINITY};
+    float box[6] = SPIN_SORT_ROWS_NO_BOX;
 
     for (size_t i = 0; i < order->n; i++)
-        for (int c = 0; c < 3; c++) {
-            float place = s->means[3 * (size_t)order->item[i].row + (size_t)c];
-
-            range[c] = spin_minf(range[c], place);
-            range[3 + c] = spin_maxf(range[3 + c], place);
-        }
-    for (size_t i = 0; i < order->n; i++) {
-        const float *place = s->means + 3 * (size_t)order->item[i].row;
-
-        for (int c = 0; c < 3; c++) {
-            double width = (double)range[3 + c] - range[c];
-            double u = width > 0 ? ((double)place[c] - range[c]) / width : 0;
-
-            order->item[i].key |= spin_morton_spread((uint64_t)(u * SPIN_MORTON_MAX)) << c;
-        }
-    }
+        spin_sort_rows_widen(box, s->means + 3 * (size_t)order->item[i].row);
+    for (size_t i = 0; i < order->n; i++)
+        order->item[i].key |=
+            spin_sort_rows_place_key(box, s->means + 3 * (size_t)order->item[i].row);
     spin_sort_rows_sort(order);
 }
 

@@ -11,7 +11,8 @@ struct check {
     void *self;
     const struct spin_splats_4d *back;
     struct spin_splats frame;
-    /* [rows of the source] row of the file; UINT32_MAX: the row is not in the file. */
+    /* [rows of the source, or of all frames] row of the file; UINT32_MAX: the row is not in the
+     * file. */
     uint32_t *row_of;
     struct spin_readback values;
 };
@@ -34,13 +35,12 @@ static spin_status read_back(struct check *check)
     return SPIN_OK;
 }
 
-/* Compares position, time and sigma of row j of the file with the values that were to be written,
- * within the precision of the file. */
-static spin_status check_row(const struct check *check, size_t j)
+/* Compares position, time and sigma of row j of the file with row k of the clip, within the
+ * precision of the file. */
+static spin_status check_row(const struct check *check, size_t j, size_t k)
 {
     const struct spin_time_windows_check *of = check->of;
     const struct spin_splats_4d *back = check->back, *clip = &of->windows->clip;
-    size_t k = of->order[j].row;
     float place[3];
     bool good =
         fabs((double)back->times[j] - (double)clip->times[k]) <= 1e-6 * of->windows->length &&
@@ -77,21 +77,26 @@ static spin_status check_frame(struct check *check, int f)
     const unsigned columns = SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES;
     const struct spin_export_job *job = check->of->windows->job;
     const struct spin_splats_4d *s = job->splats_4d, *back = check->back;
-    size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), row = 0;
+    size_t n_sh = 3 * (size_t)spin_sh_count(back->sh_degree), row = 0, first = 0;
     double t = job->times[f];
-    struct spin_splat_rows rows = *check->of->rows;
+    struct spin_splat_rows rows;
     struct spin_gaussian there;
 
     spin_readback_frame(&check->values, job, f);
     if (spin_cancelled())
         return spin_fail_cancelled();
+    if (check->of->load)
+        SPIN_TRY(check->of->load(check->of->context, f, &first));
+    rows = *check->of->rows;
     SPIN_TRY(spin_splats_4d_slice(s, t, columns, &check->frame));
     rows.splats = &check->frame;
     for (size_t i = 0; i < s->n; i++)
         if (spin_splats_4d_is_visible(s, i, t)) {
-            size_t j = check->row_of[i];
+            size_t j = check->row_of[first + i];
 
             if (j != UINT32_MAX) {
+                if (check->of->load)
+                    SPIN_TRY(check_row(check, j, i));
                 slice_row(back, j, spin_time_windows_time(check->of->windows, t), &there);
                 spin_readback_row(&check->values, &rows, row, &there, back->sh + n_sh * j,
                                   back->sh_degree);
@@ -105,15 +110,18 @@ static spin_status check_frame(struct check *check, int f)
 static spin_status check_all(struct check *check)
 {
     const struct spin_time_windows_check *of = check->of;
-    size_t n = of->windows->job->splats_4d->n;
+    size_t n = of->load ? of->n : of->windows->job->splats_4d->n;
 
     SPIN_TRY(read_back(check));
     SPIN_TRY(spin_alloc(n + 1, sizeof *check->row_of, (void **)&check->row_of));
     for (size_t i = 0; i < n; i++)
         check->row_of[i] = UINT32_MAX;
     for (size_t j = 0; j < of->n; j++) {
-        check->row_of[of->windows->from[of->order[j].row]] = (uint32_t)j;
-        SPIN_TRY(check_row(check, j));
+        size_t k = of->order ? of->order[j].row : of->row[j];
+
+        check->row_of[of->load ? k : of->windows->from[k]] = (uint32_t)j;
+        if (!of->load)
+            SPIN_TRY(check_row(check, j, k));
     }
     for (int f = 0; f < of->windows->job->n_frames; f++)
         SPIN_TRY(check_frame(check, f));

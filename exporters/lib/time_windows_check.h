@@ -11,7 +11,12 @@ struct spin_time_windows_check {
     /* The filter that chose the rows of windows->view to be written. */
     const struct spin_splat_rows *rows;
     const struct spin_keyed *order; /* [n] row j of the file is row order[j].row of windows->clip */
+    const uint32_t *row;            /* [n] the same; used if `order` is NULL */
     size_t n;
+    /* For clips of frames: loads the rows of frame f into windows->clip and `rows`, and sets *first
+     * to the number of the first of them in `row`. NULL: windows->clip contains all rows. */
+    spin_status (*load)(void *context, int frame, size_t *first);
+    void *context;
     const char *importer;
     /* Tolerance of log(1 + |x|) of coordinates x: half a quantisation step; 0: not quantised. */
     double half[3];
