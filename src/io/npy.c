@@ -11,6 +11,9 @@
 /* The most bytes before the data: magic, version and length (12 bytes) and the dictionary, which
  * numpy also limits to 10000 bytes. */
 #define MAX_HEAD (12 + 10000)
+/* Bytes of an archived array that are decompressed at first: NumPy and spin4d write headers of 128
+ * bytes. Clips have several arrays for each frame. */
+#define USUAL_HEAD 128
 
 /* ---- The header's dictionary --------------------------------------------------------------- */
 
@@ -326,7 +329,9 @@ static spin_status read_head(const struct spin_npz *npz, const char *key,
     unsigned char head[MAX_HEAD];
     size_t n = 0, n_head;
 
-    SPIN_TRY(spin_zip_head(&npz->zip, member, head, sizeof head, &n));
+    SPIN_TRY(spin_zip_head(&npz->zip, member, head, USUAL_HEAD, &n));
+    if (n == USUAL_HEAD && (head[6] != 1 || 10 + (head[8] | head[9] << 8) > USUAL_HEAD))
+        SPIN_TRY(spin_zip_head(&npz->zip, member, head, sizeof head, &n));
     SPIN_TRY(parse_head(key, head, n < member->size ? n : (size_t)member->size,
                         (size_t)member->size, out));
     n_head = (size_t)(out->data - head);

@@ -364,7 +364,6 @@ static void archives(void)
        "a missing file is named");
 }
 
-/* A file of numpy's, stored, and the same recompressed. */
 /* Returns the seconds of processor time that 20,000 searches take in an archive of n arrays, the
  * least of five attempts; NaN if an array is not found. */
 static double search_seconds(int n)
@@ -406,6 +405,81 @@ static void search_time(void)
        many / few);
 }
 
+/* Writes a deflated archive with the array "x" of 9,800 bytes, whose header ends after n bytes. */
+static bool write_padded(int version, size_t n)
+{
+    size_t prefix = version == 1 ? 10 : 12, n_npy;
+    char *header = malloc(n - prefix + 1), *data = malloc(9800);
+    struct spin_zip_writer w;
+    unsigned char *bytes;
+    bool good;
+
+    for (size_t i = 0; i < 9800; i++)
+        data[i] = (char)(i * 2654435761u >> 13);
+    snprintf(header, n - prefix + 1, "%-*s", (int)(n - prefix),
+             "{'descr': '|u1', 'fortran_order': False, 'shape': (9800,), }");
+    bytes = npy(version, header, data, 9800, &n_npy);
+    good = spin_zip_writer_open(path, true, &w) == SPIN_OK &&
+           spin_zip_member_begin_deflated(&w, "x.npy", n_npy) == SPIN_OK &&
+           spin_zip_member_write(&w, bytes, n_npy) == SPIN_OK &&
+           spin_zip_member_end(&w) == SPIN_OK && spin_zip_writer_commit(&w) == SPIN_OK;
+    free(header);
+    free(data);
+    free(bytes);
+    return good;
+}
+
+/* Headers of all lengths around those that are read at once. */
+static void head_lengths(void)
+{
+    static const size_t lengths[] = {80, 127, 128, 129, 192, 1000, 10012};
+
+    for (int version = 1; version <= 2; version++)
+        for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
+            struct spin_npz npz;
+            struct spin_array a;
+
+            if (!ok(write_padded(version, lengths[i]) && spin_npz_open(path, &npz) == SPIN_OK,
+                    "an archive with a header of %zu bytes", lengths[i]))
+                return;
+            ok(spin_npz_head(&npz, "x", &a) == SPIN_OK && a.count == 9800 && a.kind == 'u',
+               "version %d, %zu bytes: the header is read", version, lengths[i]);
+            spin_npz_close(&npz);
+        }
+}
+
+/* The header of a deflated array is read without most of its data. */
+static void head_time(void)
+{
+    double best[2] = {HUGE_VAL, HUGE_VAL};
+    struct spin_npz npz;
+    bool good = write_padded(1, 128) && spin_npz_open(path, &npz) == SPIN_OK;
+
+    if (!ok(good, "an archive of one array"))
+        return;
+    for (int attempt = 0; attempt < 10; attempt++) {
+        clock_t start = clock();
+        double seconds;
+
+        for (int i = 0; i < 1000; i++) {
+            const unsigned char *data;
+            struct spin_array a;
+            void *owned = NULL;
+
+            good = good && (attempt % 2 == 0 ? spin_npz_head(&npz, "x", &a)
+                                             : spin_zip_read(&npz.zip, &npz.zip.member[0], false,
+                                                             1 << 20, &data, &owned)) == SPIN_OK;
+            free(owned);
+        }
+        seconds = (double)(clock() - start) / CLOCKS_PER_SEC;
+        best[attempt % 2] = fmin(best[attempt % 2], seconds);
+    }
+    ok(good && best[0] < 0.6 * best[1], "its header takes %.2f of the time of the array",
+       best[0] / best[1]);
+    spin_npz_close(&npz);
+}
+
+/* A file of numpy's, stored, and the same recompressed. */
 static void fixtures(void)
 {
     const char *plain = check_fixture("d3dgs/cloud/params.npz");
@@ -469,6 +543,8 @@ TAP_MAIN
     texts();
     archives();
     search_time();
+    head_lengths();
+    head_time();
     fixtures();
     truncated_fixture();
 }
