@@ -70,7 +70,7 @@ static const struct spin_plugin_option options[] = {
 /* A block that has been written: a frame of a version of the clip, or some rows of 4D splats. */
 struct page_frame {
     int first; /* index of the key frame on which a frame depends; not used for rows of 4D splats */
-    size_t shared, still, own;
+    size_t shared, still, own, referred;
     /* Rows of 4D splats: they are visible in ticks `from` to `end` - 1 only. */
     int from, end;
     uint64_t at, bytes; /* offset of the block in the file of --split, and size of the block */
@@ -202,6 +202,7 @@ static spin_status take_block(void *context, const struct spin_page_block *block
                       (struct page_frame){.first = s->v->n_written - block->frame,
                                           .shared = block->n_shared,
                                           .still = block->n_still,
+                                          .referred = block->n_referred,
                                           .own = block->n_own},
                       block->data, block->n_bytes);
 }
@@ -280,6 +281,20 @@ static spin_json *list_of_ints(const int *value, int n)
     return list;
 }
 
+/* Returns an object with `referred` of the key frames for which it is not 0, by their indices. */
+static spin_json *referred_json(const struct version *v)
+{
+    spin_json *j = spin_json_object();
+    char key[16];
+
+    for (int f = 0; f < v->n_written; f++) {
+        snprintf(key, sizeof key, "%d", f);
+        if (v->frame[f].referred > 0)
+            spin_json_set_integer(j, key, (int64_t)v->frame[f].referred);
+    }
+    return j;
+}
+
 static spin_json *version_json(const struct version *v, const struct export *x)
 {
     static const char *const frames[] = {"splats", "at",    "bytes", "first",
@@ -309,6 +324,8 @@ static spin_json *version_json(const struct version *v, const struct export *x)
     }
     if (v->rows)
         spin_json_set(j, "rows", spin_page_rows_json(&x->four_d));
+    else
+        spin_json_set(j, "referred", referred_json(v));
     if (v == &x->version[0] && x->draft_splats > 0) {
         spin_json *draft = spin_json_object();
 
@@ -523,6 +540,7 @@ static spin_status add_version(struct export *x, const char *name, const char *l
     v->group.n_sh = v->n_sh;
     v->group.pool = x->rows.pool;
     v->group.most_frames = x->key_every;
+    v->group.refers = true;
     return spin_alloc((size_t)x->job->n_frames, sizeof *v->frame, (void **)&v->frame);
 }
 

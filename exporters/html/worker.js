@@ -8,7 +8,7 @@
 const LEAST_BYTES = 100e6, MOST_BYTES = 400e6, FETCHED_BYTES = 50e6, RUN_BYTES = 1e6, PLACE = 0, COLOUR = 3, OPACITY = 6, SCALE = 7, ROTATION = 10, SH = 13, REACH = 3.34; // REACH: standard deviations at which an opacity of 1 falls to 1/255
 let clip = null, texts = null, address = null, moving = null, wanted = null, busy = false;
 let all = null, ahead = null; // the whole file, if the server ignores ranges; the run that fetchAhead() fetches
-const frames = new Map(), groups = [], slices = [], fetched = new Map(), asked = new Map();
+const frames = new Map(), groups = [], bases = [], slices = [], fetched = new Map(), asked = new Map();
 
 // ---- Bytes --------------------------------------------------------------------------------------
 
@@ -131,6 +131,14 @@ function columnsIn(bytes) {
         return out;
     };
     return {
+        // Returns the positions of the 1 bits among n bits.
+        marked(n) {
+            const from = at, out = [];
+            need(n + 7 >> 3);
+            for (let i = 0; i < n; i++) if (bytes[from + (i >> 3)] >> (i & 7) & 1) out.push(i);
+            at += n + 7 >> 3;
+            return out;
+        },
         // Reads n numbers into x. before: in a block of rows, the previous column.
         whole(x, n, before) {
             const [planes, byStep, byColumn] = head();
@@ -268,6 +276,25 @@ function keysFrom(read, keys, n) {
     }
 }
 
+// Reads the n rows of key frame `first` into `keys`. The first of them may be static rows of the
+// base: the last key frame before it that stores all its rows.
+async function groupKeys(version, first, read, keys, n) {
+    const v = clip.versions[version], referred = v.referred[first] ?? 0;
+    if (referred) {
+        let base = first - 1;
+        while (v.first[base] !== base || v.referred[base]) base--;
+        if (bases[version]?.base !== base) {
+            const all = arrays(keys.length, v.shared[base]);
+            keysFrom(columnsIn(await blockOf(version, base)), all, v.shared[base]);
+            bases[version] = { base, keys: all };
+        }
+        const rows = read.marked(v.still[base]), from = bases[version].keys;
+        for (let c = 0; c < keys.length; c++) for (let i = 0; i < rows.length; i++) keys[c][i] = from[c][rows[i]];
+    }
+    keysFrom(read, keys.map((column) => column.subarray(referred)), n - referred);
+    if (!referred) bases[version] = { base: first, keys };
+}
+
 // Decodes a frame of a version. The frames of a group are decoded in order, beginning after the
 // frame that was decoded last, or at the key frame. The result contains the values of the key
 // frame, the differences of the dynamic splats between `frame` and the key frame, and the texels of
@@ -281,7 +308,7 @@ async function advance(version, frame) {
     }
     while (g.frame < frame) {
         const f = g.frame + 1, read = columnsIn(await blockOf(version, f, frame));
-        if (f === first) keysFrom(read, g.keys, n);
+        if (f === first) await groupKeys(version, first, read, g.keys, n);
         else for (let c = 0; c < columns; c++) read.changes(g.last[c], g.mean[c], n - still);
         g.own = arrays(columns, v.own[f]);
         if (v.own[f]) keysFrom(read, g.own, v.own[f]);

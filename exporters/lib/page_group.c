@@ -25,6 +25,9 @@ void spin_page_group_free(struct spin_page_group *g)
     free(g->shared);
     free(g->key);
     free(g->number);
+    free(g->base_key);
+    free(g->base_place);
+    free(g->referred);
     memset(g, 0, sizeof *g);
 }
 
@@ -146,6 +149,101 @@ static void number_task(void *context, size_t from, size_t to)
     }
 }
 
+/* ---- Rows of the base ------------------------------------------------------------------------ */
+
+/* Finds the static rows that the base has, too, and sets bit 63 of their keys in `order`. Both
+ * lists are sorted by position, and mostly have the same rows: of rows at the same position, only
+ * the next few are compared. */
+static void match_base(struct spin_page_group *g, struct spin_keyed *order)
+{
+    enum { NEXT = 16 };
+    size_t columns = columns_of(g), next = 0;
+
+    g->n_referred = 0;
+    memset(g->referred, 0, (g->n_base + 7) / 8);
+    for (size_t k = 0; k < g->n_still; k++) {
+        const int32_t *key = g->key + order[k].row * columns;
+        size_t i;
+
+        while (next < g->n_base && g->base_place[next] < order[k].key)
+            next++;
+        for (i = next; i < g->n_base && i < next + NEXT && g->base_place[i] == order[k].key &&
+                       memcmp(key, g->base_key + i * columns, columns * sizeof *key) != 0;
+             i++)
+            ;
+        if (i == g->n_base || i == next + NEXT || g->base_place[i] != order[k].key)
+            continue;
+        order[k].key |= 1ULL << 63;
+        g->referred[i / 8] |= (uint8_t)(1 << i % 8);
+        g->n_referred++;
+        next = i + 1;
+    }
+}
+
+/* Makes this group the base. */
+static spin_status set_base(struct spin_page_group *g, const struct spin_keyed *order)
+{
+    size_t columns = columns_of(g), n = g->n_still;
+
+    g->n_base = 0;
+    SPIN_TRY(spin_grow(n + 1, columns * sizeof *g->base_key, (void **)&g->base_key));
+    SPIN_TRY(spin_grow(n + 1, sizeof *g->base_place, (void **)&g->base_place));
+    SPIN_TRY(spin_grow(n / 8 + 1, 1, (void **)&g->referred));
+    for (size_t k = 0; k < n; k++) {
+        g->base_place[k] = order[k].key;
+        memcpy(g->base_key + k * columns, g->key + order[k].row * columns,
+               columns * sizeof *g->key);
+    }
+    g->n_base = n;
+    return SPIN_OK;
+}
+
+/* Sorts the static rows of the base first, if they are at least half of the static rows. Otherwise
+ * this group becomes the base. */
+static spin_status refer_to_base(struct spin_page_group *g, struct spin_sort_rows *order)
+{
+    const uint64_t mark = 1ULL << 63;
+    size_t n = 0;
+
+    g->n_referred = 0;
+    if (!g->refers)
+        return SPIN_OK;
+    if (g->n_base > 0)
+        match_base(g, order->item);
+    if (g->n_referred == 0 || 2 * g->n_referred < g->n_still) {
+        for (size_t k = 0; k < g->n_still; k++)
+            order->item[k].key &= ~mark;
+        g->n_referred = 0;
+        return set_base(g, order->item);
+    }
+    memcpy(order->spare, order->item, g->n_still * sizeof *order->item);
+    for (int side = 1; side >= 0; side--)
+        for (size_t k = 0; k < g->n_still; k++)
+            if ((order->spare[k].key & mark ? 1 : 0) == side)
+                order->item[n++] = order->spare[k];
+    return SPIN_OK;
+}
+
+/* Checks that the rows of the base in the mask are the first rows of the group. */
+static spin_status check_referred(const struct spin_page_group *g, const struct spin_keyed *order,
+                                  const uint8_t *mask)
+{
+    size_t columns = columns_of(g), n = 0;
+
+    for (size_t i = 0; g->n_referred > 0 && i < g->n_base; i++)
+        if (mask[i / 8] >> i % 8 & 1) {
+            if (n == g->n_referred ||
+                memcmp(g->base_key + i * columns, g->key + order[n].row * columns,
+                       columns * sizeof *g->key) != 0)
+                n = g->n_base;
+            n++;
+        }
+    return n == g->n_referred
+               ? SPIN_OK
+               : spin_malformed("a block of the page refers to other rows than were encoded: a bug "
+                                "in spin4d");
+}
+
 /* ---- Blocks ---------------------------------------------------------------------------------- */
 
 struct column {
@@ -184,9 +282,10 @@ static spin_status column_bytes(struct blocks *b, size_t c)
     size_t columns = columns_of(g), n = (size_t)g->n_frames, moving = g->n_shared - g->n_still;
     struct spin_page_state state = {col->last, col->mean};
 
-    for (size_t k = 0; k < g->n_shared; k++)
+    for (size_t k = g->n_referred; k < g->n_shared; k++)
         col->row[k] = stored_number(g->key + b->order[k].row * columns, c);
-    SPIN_TRY(spin_page_encode_whole(&col->bytes[0], col->row, g->n_shared));
+    SPIN_TRY(spin_page_encode_whole(&col->bytes[0], col->row + g->n_referred,
+                                    g->n_shared - g->n_referred));
     memset(col->last, 0, moving * sizeof *col->last);
     memset(col->mean, 0, moving * sizeof *col->mean);
     for (size_t f = 1; f < n; f++) {
@@ -224,10 +323,11 @@ static spin_status column_again(struct blocks *b, size_t c)
     struct column *col = &b->column[c];
     struct spin_page_state state = {col->last, col->mean};
     size_t columns = columns_of(g), n = (size_t)g->n_frames, f = (size_t)b->frame, at = b->start[c];
-    size_t first = f ? g->n_still : 0, wrong = 0;
+    size_t first = f ? g->n_still : g->n_referred, wrong = 0;
 
     if (f == 0)
-        SPIN_TRY(spin_page_decode_whole(b->again, b->packed.n, &at, col->row, g->n_shared));
+        SPIN_TRY(spin_page_decode_whole(b->again, b->packed.n, &at, col->row + first,
+                                        g->n_shared - first));
     else
         SPIN_TRY(
             spin_page_decode_changes(b->again, b->packed.n, &at, g->n_shared - g->n_still, &state));
@@ -377,10 +477,12 @@ static spin_status number_own(struct blocks *b)
     return SPIN_OK;
 }
 
-/* Concatenates the columns of the current frame and sets start[] to their offsets. */
+/* Concatenates the mask of the base's rows and the columns of the current frame, and sets start[]
+ * to the offsets of the columns. */
 static spin_status join_columns(struct blocks *b, size_t *start)
 {
-    size_t columns = columns_of(b->g), f = (size_t)b->frame, n = 0;
+    size_t columns = columns_of(b->g), f = (size_t)b->frame;
+    size_t n_mask = f == 0 && b->g->n_referred > 0 ? (b->g->n_base + 7) / 8 : 0, n = n_mask;
 
     for (size_t i = 0; i < 2 * columns; i++) {
         const struct column *col = &b->column[i % columns];
@@ -391,6 +493,8 @@ static spin_status join_columns(struct blocks *b, size_t *start)
     SPIN_TRY(spin_grow(2 * n + 2, 1, (void **)&b->packed.data));
     b->packed.n = n;
     b->again = b->packed.data + n + 1;
+    if (n_mask > 0)
+        memcpy(b->packed.data, b->g->referred, n_mask);
     for (size_t i = 0; i < 2 * columns; i++) {
         struct spin_page_bytes *piece =
             &(i < columns ? b->column[i].bytes : b->column[i - columns].own)[f];
@@ -408,7 +512,8 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
     struct spin_page_block block = {.frame = b->frame,
                                     .n_shared = g->n_shared,
                                     .n_still = g->n_still,
-                                    .n_own = g->frame[b->frame].n_own};
+                                    .n_own = g->frame[b->frame].n_own,
+                                    .n_referred = b->frame == 0 ? g->n_referred : 0};
     size_t start[2 * SPIN_PAGE_COLUMNS], n_room = 0, n_again = 0;
     SPIN_FREED unsigned char *bytes = NULL;
 
@@ -421,6 +526,8 @@ static spin_status write_block(struct blocks *b, spin_page_sink sink, void *cont
     if (n_again != b->packed.n)
         return spin_malformed(
             "a block of the page decodes to other values than were encoded: a bug in spin4d");
+    if (b->frame == 0)
+        SPIN_TRY(check_referred(g, b->order, b->again));
     SPIN_TRY(run_columns(b, again_task));
     return sink(context, &block);
 }
@@ -473,6 +580,7 @@ static spin_status write_group(struct blocks *b, struct spin_sort_rows *order, s
     SPIN_TRY(spin_alloc(most, sizeof *order->spare, (void **)&order->spare));
     SPIN_TRY(split_rows(g, order));
     SPIN_TRY(number_shared(g, order));
+    SPIN_TRY(refer_to_base(g, order));
     b->order = order->item;
     SPIN_TRY(make_columns(b));
     SPIN_TRY(number_own(b));

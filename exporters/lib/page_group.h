@@ -5,7 +5,10 @@
  * A row is shared if all frames of the group have its splat. Where rows correspond by index, this
  * includes frames that do not keep the splat: its opacity is 0 there. A block contains the static
  * shared rows first, then the dynamic shared rows by rising activity; rows of equal activity are
- * sorted by position. All other kept rows of a frame are called its own rows. */
+ * sorted by position. All other kept rows of a frame are called its own rows.
+ *
+ * Static rows often last for many groups. A key frame refers to those that the base has, too: the
+ * last key frame of an earlier group that refers to none. */
 #pragma once
 
 #include "exporters/lib/page_bytes.h"
@@ -29,6 +32,7 @@ struct spin_page_group {
     struct spin_page_space space;
     struct spin_pool *pool;
     int n_sh, most_frames;
+    bool refers; /* true: key frames refer to the static rows of an earlier one */
 
     struct spin_page_frame frame[SPIN_PAGE_MOST_FRAMES];
     int n_frames;
@@ -41,6 +45,15 @@ struct spin_page_group {
     int32_t *number; /* [columns][n_frames][n_shared] differences from the keys */
     struct spin_quant_error quant; /* errors of all frames; those of rotations are in radians */
     uint64_t n_values;             /* number of values that were compared with their bounds */
+
+    /* The static rows of the base, in the order of its block. */
+    int32_t *base_key;    /* [n_base][columns] */
+    uint64_t *base_place; /* [n_base] position along the Morton curve */
+    size_t n_base;
+    /* [n_base / 8, rounded up] one bit for each of them, the lowest first; 1: it is also a row of
+     * this group. There are n_referred such rows, the first static rows of the group. */
+    uint8_t *referred;
+    size_t n_referred; /* 0: this group is the base of the next ones */
 };
 
 /* Returns the number of floats per row of spin_page_frame.value. */
@@ -53,6 +66,7 @@ static inline size_t spin_page_width(const struct spin_page_group *g)
 struct spin_page_block {
     int frame; /* index in the group; 0: the key frame */
     size_t n_shared, n_still, n_own;
+    size_t n_referred;   /* in key frames: number of static rows of the base */
     const uint8_t *data; /* compressed with gzip */
     size_t n_bytes;
 };

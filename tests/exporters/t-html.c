@@ -146,6 +146,44 @@ static size_t count(const spin_json *version, const char *key, int frame)
     return (size_t)x;
 }
 
+static size_t referred_in(const spin_json *version, int frame)
+{
+    char key[16];
+    double x = 0;
+
+    snprintf(key, sizeof key, "%d", frame);
+    spin_json_number(spin_json_get(spin_json_get(version, "referred"), key), &x);
+    return (size_t)x;
+}
+
+/* The keys of a group, of which the first are rows of the base. */
+static void group_keys(const spin_json *version, int frame, struct columns *c, size_t columns)
+{
+    static long base[COLUMNS][ROWS];
+    static size_t n_base;
+    size_t referred = referred_in(version, frame), n = 0;
+    long(*key)[ROWS] = c->key;
+
+    for (size_t i = 0; referred > 0 && i < n_base; i++)
+        if (at[i / 8] >> i % 8 & 1) {
+            for (size_t k = 0; k < columns; k++)
+                key[k][n] = base[k][i];
+            n++;
+        }
+    at += referred > 0 ? (n_base + 7) / 8 : 0;
+    ok(n == referred, "%zu rows of an earlier key frame", referred);
+    for (size_t k = 0; k < columns; k++)
+        whole(key[k] + n, c->shared - n);
+    for (size_t i = n; i < c->shared; i++) {
+        key[3][i] += key[4][i];
+        key[5][i] += key[4][i];
+    }
+    if (referred > 0)
+        return;
+    memcpy(base, key, sizeof base);
+    n_base = c->still;
+}
+
 /* Frame after frame, from the key on. */
 static int decode(const spin_json *version, int which, int frame, int n_sh, struct columns *c)
 {
@@ -165,7 +203,7 @@ static int decode(const spin_json *version, int which, int frame, int n_sh, stru
     if ((int)count(version, "first", frame) == frame) {
         memset(c->last, 0, sizeof c->last);
         memset(c->mean, 0, sizeof c->mean);
-        keys(c->key, c->shared, columns);
+        group_keys(version, frame, c, columns);
     } else
         for (size_t k = 0; k < columns; k++)
             changes(c->last[k], c->mean[k], c->shared - c->still);
@@ -366,8 +404,8 @@ static void test_clip(void)
  * bytes. */
 enum { MANY = 3000, DRAFT_COLUMNS = 13 };
 
-/* Frames with that many splats, with --split and a key every frame; loads the page and maps the
- * data. */
+/* Frames with that many splats, others in each, with --split and a key every frame; loads the page
+ * and maps the data. */
 static const spin_json *split_clip(const char *name, size_t n, int n_frames, struct spin_map *data,
                                    spin_json **doc)
 {
@@ -380,12 +418,12 @@ static const spin_json *split_clip(const char *name, size_t n, int n_frames, str
     void *self = NULL;
 
     snprintf(path, sizeof path, "%s", in_folder(name));
-    make_frame(&s, n, 0, 5);
     if (spin_exporter_html.begin(&job, &self) != SPIN_OK)
         exit(1);
     for (int f = 0; f < n_frames; f++) {
         struct spin_frame_info info = {.number = f, .n = n};
 
+        make_frame(&s, n, 0, 5 + (uint32_t)f);
         if (spin_exporter_html.frame(self, f, &info, &s) != SPIN_OK)
             exit(1);
     }
@@ -514,7 +552,13 @@ static void test_split(void)
     make_frame(&s, 40, 2, 5);
     for (size_t i = 0; i < 30; i++)
         s.means[i] += 0.5f;
-    ok(decode(version, 0, 2, 9, &now), "the third frame needs no other");
+    ok(decode(version, 0, 0, 9, &now) && decode(version, 0, 2, 9, &now),
+       "the third frame needs no frame but the first");
+    ok(referred_in(version, 0) == 0 && referred_in(version, 1) == 0 &&
+           referred_in(version, 2) == 30 && now.still == 30 &&
+           3 * count(version, "bytes", 2) < 2 * count(version, "bytes", 0),
+       "whose static splats it does not store again: %zu and %zu bytes", count(version, "bytes", 0),
+       count(version, "bytes", 2));
     check_rows(&now, &s, clip, 9, fine);
     n = block("v0f3", bytes[0], sizeof bytes[0]);
     spin_json_free(doc);

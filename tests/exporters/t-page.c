@@ -198,7 +198,7 @@ static void test_row(void)
  */
 
 struct seen {
-    size_t shared, still, own[8];
+    size_t shared, still, own[8], referred, key_bytes;
     int n;
 };
 
@@ -209,6 +209,8 @@ static spin_status see(void *context, const struct spin_page_block *b)
     s->shared = b->n_shared;
     s->still = b->n_still;
     s->own[b->frame] = b->n_own;
+    s->referred = b->frame == 0 ? b->n_referred : s->referred;
+    s->key_bytes = b->frame == 0 ? b->n_bytes : s->key_bytes;
     s->n++;
     return SPIN_OK;
 }
@@ -277,6 +279,54 @@ static void test_group(void)
     free(g);
 }
 
+static bool write_twice(struct spin_page_group *g, struct spin_splat_rows *rows,
+                        struct spin_splats *s, struct seen *seen)
+{
+    return add(g, rows, s) && add(g, rows, s) && spin_page_group_write(g, see, seen) == SPIN_OK;
+}
+
+/* Static rows of groups that follow each other. The writer checks what it wrote. */
+static void test_base(void)
+{
+    struct spin_plugin_values values = {0};
+    struct spin_export_job job = {.n_threads = 2, .values = &values};
+    struct spin_page_group *g = calloc(1, sizeof *g);
+    struct spin_splat_rows rows = {0};
+    struct spin_splats s = {0};
+    struct seen seen = {0};
+    size_t whole;
+
+    ok(spin_splat_rows_begin(&rows, &job, NULL) == SPIN_OK, "a filter");
+    *g = (struct spin_page_group){
+        .space = space_of(0.001), .pool = rows.pool, .most_frames = 2, .refers = true};
+    make_frame(&s, 500, 0, 1);
+    for (size_t i = 1; i < 40; i++) /* at the same place, but not the same */
+        memcpy(s.means + 3 * i, s.means, 3 * sizeof(float));
+    ok(write_twice(g, &rows, &s, &seen) && seen.still == 500 && seen.referred == 0,
+       "the first group stores all its rows");
+    whole = seen.key_bytes;
+    ok(write_twice(g, &rows, &s, &seen) && seen.still == 500 && seen.referred == 500 &&
+           20 * seen.key_bytes < whole,
+       "the second none: %zu bytes instead of %zu", seen.key_bytes, whole);
+    for (size_t i = 100; i < 200; i++)
+        s.means[3 * i] += 0.1f;
+    ok(write_twice(g, &rows, &s, &seen) && seen.referred == 400, "the third those that moved");
+    for (size_t i = 200; i < 300; i++)
+        s.sh[3 * i] += 0.3f;
+    ok(write_twice(g, &rows, &s, &seen) && seen.referred == 300, "or have another colour");
+    for (size_t i = 300; i < 400; i++)
+        s.log_scales[3 * i + 2] += 0.3f;
+    ok(write_twice(g, &rows, &s, &seen) && seen.referred == 0 && seen.key_bytes > whole / 2,
+       "and all where half of them differ");
+    ok(write_twice(g, &rows, &s, &seen) && seen.referred == 500, "which the next ones refer to");
+    g->refers = false;
+    ok(write_twice(g, &rows, &s, &seen) && seen.referred == 0, "unless they must not");
+    spin_page_group_free(g);
+    spin_splat_rows_end(&rows);
+    spin_splats_free(&s);
+    free(g);
+}
+
 /* Errors that exceed the bound or are nonfinite are not written. */
 static void test_check(void)
 {
@@ -297,6 +347,7 @@ static void test_check(void)
 TAP_MAIN
 {
     test_check();
+    test_base();
     test_whole();
     test_columns();
     test_changes();

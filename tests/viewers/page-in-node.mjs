@@ -118,6 +118,11 @@ for (const version of [0, 1]) {
         ok(why === '', `version ${version}, frame ${f}: the splats that were exported`, why);
     }
 }
+ok(!(0 in v0.referred) && v0.referred[3] > 0, `the second key frame has ${v0.referred[3]} rows of the first`);
+for (const f of [6, 3, 5]) {
+    const w = worker(), why = wrongIn(await w.decoded(0, f), clips[0][f]) || wrongIn(await w.decoded(0, 1), clips[0][1]) || wrongIn(await w.decoded(0, f), clips[0][f]);
+    ok(why === '', `frame ${f} is decoded first, then others`, why);
+}
 ok(await first.frameOf(0, 5) === await first.frameOf(0, 5), 'a frame is decoded once');
 
 // Half precision: every representable value is exact; others round to the nearest.
