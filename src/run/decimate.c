@@ -129,9 +129,16 @@ static int n_views(const struct spin_decimation *d)
 /* Finds the views of frame f, which are d->pairs[*first] to d->pairs[*first + *n - 1]. */
 static void find_views(const struct spin_decimation *d, int f, size_t *first, size_t *n)
 {
-    *first = 0;
-    while (*first < d->n_pairs && d->pairs[*first].frame < f)
-        ++*first;
+    size_t end = d->n_pairs;
+
+    for (*first = 0; *first < end;) { /* bisection */
+        size_t middle = *first + (end - *first) / 2;
+
+        if (d->pairs[middle].frame < f)
+            *first = middle + 1;
+        else
+            end = middle;
+    }
     for (*n = 0; *first + *n < d->n_pairs && d->pairs[*first + *n].frame == f;)
         ++*n;
 }

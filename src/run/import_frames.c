@@ -85,18 +85,24 @@ void spin_frame_times(const char *rule, bool numbered, struct spin_sequence_info
 
 /* ---- sequence.json of an exported clip ------------------------------------------------------- */
 
-/* Returns the entry of the frame with this number. The name of a still's file may contain no
- * number, so the only entry belongs to the only frame. */
-static const spin_json *entry_of(const spin_json *frames, int number, int n_frames)
+/* Returns the entry of the frame with this number, or NULL, and sets *next to the index after it.
+ * The search begins at *next, since entries are mostly in the order of the frames. The name of a
+ * still's file may contain no number, so the only entry belongs to the only frame. */
+static const spin_json *entry_of(const spin_json *frames, int number, int n_frames, size_t *next)
 {
-    if (n_frames == 1 && spin_json_length(frames) == 1)
+    size_t n = spin_json_length(frames);
+
+    if (n_frames == 1 && n == 1)
         return spin_json_at(frames, 0);
-    for (size_t k = 0; k < spin_json_length(frames); k++) {
+    for (size_t i = 0; i < n; i++) {
+        size_t k = (*next + i) % n;
         const spin_json *entry = spin_json_at(frames, k);
         int64_t is;
 
-        if (spin_json_integer(spin_json_get(entry, "frame"), &is) && is == number)
+        if (spin_json_integer(spin_json_get(entry, "frame"), &is) && is == number) {
+            *next = k + 1;
             return entry;
+        }
     }
     return NULL;
 }
@@ -109,6 +115,7 @@ static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame,
     const spin_json *frames = spin_json_get(root, "frames");
     const char *pair = spin_json_string(spin_json_get(root, "pair"));
     int64_t n_source, at, number;
+    size_t next = 0;
     bool numbered, placed = spin_json_integer(spin_json_get(root, "source_frames"), &n_source) &&
                             n_source > 0 && n_source <= INT_MAX &&
                             spin_json_bool(spin_json_get(root, "numbered"), &numbered);
@@ -116,7 +123,7 @@ static bool apply_sequence(const spin_json *root, struct spin_frame_info *frame,
 
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < n; i++) {
-            const spin_json *entry = entry_of(frames, frame[i].number, n);
+            const spin_json *entry = entry_of(frames, frame[i].number, n, &next);
 
             if (!entry || !spin_json_number(spin_json_get(entry, "time"), &time) ||
                 !isfinite(time) ||
