@@ -1,7 +1,6 @@
-/* The parts of the report: round steps, charts without NaN, logs of resumed or interrupted runs,
- * the crop of fastest motion, the worst views.
+/* The parts of the report: logs of resumed or interrupted runs, the crop of fastest motion, the
+ * worst views.
  * K: eval report */
-#include "eval/report/svg_chart.h"
 #include "spin_run.h"
 #include "eval/report/motion_crops.h"
 #include "eval/report/train_log.h"
@@ -12,50 +11,6 @@
 
 static const float black[3];
 static const char *folder;
-
-static void check_chart(void)
-{
-    double x[] = {0, 1, 2, 3, 4}, y[] = {10, 12, NAN, INFINITY, 11}, flat[] = {5, 5, 5, 5, 5};
-    double none[] = {NAN, NAN, NAN, NAN, NAN};
-    struct spin_svg_chart_line line[] = {{"a", x, y, 5, 0, false}, {"b", x, flat, 5, 1, true}};
-    struct spin_svg_chart_line empty = {"c", x, none, 5, 0, false};
-    struct spin_svg_chart chart = {"title", "x", "y", line, 2, false};
-    char *text = NULL;
-    size_t n = 0;
-    FILE *to = open_memstream(&text, &n);
-
-    near(spin_svg_chart_step(10, 5), 2, 1e-12, "ten in five pieces");
-    near(spin_svg_chart_step(0.9, 5), 0.2, 1e-12, "parts of one");
-    near(spin_svg_chart_step(40000, 9), 5000, 1e-9, "thousands");
-    spin_svg_chart_write(to, &chart);
-    fclose(to);
-    ok(strstr(text, "<svg") && strstr(text, "</svg>") && !strstr(text, "nan") &&
-           !strstr(text, "inf"),
-       "a chart with gaps");
-    ok(strstr(text, "stroke") || strstr(text, "class=\"line line-1 dashed\""),
-       "dashed where asked");
-    free(text);
-    to = open_memstream(&text, &n);
-    chart.line = &empty;
-    chart.n_lines = 1;
-    spin_svg_chart_write(to, &chart);
-    fclose(to);
-    ok(n == 0, "no points, no chart");
-    free(text);
-    to = open_memstream(&text, &n);
-    empty = (struct spin_svg_chart_line){"d", x, y, 1, 0, false};
-    spin_svg_chart_write(to, &chart);
-    fclose(to);
-    ok(n == 0, "one point, no chart");
-    free(text);
-    to = open_memstream(&text, &n);
-    empty.n = 2;
-    chart.whole = true;
-    spin_svg_chart_write(to, &chart);
-    fclose(to);
-    ok(strstr(text, ">1</text>") && !strstr(text, ">0.2</text>"), "whole numbers have whole ticks");
-    free(text);
-}
 
 static const char *write_log(const char *text)
 {
@@ -182,7 +137,6 @@ static void check_worst(void)
 TAP_MAIN
 {
     folder = check_folder();
-    check_chart();
     check_history();
     check_crops();
     check_worst();

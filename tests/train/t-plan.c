@@ -36,13 +36,20 @@ static struct spin_retrain_options options(const char *preset)
 
 /* ---- Time ------------------------------------------------------------------------------------ */
 
-enum { SPLATS = 2940, PIXELS = 160 * 90, FRAMES = 6, TRAIN = 6 * FRAMES, TEST = 2 * FRAMES };
+enum {
+    SPLATS = 2940,
+    PIXELS = 160 * 90,
+    FRAMES = 6,
+    ITERATIONS = 1000,
+    TRAIN = 6 * FRAMES,
+    TEST = 2 * FRAMES
+};
 
 struct row {
-    const char *name, *preset;
+    const char *name;
     enum spin_method method;
-    int iterations, batch, densify_every, max_points, eval_every, refine, n_threads;
-    double edges, empty;
+    int batch, densify_every, max_points, eval_every, refine, n_threads;
+    double empty;
     double grown;      /* factor of the number of splats at the end */
     double mean_grown; /* and on average over the iterations */
     int frames;        /* evaluated by an iteration */
@@ -58,7 +65,7 @@ static double seconds_of(const struct row *r, size_t n_table, double refined)
     each += r->frames * splats * 0.05e-6;
     if (r->method == SPIN_METHOD_NETWORK)
         each += r->frames * splats * 2.7e-6 + (double)n_table * 1.1e-9;
-    seconds = r->iterations * each;
+    seconds = ITERATIONS * each;
     splats = SPLATS * r->grown;
     seconds += FRAMES * splats * 4e-6 + (double)TRAIN * PIXELS * 0.045e-6 +
                r->tests * TEST * 0.06e-6 * (splats + PIXELS);
@@ -75,39 +82,31 @@ static void check_times(void)
 {
     /* 400 edges: densification adds 415 * 20 = 8300 splats, 2.823 times as many as there are. */
     const double many = 1 + 8300.0 / SPLATS, some = 4000.0 / SPLATS;
+    const enum spin_method tracks = SPIN_METHOD_TRACKS, net = SPIN_METHOD_NETWORK,
+                           frames = SPIN_METHOD_FRAMES;
     const struct row rows[] = {
-        {"without densification", "quick", SPIN_METHOD_TRACKS, 1000, 6, 0, 0, 0, 0, 1, 400, 0, 1, 1,
-         1, 2},
-        {"seven images an iteration, half of them empty", "quick", SPIN_METHOD_TRACKS, 1000, 7, 0,
-         0, 0, 0, 1, 400, 0.5, 1, 1, 2, 2},
-        {"three threads", "quick", SPIN_METHOD_TRACKS, 1000, 6, 0, 0, 0, 0, 3, 400, 0, 1, 1, 1, 2},
-        {"measured every 300 iterations", "quick", SPIN_METHOD_TRACKS, 1000, 6, 0, 0, 300, 0, 1,
-         400, 0, 1, 1, 1, 5},
-        {"densified until half of the iterations", "quick", SPIN_METHOD_TRACKS, 1000, 6, 50, 0, 0,
-         0, 1, 400, 0, many, 1 + (many - 1) * 0.8, 1, 2},
-        {"densified to 4000 splats", "quick", SPIN_METHOD_TRACKS, 1000, 6, 50, 4000, 0, 0, 1, 400,
-         0, some, 1 + (some - 1) * 0.8, 1, 2},
-        {"not densified, with more splats than the limit", "quick", SPIN_METHOD_TRACKS, 1000, 6, 50,
-         2000, 0, 0, 1, 400, 0, 1, 1, 1, 2},
-        {"a network", "short", SPIN_METHOD_NETWORK, 100, 8, 0, 0, 0, 0, 1, 400, 0, 1, 1, 2, 2},
-        {"a network of refined frames", "short", SPIN_METHOD_NETWORK, 100, 8, 0, 0, 0, 50, 1, 400,
-         0, 1, 1, 2, 2},
-        {"frames", "quick", SPIN_METHOD_FRAMES, 600, 8, 0, 0, 0, 600, 1, 400, 0.25, 1, 1, 2, 2},
-        {"frames to 4000 splats", "quick", SPIN_METHOD_FRAMES, 600, 8, 0, 4000, 0, 600, 1, 400, 0,
-         1, 1, 2, 2},
-        {"frames without edges", "quick", SPIN_METHOD_FRAMES, 600, 8, 0, 0, 0, 600, 1, 0, 0, 1, 1,
-         2, 2},
+        {"not densified", tracks, 6, 0, 0, 0, 0, 1, 0, 1, 1, 1, 2},
+        {"seven images an iteration, half empty", tracks, 7, 0, 0, 0, 0, 1, 0.5, 1, 1, 2, 2},
+        {"three threads", tracks, 6, 0, 0, 0, 0, 3, 0, 1, 1, 1, 2},
+        {"measured every 300 iterations", tracks, 6, 0, 0, 300, 0, 1, 0, 1, 1, 1, 5},
+        {"densified", tracks, 6, 50, 0, 0, 0, 1, 0, many, 1 + (many - 1) * 0.8, 1, 2},
+        {"densified to 4000", tracks, 6, 50, 4000, 0, 0, 1, 0, some, 1 + (some - 1) * 0.8, 1, 2},
+        {"more splats than the limit", tracks, 6, 50, 2000, 0, 0, 1, 0, 1, 1, 1, 2},
+        {"a network", net, 8, 0, 0, 0, 0, 1, 0, 1, 1, 2, 2},
+        {"a network of refined frames", net, 8, 0, 0, 0, 50, 1, 0, 1, 1, 2, 2},
+        {"frames", frames, 8, 0, 0, 0, 600, 1, 0.25, 1, 1, 2, 2},
+        {"frames to 4000 splats", frames, 8, 0, 4000, 0, 600, 1, 0, 1, 1, 2, 2},
     };
 
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
         const struct row *r = &rows[i];
-        struct spin_retrain_options o = options(r->preset);
+        struct spin_retrain_options o = options(r->method == net ? "short" : "quick");
         struct spin_plan plan;
         double refined = SPLATS, slower;
 
         o.method = r->method;
-        o.tracks = r->method == SPIN_METHOD_TRACKS;
-        o.iterations = o.track_iterations = r->iterations;
+        o.tracks = r->method == tracks;
+        o.iterations = o.track_iterations = ITERATIONS;
         o.batch = r->batch;
         o.views_per_frame = 6;
         o.densify_every = r->densify_every;
@@ -117,13 +116,13 @@ static void check_times(void)
         o.eval_every = r->eval_every;
         o.refine = r->refine;
         o.n_threads = r->n_threads;
-        open_plan(&plan, &o, r->edges, r->empty);
+        open_plan(&plan, &o, 400, r->empty);
         slower = strcmp(device->path, "base") == 0 ? 2 : strcmp(device->path, "v3") == 0 ? 1.3 : 1;
         /* Every 100 iterations after a fifth of them, until three quarters: adds 210 * 20 splats,
          * but not more than three fifths. */
         for (int at = 100; at < 3 * o.refine / 4; at += 100)
             if (at > o.refine / 5)
-                refined += fmin(0.6 * refined, 210 * sqrt(r->edges));
+                refined += fmin(0.6 * refined, 210 * 20.0);
         if (r->max_points > 0)
             refined = fmin(refined, r->max_points);
         near(report.seconds_estimated / slower /
