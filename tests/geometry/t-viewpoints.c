@@ -165,13 +165,23 @@ static void check_two_bodies(void)
 {
     struct scene s = {.room = true, .bodies = 2, .scale = 1, .moves = true};
     struct spin_viewpoints p = {0};
-    int n_seen[2];
+    int n_seen[2], n_between = 0;
 
     place_cameras(&s, &p);
     for (int b = 0; b < 2; b++)
         count_blind(&s, &p, b, &n_seen[b]);
     ok(n_seen[0] >= CAMERAS / 2 && n_seen[1] >= CAMERAS / 2, "both players are in view: %d, %d",
        n_seen[0], n_seen[1]);
+    for (int k = 0; k < p.n; k++) {
+        const struct spin_camera *c = &p.camera[k].camera;
+        double off[3] = {INFINITY, INFINITY, INFINITY}, at[3];
+
+        for (int b = 0; b < 3; b++)
+            if (spin_camera_project(c, (const float[3]){0.5f, -0.9f, 0.4f - 0.6f * (float)b}, at))
+                off[b] = hypot(at[0] - c->cx, at[1] - c->cy);
+        n_between += off[1] < off[0] && off[1] < off[2];
+    }
+    ok(n_between <= 2 * p.n / 3, "many look at one of them, %d between them", n_between);
     spin_viewpoints_close(&p);
     spin_splats_free(&s.splats);
 }
