@@ -186,18 +186,11 @@ static spin_status measure_subject(struct spin_metrics *m, const struct spin_cam
         }
     spin_player_set_image(m->player, p->image);
     SPIN_TRY(spin_player_measure(m->player, p->rgb8, NULL, v));
-    *q = (struct spin_quality){.psnr = NAN,
-                               .ssim = NAN,
-                               .psnr_channel_mean = NAN,
-                               .psnr_dynamic = NAN,
-                               .psnr_static = NAN,
-                               .dynamic = NAN,
-                               .psnr_opposite = NAN,
-                               .lpips = {NAN, NAN}};
+    set_quality(v, (double)n, false, 0, q);
+    q->valid = n > 0;
     if (n == 0)
         return SPIN_OK;
     n_grown = count_grown(m->subject->mask, c->width, c->height);
-    set_quality(v, (double)n, false, 0, q);
     q->ssim = 1 - (1 - v[SPIN_MEASURE_SSIM]) * (double)plane / (double)n_grown;
     return SPIN_OK;
 }

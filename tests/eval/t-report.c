@@ -123,15 +123,17 @@ static void check_crops(void)
 
 static void check_worst(void)
 {
-    struct spin_eval_view view[4] = {{.camera = 1, .q.psnr = 9},
-                                     {.camera = 1, .q.psnr = 8},
-                                     {.camera = 2, .q.psnr = 20},
-                                     {.camera = 3, .q.psnr = 10}};
+    struct spin_eval_view view[5] = {
+        {.camera = 4, .q.psnr = NAN}, /* of a subject that is not there */
+        {.camera = 1, .q.psnr = 9},
+        {.camera = 1, .q.psnr = 8},
+        {.camera = 2, .q.psnr = 20},
+        {.camera = 3, .q.psnr = 10}};
     size_t out[5];
 
-    ok(spin_motion_crops_worst(view, 4, 3, out) == 3 && out[0] == 1 && out[1] == 3 && out[2] == 2,
+    ok(spin_motion_crops_worst(view, 5, 3, out) == 3 && out[0] == 2 && out[1] == 4 && out[2] == 3,
        "the worst view of every camera, worst first");
-    ok(spin_motion_crops_worst(view, 4, 5, out) == 4 && out[3] == 0, "then the others");
+    ok(spin_motion_crops_worst(view, 5, 5, out) == 4 && out[3] == 1, "then the others");
 }
 
 TAP_MAIN

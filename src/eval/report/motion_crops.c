@@ -204,7 +204,7 @@ size_t spin_motion_crops_worst(const struct spin_eval_view *view, size_t n_views
             size_t worst = n_views;
 
             for (size_t i = 0; i < n_views; i++) {
-                bool taken = false;
+                bool taken = isnan(view[i].q.psnr);
 
                 for (size_t k = 0; k < n; k++)
                     taken = taken || out[k] == i ||

@@ -18,7 +18,8 @@ spin_status spin_motion_crops_fast(const struct spin_clip *clip, struct spin_ima
                                    const struct spin_pair *pairs, size_t n_pairs, size_t most,
                                    struct spin_crop *out, size_t *n);
 
-/* Finds at most `most` views with the lowest PSNR, sets out [most] to their indices and returns
- * their number: first the worst view of each camera, then further views of any camera. */
+/* Finds at most `most` views with the lowest PSNR, except views without one, sets out [most] to
+ * their indices and returns their number: first the worst view of each camera, then further views
+ * of any camera. */
 size_t spin_motion_crops_worst(const struct spin_eval_view *view, size_t n_views, size_t most,
                                size_t *out);
