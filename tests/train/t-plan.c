@@ -268,6 +268,51 @@ static void check_fitting(void)
     }
 }
 
+/* ---- Single frames --------------------------------------------------------------------------- */
+
+static void check_frame(void)
+{
+    struct spin_retrain_options o = options("quick");
+    struct spin_plan plan, one = {0};
+    int wrong = 0;
+
+    o.method = SPIN_METHOD_FRAMES;
+    o.refine = 2500;
+    o.views_per_frame = 6;
+    o.sh_degree = 3;
+    o.sh_increase_every = 0;
+    open_plan(&plan, &o, 400, 0);
+    ok(spin_sh_degree_reached(3, 0, 1) == 3 && spin_sh_degree_reached(3, 1000, 1000) == 0 &&
+           spin_sh_degree_reached(3, 1000, 1001) == 1 && spin_sh_degree_reached(2, 1000, 9000) == 2,
+       "SH degrees that are reached");
+    ok(spin_plan_sh_increase_every(&plan) == 1000 && spin_plan_frame_sh_degree(&plan) == 2,
+       "of frames from points");
+    for (int i = 0; i < SPIN_EXPOSURE * plan.lenses.n; i++)
+        plan.exposure[SPIN_EXPOSURE * plan.n_cameras + i] = (float)i + 0.5f;
+    if (!ok(spin_plan_of_frame(&plan, 2, device, &one) == SPIN_OK, "the plan of a frame"))
+        exit(1);
+    ok(one.o->iterations == 2500 && one.o->batch == 1 && one.o->views_per_frame == 1 &&
+           one.o->sh_increase_every == 1000 && one.field.sh_degree == 2 && one.n_test == 0,
+       "its options");
+    ok(one.clip.n_frames == 1 && one.clip.frame[0] == 2 && one.counts[0] == SPLATS &&
+           one.n_train == TRAIN / FRAMES && one.n_cameras == TRAIN / FRAMES && plan.lenses.n > 0,
+       "its splats, cameras and lenses");
+    for (size_t i = 0; i < one.n_train; i++)
+        wrong += one.train[i].frame != 0 || one.train[i].view != plan.train[12 + i].view ||
+                 plan.train[12 + i].frame != 2 || one.camera[i] != plan.camera[i];
+    for (int i = 0; i < SPIN_EXPOSURE * plan.lenses.n; i++)
+        wrong += one.exposure[SPIN_EXPOSURE * one.n_cameras + i] != (float)i + 0.5f;
+    ok(wrong == 0, "its images, and the falloff of all lenses: %d are wrong", wrong);
+    spin_plan_close_frame(&one);
+    report.options.refine_start = SPIN_REFINE_FROM_SOURCE;
+    ok(spin_plan_sh_increase_every(&plan) == 0 &&
+           spin_plan_frame_sh_degree(&plan) == plan.clip.bundle.meta.sh_degree,
+       "frames from the source have its degree");
+    report.options.method = SPIN_METHOD_TRACKS;
+    ok(spin_plan_frame_sh_degree(&plan) == 0, "tracks have none");
+    spin_plan_close(&plan);
+}
+
 TAP_MAIN
 {
     struct spin_import_options i = {
@@ -286,5 +331,6 @@ TAP_MAIN
     check_times();
     check_memory();
     check_fitting();
+    check_frame();
     check_device_free(device);
 }
