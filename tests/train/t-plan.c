@@ -278,7 +278,7 @@ static void check_frame(void)
 
     o.method = SPIN_METHOD_FRAMES;
     o.refine = 2500;
-    o.views_per_frame = 6;
+    o.batch = o.views_per_frame = 6;
     o.sh_degree = 3;
     o.sh_increase_every = 0;
     open_plan(&plan, &o, 400, 0);
