@@ -566,6 +566,8 @@ static spin_status run_blocks(struct export *x, size_t n, spin_task_fn fn)
 {
     size_t n_blocks = (n + SPIN_ROWS_BLOCK - 1) / SPIN_ROWS_BLOCK;
 
+    if (n_blocks == 0)
+        return SPIN_OK;
     if (n_blocks > x->n_blocks)
         SPIN_TRY(spin_grow(n_blocks, sizeof *x->block_quant, (void **)&x->block_quant));
     x->n_blocks = n_blocks > x->n_blocks ? n_blocks : x->n_blocks;

@@ -199,6 +199,8 @@ case ${SPIN_BUILD:-} in
     is "$(ls -A "$work/small")" balls.tsog "and leave no temporary file"
     run "$bin/spin-export" "$work/balls.spin" --fps 30 --check --json -o "$work/balls.tsog"
     within "and come back" 'place < 1.5e-3 and opacity < 0.002 and check["splats"] == 480000'
+    greater 420000 "$(wc -c <"$work/balls.tsog")"
+    ok $? "in Morton order: static splats are neighbours, so the file is small"
     cmp -s "$work/balls.tsog" "$work/small/balls.tsog"
     ok $? "the same with any number of threads"
     ;;
