@@ -57,29 +57,38 @@ for to in images ply; do
         awk '{ n += $1 } END { print n }')" "$to: and in the JSON"
 done
 run "$bin/spin-retrain" "$work/holes.spin" -o "$work/net.spin" --preset paper --iterations 2 --batch 1 \
-    --levels 2 --hash-log2 8 --hidden 16 --scale 0.5 --device cpu --preview "$work/preview"
+    --levels 2 --hash-log2 8 --hidden 16 --scale 0.5 --device cpu --precision full --preview "$work/preview"
 is "$code" 0 "it is retrained"
 is "$(grep -c "$said\|in [12] of its frames have values" "$work/err")" 1 "with one line about its source"
 run "$bin/spin-eval" "$work/net.spin" --scale 0.5 --json
 is "$code, $(wc -l <"$work/err"), $(member left_out)" "0, 0, 0" "the network has no holes"
 
-# A NaN as the first value of the first of the four byte planes of its table.
 command -v python3 >/dev/null || {
     skip "a table with a NaN" "no python3"
     done_testing
     exit
 }
-python3 -c 'import sys, zipfile
+# spoil CLIP ARRAY: the first value becomes NaN, one byte of it in each of the four byte planes.
+spoil() {
+    python3 -c 'import sys, zipfile
 with zipfile.ZipFile(sys.argv[1]) as z:
     members = {i.filename: z.read(i) for i in z.infolist()}
-table = bytearray(members["trained/table.npy"])
+name = "trained/%s.npy" % sys.argv[2]
+table = bytearray(members[name])
 head = 10 + table[8] + 256 * table[9]
 plane = (len(table) - head) // 4
 table[head::plane] = b"\0\0\xc0\x7f"
-members["trained/table.npy"] = bytes(table)
+members[name] = bytes(table)
 with zipfile.ZipFile(sys.argv[1], "w", zipfile.ZIP_DEFLATED) as z:
     for name in members:
-        z.writestr(name, members[name])' "$work/net.spin"
+        z.writestr(name, members[name])' "$1" "$2"
+}
+cp "$work/net.spin" "$work/hole.spin"
+spoil "$work/hole.spin" means/00000
+run "$bin/spin-eval" "$work/hole.spin" --scale 0.5 --json --range 8:9
+is "$code, $(member left_out)" "0, 1" "a splat without a position"
+err_has "^warning: '$work/hole.spin': 1 splat in 1 of its frames has values that are not finite, and is not drawn" "is reported"
+spoil "$work/net.spin" table
 for command in "spin-eval $work/net.spin --scale 0.5" "spin-export $work/net.spin --to ply -o $work/bad"; do
     # shellcheck disable=SC2086
     run "$bin/"$command
