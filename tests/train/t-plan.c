@@ -2,6 +2,8 @@
  * K: retrain plan estimates */
 #include "base/base.h"
 #include "spin_run.h"
+#include "io/image.h"
+#include "train/photos.h"
 #include "train/plan.h"
 #include "tests/check.h"
 #include "tests/tap.h"
@@ -198,6 +200,50 @@ static void check_memory(void)
     }
 }
 
+/* ---- Content of images ----------------------------------------------------------------------- */
+
+/* Eight images: pixels that differ by more than 24 of 255 from their neighbours on the right and
+ * below, in the mean of all channels, and pixels within 16 of the background, in all channels. */
+static void check_content(void)
+{
+    struct spin_retrain_options o = options("quick");
+    const float background[3] = {0.41f, 0.35f, 0.3f};
+    struct spin_photos photos = {0};
+    struct spin_plan plan;
+    double edges = 0, empty = 0;
+
+    memcpy(o.background, background, sizeof background);
+    open_plan(&plan, &o, 0, 0);
+    for (int i = 0; i < 8; i++) {
+        size_t view = plan.train[(2 * i + 1) * TRAIN / 16].view;
+        const int to[2] = {3, 3 * 160};
+        uint8_t *rgb = NULL;
+        int width, height;
+
+        if (spin_image_read(plan.clip.views.view[view].path, background, &width, &height, &rgb) !=
+            SPIN_OK)
+            exit(1);
+        for (int k = 0; k < 89 * 160; k++) {
+            int off = 0, near_it = 0;
+
+            for (int c = 0; c < 6; c++)
+                off += abs(rgb[3 * k + c % 3 + to[c / 3]] - rgb[3 * k + c % 3]);
+            for (int c = 0; c < 3; c++)
+                near_it += fabs(rgb[3 * k + c] - 255.0 * (double)background[c]) <= 16;
+            edges += k % 160 < 159 && off > 6 * 24;
+            empty += k % 160 < 159 && near_it == 3;
+        }
+        free(rgb);
+    }
+    ok(spin_photos_open(&photos, &plan) == SPIN_OK &&
+           spin_photos_measure_content(&photos, &plan) == SPIN_OK && empty > 1000,
+       "measures images");
+    near(plan.edges, edges / 8, 1e-9, "edges");
+    near(plan.empty, empty / 8 / PIXELS, 1e-9, "background");
+    spin_photos_close(&photos);
+    spin_plan_close(&plan);
+}
+
 /* ---- Options that fit ------------------------------------------------------------------------ */
 
 static size_t free_bytes;
@@ -330,6 +376,7 @@ TAP_MAIN
     device = check_device(1);
     check_times();
     check_memory();
+    check_content();
     check_fitting();
     check_frame();
     check_device_free(device);
