@@ -217,6 +217,9 @@ PY
     # Alpha, of a data set without masks: the PSNR of pixels whose alpha is at least a half, from
     # 16-bit images, and the SSIM of windows that touch such a pixel.
     "$bin/spin-import" fixtures/4dgaussian/coarse_and_fine --data fixtures/datasets/blender_mini -o "$work/alpha.spin" -q
+    run "$bin/spin-eval" "$work/alpha.spin" --json
+    is "$(member alpha_known) $(member psnr_opposite | awk '{ print ($1 > 0) }')" "true 1" \
+        "images with alpha are compared over the opposite background, too"
     run "$bin/spin-export" "$work/alpha.spin" --to images --bits 16 -o "$work/drawn"
     for background in black white; do
         run "$bin/spin-eval" "$work/alpha.spin" --mask --background $background --json

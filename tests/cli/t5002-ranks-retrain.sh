@@ -98,6 +98,9 @@ go_on() { # N OUTPUT NAME
 own='--residual points --iterations 120'
 ranks 2 "$bin/spin-retrain" "$in" -o "$work/whole.spin" -q --threads 1 $small $own
 is "$code" 0 "two processes without a stop"
+ranks 2 timeout 60 "$bin/spin-retrain" "$in" -o "$work/whole.spin" --threads 1 $small $own --resume
+is "$code" 0 "both end if there is nothing left to do"
+err_has "whole.spin' is already finished" "and one says so"
 start_ranks 2 "$work/signal.spin" INT 1
 is "$code" 130 "SIGINT to the second of two ends both"
 is "$(grep -c '^spin-retrain' "$work/err")" 1 "with one message"

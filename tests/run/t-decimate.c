@@ -370,10 +370,24 @@ static void check_4d(void)
     spin_splats_4d_free(&s);
 }
 
+/* A file of 100 bytes for each splat that is kept. */
+static spin_status write_hundreds(void *context, const char *output)
+{
+    const struct spin_decimation *d = context;
+    FILE *f = fopen(output, "w");
+
+    if (!f || fprintf(f, "%0*d", (int)(100 * d->set[0].n_kept), 0) < 0 || fclose(f) != 0)
+        exit(1);
+    return SPIN_OK;
+}
+
 /* The refined frames have the source's rows backwards: in an equal number these are other splats.
  */
 static void check_source(void)
 {
+    char out[700];
+    uint64_t reached;
+    int n_tries, wrong = 0;
     struct spin_export_options o = {.device = "cpu", .n_threads = 1};
     struct spin_clip_options c = {.range = o.range};
     static struct spin_clip clip;
@@ -422,6 +436,16 @@ static void check_source(void)
     for (size_t i = 0; i < part.n; i++)
         largest = largest && part.means[3 * i] < 1.5f;
     ok(part.n == 2 && largest, "keeps its own largest splats, not the rows of others");
+    snprintf(out, sizeof out, "%s.out", bundle);
+    for (int most = 100; most <= 410; most += 10)
+        wrong += spin_decimation_choose_bytes(&d, most, out, write_hundreds, &d, &n_tries,
+                                              &reached) != SPIN_OK ||
+                 reached != 100 * d.set[0].n_kept || d.set[0].n_kept > (size_t)most / 100 ||
+                 ((most % 100 >= 50 || most == 400) && d.set[0].n_kept < (size_t)most / 100);
+    ok(wrong == 0 && n_tries == 1, "as many splats as fit, where each has 100 bytes");
+    ok(spin_decimation_choose_bytes(&d, 99, out, write_hundreds, &d, &n_tries, &reached) ==
+           SPIN_E_UNSUPPORTED,
+       "none within 99: %s", spin_last_error());
     spin_decimation_close(&d);
     spin_player_close(&player);
     spin_device_close(&device);
