@@ -738,12 +738,12 @@ static void put_moving(const struct model *m, const struct keyframes *at, unsign
 }
 
 /* Copies a column that is constant in time: static Gaussians, then dynamic ones. */
-static void put_fixed(const struct model *m, int column, float *out)
+static void put_fixed(const struct model *m, int column, size_t width, float *out)
 {
     const struct part *const parts[] = {&m->still, &m->moving};
 
     for (int i = 0; i < 2; i++) {
-        size_t n = parts[i]->n * width_of(parts[i], column);
+        size_t n = parts[i]->n * width;
 
         if (n > 0)
             memcpy(out, parts[i]->column[column], n * sizeof *out);
@@ -765,9 +765,9 @@ static spin_status ex4dgs_frame(void *self, int frame, double time, unsigned col
     put_still(m, time, columns, out);
     put_moving(m, &at, columns, out);
     if (columns & SPIN_COL_LOG_SCALES)
-        put_fixed(m, SCALE, out->log_scales);
+        put_fixed(m, SCALE, 3, out->log_scales);
     if (columns & SPIN_COL_SH)
-        put_fixed(m, SH, out->sh);
+        put_fixed(m, SH, 3 * n_sh(m->sh_degree), out->sh);
     return SPIN_OK;
 }
 
