@@ -198,6 +198,7 @@ case ${SPIN_BUILD:-} in
     is $? 0 "480,000 splats in 120 frames need less than 64 bytes each"
     is "$(ls -A "$work/small")" balls.tsog "and leave no temporary file"
     run "$bin/spin-export" "$work/balls.spin" --fps 30 --check --json -o "$work/balls.tsog"
+    is "$(grep -c "without any splat" "$work/err")" 0 "no frame is empty"
     within "and come back" 'place < 1.5e-3 and opacity < 0.002 and check["splats"] == 480000'
     greater 420000 "$(wc -c <"$work/balls.tsog")"
     ok $? "in Morton order: static splats are neighbours, so the file is small"

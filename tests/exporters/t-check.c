@@ -2,6 +2,8 @@
  * damaged file is an error.
  * K: export check ply gltf splat compressed-ply spz sog */
 #include "base/log.h"
+#include "exporters/lib/sort_rows.h"
+#include "formats/tsog.h"
 #include "tests/exporters/frame.h"
 
 enum { FRAMES = 3 };
@@ -10,6 +12,7 @@ extern const struct spin_exporter spin_exporter_tsog;
 static size_t rows[FRAMES] = {600, 0, 600};
 static bool shares;        /* every third row is the same in all frames */
 static const char *damage; /* this file, once all are written */
+static float aside;        /* offset of all splats */
 static bool written;
 static size_t n_lost;    /* splats that each frame lacks when it is read again */
 static const char *with; /* by another; NULL: bits of it are turned over */
@@ -27,6 +30,8 @@ static void make(int f, struct spin_splats *s)
         memcpy(s->sh + 27 * i, all.sh + 27 * i, 27 * sizeof(float));
         s->logit_opacities[i] = all.logit_opacities[i];
     }
+    for (size_t i = 0; i < 3 * rows[f]; i++)
+        s->means[i] += aside;
     spin_splats_free(&all);
 }
 
@@ -150,6 +155,31 @@ static void test_format(const char *name, const char *file, const char *ending,
        "%s: and its errors are high", name);
 }
 
+/* Returns the share of splats of a TSOG that do not follow the one before along the Morton curve in
+ * the bounding box of all splats; 1 on failure. */
+static double descents(const char *path)
+{
+    float box[6] = SPIN_SORT_ROWS_NO_BOX;
+    struct spin_splats_4d s = {0};
+    struct spin_tsog tsog;
+    struct spin_map map;
+    size_t n = 0, n_all;
+
+    if (spin_map_open(path, &map) != SPIN_OK)
+        return 1;
+    if (spin_tsog_read(map.data, map.size, &tsog, &s) != SPIN_OK)
+        s.n = 0;
+    n_all = s.n;
+    for (size_t i = 0; i < s.n; i++)
+        spin_sort_rows_widen(box, s.centres + 3 * i);
+    for (size_t i = 1; i < s.n; i++)
+        n += spin_sort_rows_place_key(box, s.centres + 3 * i) <
+             spin_sort_rows_place_key(box, s.centres + 3 * (i - 1));
+    spin_map_close(&map);
+    spin_splats_4d_free(&s);
+    return n_all > 1 ? (double)n / (double)n_all : 1;
+}
+
 /* A TSOG contains the splats of all frames in one list. */
 static void test_tsog(void)
 {
@@ -158,6 +188,7 @@ static void test_tsog(void)
     static const double most[6] = {0.0005, 0.04, 1, 0.002, 0.01, 1}; /* few SH vectors */
     struct spin_export_check check;
     char output[500];
+    double share;
 
     snprintf(output, sizeof output, "%s", in_folder("clip.tsog"));
     damage = NULL;
@@ -176,6 +207,11 @@ static void test_tsog(void)
             ok(check.largest[p] > most[p] / 50 && check.largest[p] <= most[p],
                "tsog: error %d is %g", p, check.largest[p]);
     }
+    aside = 50;
+    share =
+        export_clip(&spin_exporter_tsog, output, plain, &check) == SPIN_OK ? descents(output) : 1;
+    ok(share < 0.02, "tsog: in Morton order, also far from the origin (%g)", share);
+    aside = 0;
     n_lost = 1;
     ok(export_clip(&spin_exporter_tsog, output, plain, &check) == SPIN_E_IO &&
            strstr(spin_last_error(), "frame 0 of the export has changed"),
