@@ -18,6 +18,8 @@ ROOM_TESTS = {
     "src/math": "math/ model/t-field importers/t-golden exporters/t-readback",
     "src/scene": "scene/ importers/t-golden run/t-spin cli/t1015 cmd/t-cameras",
     "src/scene/clip": "scene/ run/t-spin cmd/t-cameras cli/t2040",
+    "src/scene/data_points": "scene/t-dataset cli/t1025 cmd/t-cameras",
+    "src/scene/dataset": "scene/ importers/t-golden cli/t1015 cli/t2005 cmd/t-cameras",
     "src/scene/renders": "scene/t-renders cli/t2040",
     "src/model": "model/ importers/t-golden cli/t1001",
     "src/render": "run/t-spin exporters/t-readback importers/t-golden run/t-export cmd/t-export cli/t2002",
