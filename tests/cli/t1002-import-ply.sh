@@ -43,6 +43,8 @@ run "$bin/spin-import" "$work/point.ply" -o "$work/point.spin" --positions-only
 is "$code" 0 "imports positions only"
 unzip -Z1 "$work/point.spin" | grep -q rgb
 ok $? "of points, with their colours"
+run "$bin/spin-import" --info "$work/point.spin"
+is "$code" 0 "which is read again"
 
 {
     printf 'ply\nformat ascii 1.0\nelement vertex 1\n'
