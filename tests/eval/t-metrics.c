@@ -247,12 +247,27 @@ static void check_overlays(void)
 
 /* ---- Quality --------------------------------------------------------------------------------- */
 
-/* Squared error of one channel of a pixel with this shift against the rendered colour. */
-static double error_of(int row, int camera, int shift, const float drawn[3], int c)
+static int place_of(int id)
+{
+    int k = 0;
+
+    while (k < CAMERAS - 1 && camera_id[k] != id)
+        k++;
+    return k;
+}
+
+/* One channel of a pixel with this shift. */
+static double pixel_of(int row, int camera, int shift, const float drawn[3], int c)
 {
     double a = alpha_of(camera), v = value_of(row, camera, c) + shift, back = (double)drawn[c];
 
-    return pow(rint(a * v + (1 - a) * 255 * back) / 255 - back, 2);
+    return rint(a * v + (1 - a) * 255 * back) / 255;
+}
+
+/* Its squared error against the rendered colour. */
+static double error_of(int row, int camera, int shift, const float drawn[3], int c)
+{
+    return pow(pixel_of(row, camera, shift, drawn, c) - (double)drawn[c], 2);
 }
 
 /* Mean squared error over the channels. */
@@ -265,21 +280,37 @@ static double errors(int row, int camera, int shift, const float drawn[3])
     return sum;
 }
 
+/* Mean squared error of a view against the mean colour of its camera's views, which fits best to a
+ * render of one colour. */
+static double fitted_errors(const struct spin_eval_report *r, size_t view, const float drawn[3])
+{
+    double sum = 0;
+
+    for (int c = 0; c < 3; c++) {
+        double mean = 0, n = 0;
+
+        for (int pass = 0; pass < 2; pass++)
+            for (size_t i = 0; i < r->n_views; i++) {
+                int row = r->view[i].frame - FIRST, k = place_of(r->view[i].camera);
+                double share = (double)n_dynamic(row, k) / (W * H),
+                       moving = pixel_of(row, k, SHIFT, drawn, c),
+                       still = pixel_of(row, k, 0, drawn, c);
+
+                if (pass == 0 && r->view[i].camera == r->view[view].camera && ++n > 0)
+                    mean += (share * moving + (1 - share) * still - mean) / n;
+                if (pass == 1 && i == view)
+                    sum += share * pow(moving - mean, 2) + (1 - share) * pow(still - mean, 2);
+            }
+    }
+    return sum / 3;
+}
+
 static double decibels(double mse) { return -10 * log(mse) / log(10); }
 
 struct sums {
     double psnr, dynamic, still, share, ssim;
     int n, n_dynamic;
 };
-
-static int place_of(int id)
-{
-    int k = 0;
-
-    while (k < CAMERAS - 1 && camera_id[k] != id)
-        k++;
-    return k;
-}
 
 static bool is(double got, double want)
 {
@@ -305,6 +336,7 @@ static bool views_are_right(const struct spin_eval_report *r, const float drawn[
                                  (1 - share) * error_of(row, k, 0, drawn, c)) /
                         3;
         good = good && is(q->psnr_channel_mean, channels) &&
+               is(q->psnr_colour_fitted, decibels(fitted_errors(r, i, drawn))) &&
                is(q->psnr, decibels(share * dynamic + (1 - share) * still)) &&
                is(q->psnr_dynamic, few ? NAN : decibels(dynamic)) &&
                is(q->psnr_static, decibels(still)) && is(q->dynamic, share) && q->valid;
