@@ -195,7 +195,7 @@ static unsigned drawn(unsigned *seed)
 }
 
 /* A view of W + 1 x H pixels with a mask of w x h, which is sampled at the pixel centres. The upper
- * half of the mask is empty. most: its largest value; 1: zeros and ones. */
+ * half of the mask is empty, except its corner. most: its largest value; 1: zeros and ones. */
 static void check_mask_size(int w, int h, unsigned most)
 {
     enum { WIDE = W + 1 };
@@ -212,6 +212,7 @@ static void check_mask_size(int w, int h, unsigned most)
 
     for (int i = 0; i < w * h; i++)
         memset(rgb + 3 * i, i < w * h / 2 ? 0 : (int)(drawn(&seed) % (most + 1)), 3);
+    memset(rgb, (int)most, 3);
     snprintf(path, sizeof path, "%s/size_%d_%d_%u.png", folder, w, h, most);
     snprintf(picture, sizeof picture, "%s/0_0.png", folder);
     v.mask = path;
