@@ -10,8 +10,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_FRAMES_OPTIONS("frame_%05d.sog"),
     SPIN_FRAMES_OPTION_FPS,
     SPIN_ROWS_OPTION_SH,
-    {"levels", "N", "number of levels of detail, 1 to 8; each has a quarter of the splats of the one before",
-     "4"},
+    {"levels", "N",
+     "number of levels of detail, 1 to 8; each has a quarter of the splats of the one before", "4"},
     {"level", "N", "effort of WebP, 0 (fast) to 9 (small)", "3"},
     {0},
 };
@@ -115,9 +115,8 @@ static spin_status write_index(void *self)
 {
     struct export *x = self;
 
-    return x->levels.index
-               ? spin_frames_write_text(&x->frames, SPIN_SOG_INDEX, x->levels.index)
-               : SPIN_OK;
+    return x->levels.index ? spin_frames_write_text(&x->frames, SPIN_SOG_INDEX, x->levels.index)
+                           : SPIN_OK;
 }
 
 /* ---- The plug-in ----------------------------------------------------------------------------- */
@@ -130,7 +129,8 @@ static spin_status parse_options(void *self, const struct spin_export_job *job)
     x->images.level = 3;
     x->levels.n_levels = 4;
     SPIN_TRY(spin_option_count(job->values, "level", 0, 9, &x->images.level));
-    SPIN_TRY(spin_option_count(job->values, "levels", 1, SPIN_SOG_MOST_LEVELS, &x->levels.n_levels));
+    SPIN_TRY(
+        spin_option_count(job->values, "levels", 1, SPIN_SOG_MOST_LEVELS, &x->levels.n_levels));
     return spin_webp_need();
 }
 
@@ -144,10 +144,11 @@ static spin_status find_static(void *self, const struct spin_export_job *job)
         return SPIN_OK;
     SPIN_TRY(spin_static_rows_find(&x->still, &x->frames.rows, job));
     if (x->still.n == 0)
-        return spin_unsupported("no splat is the same in all %d frames, and only such splats can be "
-                                "streamed: write the frames with --to sog, or select one frame with "
-                                "--range",
-                                job->n_frames);
+        return spin_unsupported(
+            "no splat is the same in all %d frames, and only such splats can be "
+            "streamed: write the frames with --to sog, or select one frame with "
+            "--range",
+            job->n_frames);
     spin_log(0, "the same in all frames, and streamed: %s",
              spin_text_count((long long)x->still.n, "splat", count));
     return SPIN_OK;

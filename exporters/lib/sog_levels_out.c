@@ -1,7 +1,7 @@
 #include "exporters/lib/sog_levels_out.h"
 
 #include "base/base.h"
-#include "exporters/lib/merge_splats.h"
+#include "geometry/merge_splats.h"
 #include "geometry/kd_tree.h"
 #include "io/file.h"
 #include "io/json.h"
@@ -17,8 +17,8 @@ enum {
 struct leaf {
     size_t first, n; /* its range in the k-d tree's order */
     struct spin_splats level[SPIN_SOG_MOST_LEVELS];
-    double error[SPIN_SOG_MOST_LEVELS];  /* accumulated cost of merging */
-    double box[6];                       /* minimum x y z, maximum x y z */
+    double error[SPIN_SOG_MOST_LEVELS]; /* accumulated cost of merging */
+    double box[6];                      /* minimum x y z, maximum x y z */
     spin_json *lods;
     spin_status status;
     char why[256];

@@ -12,6 +12,7 @@ enum {
     SIDE = 400,    /* width and height of a placed view, in pixels */
     TRIES = 9,     /* largest number of outputs that are written to reach a given size */
     HALVINGS = 8,  /* number of bisections to reach a given loss */
+    SAMPLES = 4,   /* largest number of frames from which merges are chosen */
 };
 /* How a splat of one frame is recognised in other frames: not at all, by its row, by its 4D splat
  * or by its track. */
@@ -269,7 +270,7 @@ static bool keeps_rows(const struct spin_decimation *d)
 
 static int find_sharing(const struct spin_decimation *d)
 {
-    if (d->splats_4d || keeps_rows(d))
+    if (d->splats_4d || d->clip->n_frames == 1 || keeps_rows(d))
         return ROWS;
     if (d->frames->from == SPIN_FROM_SOURCE && d->clip->bundle.meta.four_d.n > 0)
         return FOUR_D;
@@ -393,6 +394,89 @@ static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t
     }
 }
 
+/* ---- Merges ---------------------------------------------------------------------------------- */
+
+/* Returns whether row i of a retrained frame is row i of the same imported frame. Refined frames
+ * have other rows than imported frames, and a training with densification adds and sorts rows, so
+ * an equal number of rows does not prove that they correspond. */
+static bool preserves_rows(const struct spin_decimation *d)
+{
+    const struct spin_bundle *b = &d->clip->bundle;
+
+    return d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
+}
+
+/* Returns whether rows are merged: they must be the same splats in all frames, in those of the
+ * source too if an exporter may show these beside the others. */
+static bool merges_rows(const struct spin_decimation *d)
+{
+    return d->sharing == ROWS && !d->splats_4d && !d->filter->varies &&
+           (d->frames->from == SPIN_FROM_SOURCE || preserves_rows(d));
+}
+
+/* Reads the kept rows of up to SAMPLES frames. */
+static spin_status read_samples(struct spin_decimation *d, struct spin_splats *sample, int n)
+{
+    for (int k = 0; k < n; k++) {
+        SPIN_FREED unsigned char *mark = NULL;
+        SPIN_FREED uint32_t *row = NULL;
+        int f = n > 1 ? k * (d->clip->n_frames - 1) / (n - 1) : 0;
+
+        SPIN_TRY(read_frame(d, f, true, &mark, &row));
+        SPIN_TRY(spin_splats_select(&d->splats, mark, &sample[k]));
+    }
+    return SPIN_OK;
+}
+
+/* Plans the merges of the kept rows that leave n of them. */
+static spin_status plan_merges(struct spin_decimation *d, size_t n)
+{
+    struct spin_splats sample[SAMPLES] = {{0}};
+    struct spin_decimate_set *set = &d->set[0];
+    struct spin_merge_plan *plan = &set->merges;
+    int n_samples = d->clip->n_frames < SAMPLES ? d->clip->n_frames : SAMPLES;
+    SPIN_FREED uint32_t *row = NULL;
+    SPIN_FREED float *seen = NULL;
+    spin_status status = SPIN_OK;
+    size_t kept = 0;
+
+    SPIN_TRY_OUT(spin_alloc(set->n_kept + 1, sizeof *row, (void **)&row));
+    SPIN_TRY_OUT(spin_alloc(set->n_kept + 1, sizeof *seen, (void **)&seen));
+    for (size_t i = 0; i < set->n; i++)
+        if (set->keep[i]) {
+            seen[kept] = set->weight[i];
+            row[kept++] = (uint32_t)i;
+        }
+    SPIN_TRY_OUT(read_samples(d, sample, n_samples));
+    SPIN_TRY_OUT(spin_merge_plan_make(sample, n_samples, seen, n, plan));
+    for (size_t i = 0; i < plan->n; i++) {
+        if (plan->pair[i][0] != SPIN_MERGE_NONE)
+            plan->pair[i][0] = row[plan->pair[i][0]];
+        plan->pair[i][1] = row[plan->pair[i][1]];
+        set->keep[plan->pair[i][1]] = 0;
+    }
+    set->n_kept -= plan->n;
+out:
+    for (int k = 0; k < SAMPLES; k++)
+        spin_splats_free(&sample[k]);
+    return status;
+}
+
+/* Chooses the rows to keep, and those to merge into them. Some of the excess is dropped before
+ * merging, since both alone are worse: with 70, 50, 25 and 10 % of the splats of a frame of real
+ * footage, images have 47.6, 35.3, 24.1 and 17.5 dB if the others are dropped, 44.0, 38.7, 33.7 and
+ * 29.9 dB if nothing is dropped before, and 47.3, 40.5, 35.0 and 30.4 dB as here. */
+static spin_status choose_and_merge(struct spin_decimation *d, struct entry *entry, size_t n,
+                                    enum spin_decimate_unit unit, double amount)
+{
+    size_t all = d->set[0].n_counted, most = most_of(&d->set[0], unit, amount);
+    double excess = (double)(all - most);
+    double merged = excess * fmin(0.5, excess / fmax((double)all, 1));
+
+    keep_heaviest(d, entry, n, SPIN_DECIMATE_SPLATS, (double)most + floor(merged));
+    return d->set[0].n_kept > most ? plan_merges(d, most) : SPIN_OK;
+}
+
 /* Chooses which splats to keep in the sets `first` to `end` - 1; other sets have no influence on
  * the choice. */
 static spin_status choose_sets(struct spin_decimation *d, int first, int end,
@@ -406,6 +490,7 @@ static spin_status choose_sets(struct spin_decimation *d, int first, int end,
     for (int s = first; s < end; s++) {
         memset(d->set[s].keep, 0, d->set[s].n);
         d->set[s].n_kept = 0;
+        spin_merge_plan_free(&d->set[s].merges);
         all += d->set[s].n_counted;
         most = d->set[s].n > most ? d->set[s].n : most;
     }
@@ -418,6 +503,8 @@ static spin_status choose_sets(struct spin_decimation *d, int first, int end,
     }
     if (items)
         SPIN_TRY(take_means(entry, n));
+    if (merges_rows(d))
+        return choose_and_merge(d, entry, n, unit, amount);
     keep_heaviest(d, entry, n, unit, amount);
     return SPIN_OK;
 }
@@ -493,10 +580,12 @@ void spin_decimation_close(struct spin_decimation *d)
     for (int s = 0; s < d->n_sets && d->set; s++) {
         free(d->set[s].weight);
         free(d->set[s].keep);
+        spin_merge_plan_free(&d->set[s].merges);
     }
     free(d->set);
     free(d->pairs);
     spin_splats_free(&d->splats);
+    spin_splats_free(&d->merged);
     spin_splats_free(&d->part);
     spin_viewpoints_close(&d->placed);
     spin_player_close(&d->drawing);
@@ -523,16 +612,6 @@ static spin_status drop_smallest(const struct spin_splats *all, size_t most, uns
     return SPIN_OK;
 }
 
-/* Returns whether row i of a retrained frame is row i of the same imported frame. Refined frames
- * have other rows than imported frames, and a training with densification adds and sorts rows, so
- * an equal number of rows does not prove that they correspond. */
-static bool preserves_rows(const struct spin_decimation *d)
-{
-    const struct spin_bundle *b = &d->clip->bundle;
-
-    return d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
-}
-
 static spin_status drop_rows(void *context, int f, const struct spin_splats *all, bool source,
                              unsigned char *reason)
 {
@@ -556,9 +635,28 @@ static void drop_rows_4d(const void *context, unsigned char *reason)
             reason[i] = SPIN_ROW_DECIMATE;
 }
 
+/* Merges rows of a frame, except those that the filter dropped for other reasons. */
+static spin_status merge_rows(void *context, int f, const unsigned char *reason,
+                              const struct spin_splats **out)
+{
+    struct spin_decimation *d = context;
+    const struct spin_decimate_set *set = set_of(d, f);
+    SPIN_FREED unsigned char *skip = NULL;
+
+    if (set->merges.n == 0 || (*out)->n != set->n)
+        return SPIN_OK;
+    SPIN_TRY(spin_alloc(set->n + 1, 1, (void **)&skip));
+    for (size_t i = 0; i < set->n; i++)
+        skip[i] = reason[i] && reason[i] != SPIN_ROW_DECIMATE;
+    SPIN_TRY(spin_merge_plan_apply(&set->merges, *out, skip, &d->merged));
+    *out = &d->merged;
+    return SPIN_OK;
+}
+
 void spin_decimation_attach(struct spin_decimation *d)
 {
     d->filter->drop = drop_rows;
+    d->filter->merge = merge_rows;
     d->filter->drop_4d = drop_rows_4d;
     d->filter->drop_context = d;
 }
@@ -577,8 +675,12 @@ static spin_status read_part(struct spin_decimation *d, int f, bool kept)
     SPIN_FREED unsigned char *mark = NULL;
     SPIN_FREED uint32_t *row = NULL;
 
+    const struct spin_splats *all = &d->splats;
+
     SPIN_TRY(read_frame(d, f, kept, &mark, &row));
-    return spin_splats_select(&d->splats, mark, &d->part);
+    if (kept && !d->splats_4d)
+        SPIN_TRY(merge_rows(d, f, d->filter->reason, &all));
+    return spin_splats_select(all, mark, &d->part);
 }
 
 static spin_status read_all(void *context, int f, const struct spin_splats **out)

@@ -8,9 +8,14 @@
  * frames. If 4D splats are exported as such, the N rows with the largest sum of weights over all
  * frames are kept.
  *
+ * If all frames have the same rows, only half of the excess is dropped that way. The rest
+ * disappears by merging similar neighbours (geometry/merge_splats.h): the same pairs in all frames,
+ * chosen from some of the frames.
+ *
  * Splats that the row filter drops for other reasons are not among the N splats. */
 #pragma once
 
+#include "geometry/merge_splats.h"
 #include "geometry/viewpoints.h"
 #include "render/player.h"
 #include "run/row_filter.h"
@@ -39,7 +44,8 @@ struct spin_decimate_set {
     size_t n, n_counted, n_kept;
     /* [n] the weight of each row; negative if the row filter drops the row */
     float *weight;
-    unsigned char *keep; /* [n], 1 if the decimation keeps the row, else 0 */
+    unsigned char *keep;           /* [n], 1 if the decimation keeps the row, else 0 */
+    struct spin_merge_plan merges; /* rows that are merged into rows that are kept */
 };
 
 struct spin_decimation {
@@ -59,7 +65,7 @@ struct spin_decimation {
     struct spin_pair *pairs;
     size_t n_pairs;
     struct spin_viewpoints placed; /* cameras for measuring the loss, if the clip has none */
-    struct spin_splats splats, part;
+    struct spin_splats splats, merged, part;
 };
 
 /* Computes all weights. The inputs in *d must be set. The caller closes *d even if the call

@@ -405,6 +405,8 @@ spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
     SPIN_TRY(choose_rows(f, frame, *splats, false, &n_kept, &mark));
     if (n_kept == (*splats)->n)
         return SPIN_OK;
+    if (f->merge)
+        SPIN_TRY(f->merge(f->drop_context, frame, f->reason, splats));
     SPIN_TRY(spin_splats_select(*splats, mark, &f->kept));
     *splats = &f->kept;
     return SPIN_OK;
@@ -444,6 +446,8 @@ spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
     size_t n_kept;
 
     SPIN_TRY(choose_rows(f, frame, all, true, &n_kept, &mark));
+    if (f->merge)
+        SPIN_TRY(f->merge(f->drop_context, frame, f->reason, &all));
     return spin_splats_select(all, mark, out);
 }
 

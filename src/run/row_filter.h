@@ -21,6 +21,10 @@ struct spin_row_filter {
     spin_status (*drop)(void *context, int frame, const struct spin_splats *s, bool source,
                         unsigned char *reason);
     void (*drop_4d)(const void *context, unsigned char *reason);
+    /* Sets *out to the splats of the frame in which rows that remain have the values of several
+     * rows, or leaves it unchanged. Called after drop(). */
+    spin_status (*merge)(void *context, int frame, const unsigned char *reason,
+                         const struct spin_splats **out);
     void *drop_context;
     /* True if the options may drop a row in some frames and keep it in others. */
     bool varies;

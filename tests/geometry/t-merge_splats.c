@@ -1,5 +1,5 @@
 /* K: export merge lod */
-#include "exporters/lib/merge_splats.h"
+#include "geometry/merge_splats.h"
 
 #include "base/base.h"
 #include "math/activate.h"
@@ -75,16 +75,17 @@ static void check_pair(void)
     }
     covariance(&out, 0, cov);
     for (int at = 0; at < 6; at++)
-        close_to(cov[at], want[at], 1e-6, "element %d of the covariance is that of the mixture", at);
+        close_to(cov[at], want[at], 1e-6, "element %d of the covariance is that of the mixture",
+                 at);
     area = sqrt(want[0] * want[3] - want[1] * want[1] + want[0] * want[5] - want[2] * want[2] +
                 want[3] * want[5] - want[4] * want[4]);
     close_to(opacity_of(&out, 0), (wa + wb) / area, 1e-5, "opacity times area is the sum of both");
     for (int k = 0; k < 12; k++)
         close_to((double)out.sh[k], 0.5 * (1 - share) - 0.25 * share, 1e-6, "coefficient %d", k);
     close_to(error,
-         wa * wb / (wa + wb) *
-             (3 * pow(SPIN_SH_C0 * 0.75, 2) + 0.3 * fmax(0, area / (area_a + area_b) - 0.8)),
-         1e-7, "the cost has a part of the colour and one of the area");
+             wa * wb / (wa + wb) *
+                 (3 * pow(SPIN_SH_C0 * 0.75, 2) + 0.3 * fmax(0, area / (area_a + area_b) - 0.8)),
+             1e-7, "the cost has a part of the colour and one of the area");
     spin_splats_free(&in);
     spin_splats_free(&out);
 }
@@ -102,7 +103,8 @@ static void check_opaque(void)
     ok(spin_merge_splats(&in, 1, &out, &error) == SPIN_OK && out.n == 1, "two opaque splats");
     close_to(opacity_of(&out, 0), 0.999, 1e-4, "the opacity is nearly 1");
     covariance(&out, 0, cov);
-    close_to(cov[0], 0.01 * sqrt(1.8 / 0.999), 1e-5, "the area takes the square root of the excess");
+    close_to(cov[0], 0.01 * sqrt(1.8 / 0.999), 1e-5,
+             "the area takes the square root of the excess");
     close_to(error, 1, 1e-12, "equal splats cost nothing, and the sum is kept");
     spin_splats_free(&in);
     spin_splats_free(&out);
@@ -123,7 +125,8 @@ static void check_order(void)
         put(&in, n++, i % SIDE, i / SIDE, 0, size, 0.5, (i % SIDE / 8 + i / SIDE / 8) % 2 ? 1 : -1);
     for (int i = 0; i < 100; i++) {
         memcpy(in.means + 3 * n, in.means + 3 * i, 3 * sizeof *in.means);
-        put(&in, n++, i % SIDE, i / SIDE, 0, size, 0.25, (i % SIDE / 8 + i / SIDE / 8) % 2 ? 1 : -1);
+        put(&in, n++, i % SIDE, i / SIDE, 0, size, 0.25,
+            (i % SIDE / 8 + i / SIDE / 8) % 2 ? 1 : -1);
     }
     ok(spin_merge_splats(&in, N, &out, &cheap) == SPIN_OK && out.n == N, "100 merges");
     close_to(cheap, 0, 1e-9, "the twins are merged first, at no cost");
