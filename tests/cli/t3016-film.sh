@@ -243,6 +243,9 @@ bad() { # TEXT MESSAGE OPTION...
 bad '1 0 0 0 0 1 0 0 0 0 1' 'matrix 1 has 11 numbers'
 bad '1 0 0 0 0 1 0 0 0 0 2 0' 'matrix 1 is not a rotation'
 bad '1 0 0 0 0 1 0 0 0 0 -1 0' 'matrix 1 is not a rotation'
+bad '1 -0.2 0 0 0 0.98 0 0 0 0 1 0' 'matrix 1 is not a rotation'
+bad '1 0 -0.2 0 0 1 0 0 0 0 0.98 0' 'matrix 1 is not a rotation'
+bad '1 0 0 0 0 1 -0.2 0 0 0 0.98 0' 'matrix 1 is not a rotation'
 bad '1 0 0 0 0 1 0 0 0 0 1 nan' 'matrix 1 has a value'
 bad '1 0 0 0 0 1 0 0 0 0 1 x' "'x' is not a number"
 bad '# nothing' 'the file contains no cameras'

@@ -92,6 +92,8 @@ for end in usdc usda; do
     run "$bin/spin-import" --info "$work/late.$end"
     out_has "^splats  *0 to 2 a frame, mean 1" "$end: a frame without splats"
 done
+grep -q '^        [0-9]*: \[(.*),(.*)\],$' "$work/late.usda" && ! grep -q '\[,\|,\]' "$work/late.usda"
+ok $? "commas are between the values of text"
 
 # One file: what is refused, and what stays when it fails.
 run "$bin/spin-export" "$work/tracks.spin" -o "$work/frame_%d.usdc"

@@ -1024,6 +1024,7 @@ static void test_4d(void)
         ok(run_4d(&job, &s) == SPIN_OK && load(job.output), "4D splats, %s: %s", kinds[kind].what,
            spin_last_error());
         clip = clip_of(&doc);
+        ok(number(clip, "keep") > 0.2 && number(clip, "keep") < 0.3, "what narrow windows show");
         version = spin_json_at(spin_json_get(clip, "versions"), 0);
         ok(spin_json_length(spin_json_get(clip, "numbers")) == FRAMES &&
                decode_rows(version, kinds[kind].columns, &rows) && rows.n >= 25,
