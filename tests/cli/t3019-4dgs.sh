@@ -32,6 +32,10 @@ for source in ftgs_ply/sh1_clamped/scene.ftgs.ply stglite/supersplat4d_sh1/scene
     *) err_has "stores colours of 0 to 1: those of [0-9]* splats are clamped" "clamped colours are counted" ;;
     esac
 done
+run "$bin/spin-export" "$work/ftgs_ply-sh1_clamped.spin" -o "$work/short.4dgs" --range 0:1
+fails 1 spin-export "windows in time in one frame"
+err_has "a .4dgs needs a clip of two or more frames" "which a .4dgs cannot store"
+nothing_at "$work/short.4dgs" "nothing was written"
 obeys "$work/ftgs_ply-sh1_clamped.4dgs" "342 splats, 2 chunks, 1 windows, SH degree 1, 6.03333 s"
 obeys "$work/stglite-supersplat4d_sh1.4dgs" "150 splats, 2 chunks, 1 windows, SH degree 1, 2 s"
 obeys "$work/4dgs-birth_sh2.4dgs" "400 splats, 8 chunks, 4 windows, SH degree 2, 4 s"
