@@ -38,7 +38,7 @@ void spin_pages_release(void *block);
  * at once. The file has no name, and is deleted when the block is released or the process ends.
  * folder NULL: the block is kept in memory, as by spin_pages_reserve(). Not available on Windows.
  */
-#ifdef _WIN32
+#if defined _WIN32 || defined __EMSCRIPTEN__ /* in WebAssembly, files are in memory, too */
 enum { SPIN_PAGES_IN_FILES = 0 };
 #else
 enum { SPIN_PAGES_IN_FILES = 1 };
