@@ -373,6 +373,10 @@ static void test_damage(void)
         deep[n] = n ? '\x85' : 'N';
     deep[n++] = '.';
     refuses(parse(deep, n), "nested", "6000 tuples in one another");
+    deep[257] = '.';
+    ok(parse(deep, 258) == SPIN_OK, "256 tuples in one another");
+    memcpy(deep + 257, "\x85.", 2);
+    refuses(parse(deep, 259), "nested", "257 tuples");
     n = 0;
     wide[n++] = '(';
     while (n < sizeof wide - 2)

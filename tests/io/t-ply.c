@@ -442,8 +442,26 @@ static void test_speed(void)
     free(file);
 }
 
+static void check_antialiased(void)
+{
+    static const char *const yes[] = {"antialiased 1", "SplatRenderMode: mip",
+                                      "splatrendermode: MIP"},
+                             *const no[] = {"antialiased 0", "antialiased 10", "antialiased",
+                                            "SplatRenderMode: default"};
+    int wrong = 0;
+
+    for (int i = 0; i < 7; i++) {
+        char *comments[] = {"first", (char *)(uintptr_t)(i < 3 ? yes[i] : no[i - 3])};
+        const struct spin_ply ply = {.comment = comments, .n_comments = 2};
+
+        wrong += spin_ply_is_antialiased(&ply) != (i < 3);
+    }
+    ok(wrong == 0, "comments that say how splats were trained");
+}
+
 TAP_MAIN
 {
+    check_antialiased();
     test_variants();
     test_truncated_fixture();
     test_every_length("ply/variants/base.ply", 1, true);
