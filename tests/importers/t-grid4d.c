@@ -1,5 +1,6 @@
 /* grid4d: settings from cfg_args or options, and malformed files.
  * K: grid4d import threads */
+#include "importers/lib/run_config.h"
 #include "tests/importers/hashfields.h"
 
 #define FROM "grid4d"
@@ -42,8 +43,31 @@ static const struct lie lies[] = {
     {NETWORK, "pair", "Deformable 3D Gaussians", "a single state dict"},
 };
 
+/* Three numbers of a setting: a list, a tuple, or one number for all. */
+static void test_numbers(void)
+{
+    static const char *const good[] = {"7", "[7, 7,7]", "(7.0,7, 0.7e1)", "(7,7,7,)"};
+    static const char *const bad[] = {"",         "x",       "[7,7]", "(7,7,7,7)", "[7 7 7]",
+                                      "[7,,7,7]", "(7,7,x)", "[]",    "[",         "7,7,7"};
+    int wrong = 0;
+
+    for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
+        double v[3] = {0};
+        struct cfg_span s = {good[i], good[i] + strlen(good[i])};
+
+        wrong += !spin_cfg_numbers(s, 3, v) || v[0] != 7 || v[1] != 7 || v[2] != 7;
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+        double v[3];
+
+        wrong += spin_cfg_numbers((struct cfg_span){bad[i], bad[i] + strlen(bad[i])}, 3, v);
+    }
+    ok(wrong == 0, "three numbers of a setting: %d are read wrong", wrong);
+}
+
 TAP_MAIN
 {
+    test_numbers();
     const char *root = check_fixture(FROM), *dash = check_fixture("dash"), *model;
 
     spin_log_set_level(-2);
