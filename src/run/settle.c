@@ -22,7 +22,11 @@
 #define QUARTILE_FACTOR 2.5
 #define MEDIAN_FACTOR 5
 #define BEHIND 1.05 /* a splat is visible up to this factor times the depth of the background */
-#define FILL_OPACITY 0.1f /* rows of other frames fill holes only above this opacity */
+/* Rows of other frames fill a hole only above this opacity, and only where at least this share of
+ * the frames has such static rows. Fewer frames have splats that float in empty space, each frame
+ * in other places, so that those of all frames together would hide the scene. */
+#define FILL_OPACITY 0.1f
+#define FILL_SHARE 0.25
 /* Points are drawn as splats with this logit of the opacity, and with a standard deviation of their
  * distance to their neighbours, limited to this factor times the mean distance. */
 #define POINT_LOGIT 4
@@ -34,16 +38,19 @@ enum {
     LEAST_FRAMES = 8,   /* with captured images; fewer frames hardly tell motion from noise */
     LEAST_CHANGE = 12,  /* smallest threshold, in 255ths, above which a pixel has changed */
     LEAST_CAPTURED = 6, /* the same for captured images */
-    MEDIAN_FRAMES = 31, /* largest number of frames from which the median over time is computed */
-    FRAMES = 8,         /* those of them that are examined for each splat, besides its own frame */
+    LEAST_SAMPLES = 8,  /* sampled frames of large images */
+    MEDIAN_FRAMES = 31, /* largest number of sampled frames; one bit less than a uint32_t has */
+    OWN = 31,           /* bit of the frame whose splats are examined, unless it is a sample */
     CELLS = 100,        /* cells along the longest side of the grid */
-    DEPTH_STEP = 3,     /* of more than FRAMES frames, every third serves to find the background */
+    DEPTH_STEP = 3,     /* of more than LEAST_SAMPLES frames, every third gives the background */
     BLUR = 2,           /* radius of the box filter that is applied to renders */
 };
 
-/* Numbers of rows in a cell of the grid, in one frame. */
-struct cell_count {
-    uint32_t n, n_dynamic;
+struct cell {
+    uint32_t n, n_dynamic; /* numbers of rows in the current frame */
+    /* number of frames with static rows above FILL_OPACITY; 1 + the last such frame */
+    uint32_t n_frames, last;
+    bool taken; /* the cell or a neighbouring cell contains a static row of `base` */
 };
 
 struct settling {
@@ -65,19 +72,17 @@ struct settling {
     uint8_t *part; /* [plane] */
     /* The median over time is computed from the frames sample[0] to sample[n_samples - 1]. */
     int sample[MEDIAN_FRAMES], n_samples;
-    uint8_t *picture; /* [n_samples][n_cameras][3][plane] blurred renders of these frames */
-    uint8_t *median;  /* [n_cameras][3][plane] */
-    /* [n_samples + 1][n_cameras][plane] difference of the renders from the median; the last row is
-     * that of the frame whose splats are examined, if it is not among the samples */
-    uint8_t *change;
+    uint8_t *picture;  /* [n_samples][n_cameras][3][plane] blurred renders of these frames */
+    uint8_t *median;   /* [n_cameras][3][plane] */
+    uint8_t *change;   /* [plane] difference of an image from the median */
+    uint32_t *changed; /* [n_cameras][plane] bit k: the pixel has changed in sample k */
     int threshold;
     float *background;   /* [n_cameras][plane] depth of the farthest surface over time */
     uint8_t **mark;      /* [n_frames][rows] 1: static; 2: static and stored in `base` */
     double low[3], cell; /* lowest corner and cell size of the grid */
     int dim[3];
     size_t n_cells;
-    /* [cells] 1: the cell or a neighbouring cell contains a static row; 0: the cell is a hole */
-    uint8_t *taken;
+    struct cell *grid;       /* [n_cells] */
     struct spin_splats base; /* the static rows */
     double keep[2];          /* the shares of static and of dynamic rows to keep */
     struct spin_splats frame, out;
@@ -113,7 +118,7 @@ spin_status spin_settle_applies(struct spin_bundle *bundle, bool *applies)
 
 int spin_settle_step(int n_frames, double n_pixels)
 {
-    int most = (int)fmax(FRAMES, fmin(MEDIAN_FRAMES, MOST_BYTES / (3 * n_pixels)));
+    int most = (int)fmax(LEAST_SAMPLES, fmin(MEDIAN_FRAMES, MOST_BYTES / (3 * n_pixels)));
 
     return (n_frames + most - 1) / most;
 }
@@ -218,7 +223,8 @@ static spin_status open_images(struct settling *s, int n_threads)
     SPIN_TRY(spin_alloc(s->plane, 1, (void **)&s->part));
     SPIN_TRY(spin_alloc((size_t)s->n_samples, 3 * all, (void **)&s->picture));
     SPIN_TRY(spin_alloc(3, all, (void **)&s->median));
-    SPIN_TRY(spin_alloc((size_t)s->n_samples + 1, all, (void **)&s->change));
+    SPIN_TRY(spin_alloc(s->plane, 1, (void **)&s->change));
+    SPIN_TRY(spin_alloc(all, sizeof *s->changed, (void **)&s->changed));
     SPIN_TRY(spin_alloc(all, sizeof *s->background, (void **)&s->background));
     return open_player(s, n_threads);
 }
@@ -289,7 +295,7 @@ static spin_status draw_samples(struct settling *s)
     uint8_t *picture = s->picture;
 
     for (int k = 0; k < s->n_samples; k++) {
-        bool has_depth = s->n_samples <= FRAMES || k % DEPTH_STEP == 0;
+        bool has_depth = s->n_samples <= LEAST_SAMPLES || k % DEPTH_STEP == 0;
 
         if (has_depth || !s->captured)
             SPIN_TRY(show(s, s->sample[k]));
@@ -320,11 +326,12 @@ static uint8_t median_of(const uint8_t *value, int n, size_t step)
     return sorted[n / 2];
 }
 
-/* Sets `change` [plane] to the largest difference, over the colour channels, between an image of
- * camera c and the median. */
-static void compare(const struct settling *s, int c, const uint8_t *picture, uint8_t *change)
+/* Sets s->change to the largest difference, over the colour channels, between an image of camera c
+ * and the median. */
+static void compare(const struct settling *s, int c, const uint8_t *picture)
 {
     const uint8_t *median = s->median + (size_t)c * 3 * s->plane;
+    uint8_t *change = s->change;
 
     memset(change, 0, s->plane);
     for (int k = 0; k < 3; k++, picture += s->plane, median += s->plane)
@@ -350,44 +357,56 @@ static int quantile(const size_t count[256], double share, size_t all)
  * that do not show motion. These are most of the pixels, but their share is unknown: the upper
  * quartile measures a flicker that is stronger in some places, unless these places move, so the
  * median limits its effect. */
-static void set_threshold(struct settling *s)
+static void set_threshold(struct settling *s, const size_t count[256], size_t all)
 {
-    size_t all = (size_t)s->n_samples * (size_t)s->n_cameras * s->plane;
-    size_t count[256] = {0};
-    double flicker;
+    double flicker = fmin(QUARTILE_FACTOR * quantile(count, 0.75, all),
+                          MEDIAN_FACTOR * quantile(count, 0.5, all));
 
-    for (size_t i = 0; i < all; i++)
-        count[s->change[i]]++;
-    flicker = fmin(QUARTILE_FACTOR * quantile(count, 0.75, all),
-                   MEDIAN_FACTOR * quantile(count, 0.5, all));
     s->threshold = (int)fmax(s->captured ? LEAST_CAPTURED : LEAST_CHANGE, flicker);
+}
+
+/* Sets bit k of s->changed, for camera c and an image of it. */
+static void mark_changes(struct settling *s, int k, int c, const uint8_t *picture)
+{
+    uint32_t *changed = s->changed + (size_t)c * s->plane, bit = (uint32_t)1 << k;
+
+    compare(s, c, picture);
+    for (size_t i = 0; i < s->plane; i++)
+        changed[i] = (changed[i] & ~bit) | (s->change[i] > s->threshold ? bit : 0);
 }
 
 static void find_changes(struct settling *s)
 {
-    size_t row = 3 * (size_t)s->n_cameras * s->plane;
+    size_t row = 3 * (size_t)s->n_cameras * s->plane, n = (size_t)(s->n_samples * s->n_cameras);
+    size_t count[256] = {0};
 
     for (size_t i = 0; i < row; i++)
         s->median[i] = median_of(s->picture + i, s->n_samples, row);
-    for (int k = 0; k < s->n_samples * s->n_cameras; k++)
-        compare(s, k % s->n_cameras, s->picture + (size_t)k * 3 * s->plane,
-                s->change + (size_t)k * s->plane);
-    set_threshold(s);
+    for (size_t k = 0; k < n; k++) {
+        compare(s, (int)k % s->n_cameras, s->picture + k * 3 * s->plane);
+        for (size_t i = 0; i < s->plane; i++)
+            count[s->change[i]]++;
+    }
+    set_threshold(s, count, n * s->plane);
+    for (size_t k = 0; k < n; k++)
+        mark_changes(s, (int)k / s->n_cameras, (int)k % s->n_cameras,
+                     s->picture + k * 3 * s->plane);
 }
 
-/* Sets *row to the row of s->change of frame f, which is computed unless f is among the samples. */
-static spin_status changes_of(struct settling *s, int f, int *row)
+/* Sets the bits OWN of s->changed to the changes of frame f, and *is_sample to whether f is among
+ * the samples, whose bits are set already. */
+static spin_status changes_of(struct settling *s, int f, bool *is_sample)
 {
-    uint8_t *change = s->change + (size_t)s->n_samples * (size_t)s->n_cameras * s->plane;
-
-    for (*row = 0; *row < s->n_samples; ++*row)
-        if (s->sample[*row] == f)
-            return SPIN_OK;
+    *is_sample = false;
+    for (int k = 0; k < s->n_samples; k++)
+        *is_sample |= s->sample[k] == f;
+    if (*is_sample)
+        return SPIN_OK;
     if (!s->captured)
         SPIN_TRY(show(s, f));
     for (int c = 0; c < s->n_cameras; c++) {
         SPIN_TRY(draw_blurred(s, f, c, s->picture));
-        compare(s, c, s->picture, change + (size_t)c * s->plane);
+        mark_changes(s, OWN, c, s->picture);
     }
     return SPIN_OK;
 }
@@ -405,28 +424,24 @@ static bool sees(const struct settling *s, int c, const float point[3], size_t *
     return pixel[2] <= BEHIND * (double)s->background[(size_t)c * s->plane + *at];
 }
 
-/* Returns whether a splat is static in its own frame, whose row in s->change is `own`, and in
- * FRAMES of the samples. */
-static bool is_static(const struct settling *s, const float point[3], int own)
+/* Returns whether a splat is static in the frames of which `bits` contains the bits. */
+static bool is_static(const struct settling *s, const float point[3], uint32_t bits)
 {
-    int row[FRAMES + 1] = {own}, changed[FRAMES + 1] = {0}, n = 1, seen = 0;
+    int changed[OWN + 1] = {0}, seen = 0;
     double share = s->captured ? SHARE_CAPTURED : SHARE;
 
-    for (; n <= FRAMES && n <= s->n_samples; n++)
-        row[n] = (n - 1) * s->n_samples / (s->n_samples < FRAMES ? s->n_samples : FRAMES);
     for (int c = 0; c < s->n_cameras; c++) {
+        uint32_t mask;
         size_t at;
 
         if (!sees(s, c, point, &at))
             continue;
         seen++;
-        for (int k = 0; k < n; k++) {
-            size_t image = (size_t)row[k] * (size_t)s->n_cameras + (size_t)c;
-
-            changed[k] += s->change[image * s->plane + at] > s->threshold;
-        }
+        mask = s->changed[(size_t)c * s->plane + at] & bits;
+        for (int k = 0; k <= OWN; k++)
+            changed[k] += mask >> k & 1;
     }
-    for (int k = 0; k < n; k++)
+    for (int k = 0; k <= OWN; k++)
         if (seen >= 2 && changed[k] >= share * seen)
             return false;
     return true;
@@ -486,19 +501,26 @@ static spin_status make_grid(struct settling *s)
         s->low[c] -= s->cell;
     }
     s->n_cells = (size_t)s->dim[0] * (size_t)s->dim[1] * (size_t)s->dim[2];
-    return spin_alloc(s->n_cells, 1, (void **)&s->taken);
+    return spin_alloc(s->n_cells, sizeof *s->grid, (void **)&s->grid);
 }
 
 /* ---- Static and dynamic rows ----------------------------------------------------------------- */
 
+static bool is_opaque(const struct spin_splats *rows, size_t i)
+{
+    return !rows->logit_opacities ||
+           spin_sigmoid_of((double)rows->logit_opacities[i]) > (double)FILL_OPACITY;
+}
+
 /* Marks each dynamic row as static unless the share CROWD of the rows around it, in its cell and in
  * the neighbouring ones, is dynamic. A moving object consists of many splats; a lone one has only
- * flickered. count: [n_cells], overwritten. */
-static void settle_lone_rows(const struct settling *s, struct cell_count *count, uint8_t *mark)
+ * flickered. */
+static void settle_lone_rows(struct settling *s, uint8_t *mark)
 {
-    memset(count, 0, s->n_cells * sizeof *count);
+    for (size_t k = 0; k < s->n_cells; k++)
+        s->grid[k].n = s->grid[k].n_dynamic = 0;
     for (size_t i = 0; i < s->frame.n; i++) {
-        struct cell_count *c = &count[cell_of(s, s->frame.means + 3 * i)];
+        struct cell *c = &s->grid[cell_of(s, s->frame.means + 3 * i)];
 
         c->n++;
         c->n_dynamic += !mark[i];
@@ -507,7 +529,7 @@ static void settle_lone_rows(const struct settling *s, struct cell_count *count,
         size_t n = 0, n_dynamic = 0;
 
         for (int k = 0; k < 27 && !mark[i]; k++) {
-            const struct cell_count *c = &count[neighbour_of(s, s->frame.means + 3 * i, k)];
+            const struct cell *c = &s->grid[neighbour_of(s, s->frame.means + 3 * i, k)];
 
             n += c->n;
             n_dynamic += c->n_dynamic;
@@ -516,23 +538,36 @@ static void settle_lone_rows(const struct settling *s, struct cell_count *count,
     }
 }
 
+/* Counts frame f in each cell that contains a static row above FILL_OPACITY. */
+static void count_static_frames(struct settling *s, int f)
+{
+    for (size_t i = 0; i < s->frame.n; i++) {
+        struct cell *c = &s->grid[cell_of(s, s->frame.means + 3 * i)];
+
+        if (s->mark[f][i] && is_opaque(&s->frame, i) && c->last != (uint32_t)f + 1) {
+            c->last = (uint32_t)f + 1;
+            c->n_frames++;
+        }
+    }
+}
+
 static spin_status mark_rows(struct settling *s)
 {
-    SPIN_FREED struct cell_count *count = NULL;
-
     SPIN_TRY(read_rows(s, s->n_frames / 2));
     SPIN_TRY(make_grid(s));
-    SPIN_TRY(spin_alloc(s->n_cells, sizeof *count, (void **)&count));
     SPIN_TRY(spin_alloc((size_t)s->n_frames, sizeof *s->mark, (void **)&s->mark));
     for (int f = 0; f < s->n_frames; f++) {
-        int row;
+        uint32_t bits = ((uint32_t)1 << s->n_samples) - 1;
+        bool is_sample;
 
-        SPIN_TRY(changes_of(s, f, &row));
+        SPIN_TRY(changes_of(s, f, &is_sample));
+        bits |= is_sample ? 0 : (uint32_t)1 << OWN;
         SPIN_TRY(read_rows(s, f));
         SPIN_TRY(spin_alloc(s->frame.n + 1, 1, (void **)&s->mark[f]));
         for (size_t i = 0; i < s->frame.n; i++)
-            s->mark[f][i] = is_static(s, s->frame.means + 3 * i, row);
-        settle_lone_rows(s, count, s->mark[f]);
+            s->mark[f][i] = is_static(s, s->frame.means + 3 * i, bits);
+        settle_lone_rows(s, s->mark[f]);
+        count_static_frames(s, f);
         spin_progress_set(&s->progress, s->n_samples + f + 1, "%d frames", s->n_frames);
     }
     return SPIN_OK;
@@ -559,7 +594,7 @@ static spin_status find_static(struct settling *s, int n_threads)
 static void take_cells(struct settling *s, const float at[3])
 {
     for (int k = 0; k < 27; k++)
-        s->taken[neighbour_of(s, at, k)] = 1;
+        s->grid[neighbour_of(s, at, k)].taken = true;
 }
 
 static size_t n_sh(const struct spin_splats *s)
@@ -607,6 +642,14 @@ static spin_status append_base(struct settling *s, const uint8_t *mark)
     return SPIN_OK;
 }
 
+/* Returns whether a static row of another frame than the middle one fills a hole. */
+static bool fills_hole(const struct settling *s, size_t i)
+{
+    const struct cell *c = &s->grid[cell_of(s, s->frame.means + 3 * i)];
+
+    return !c->taken && is_opaque(&s->frame, i) && c->n_frames >= FILL_SHARE * s->n_frames;
+}
+
 /* Adds static rows of frame f: all of them if `first`, otherwise those in holes. Their cells are
  * marked only after all rows were examined, so that neighbouring rows of one frame can fill a hole
  * together. */
@@ -615,14 +658,9 @@ static spin_status add_static(struct settling *s, int f, bool first)
     uint8_t *mark = s->mark[f];
 
     SPIN_TRY(read_rows(s, f));
-    for (size_t i = 0; i < s->frame.n; i++) {
-        double opacity =
-            s->frame.logit_opacities ? spin_sigmoid_of((double)s->frame.logit_opacities[i]) : 1;
-
-        if (mark[i] && (first || (!s->taken[cell_of(s, s->frame.means + 3 * i)] &&
-                                  opacity > (double)FILL_OPACITY)))
+    for (size_t i = 0; i < s->frame.n; i++)
+        if (mark[i] && (first || fills_hole(s, i)))
             mark[i] = 2;
-    }
     for (size_t i = 0; i < s->frame.n; i++)
         if (mark[i] == 2)
             take_cells(s, s->frame.means + 3 * i);
@@ -732,7 +770,8 @@ static void close_settling(struct settling *s)
     free(s->median);
     free(s->change);
     free(s->background);
-    free(s->taken);
+    free(s->changed);
+    free(s->grid);
     free(s->pair);
     spin_image_cache_close(&s->photos);
     spin_pool_free(s->pool);

@@ -35,11 +35,12 @@ spin_status spin_settle_applies(struct spin_bundle *bundle, bool *applies);
  * Fails with SPIN_E_UNSUPPORTED, and writes nothing, if the images are captured and their cameras
  * move, are fewer than four, or lack images of a frame.
  *
- * A row is dynamic if, in its own frame or in one of eight others spread over the clip, the colour
- * of its pixel differs from the median of this pixel over time for most cameras that see it. The
- * dynamic rows are thus inside the visual hull of the motion. The test needs no matches between
+ * A row is dynamic if, in its own frame or in one of up to 31 others spread over the clip, the
+ * colour of its pixel differs from the median of this pixel over time for most cameras that see it.
+ * The dynamic rows are thus inside the visual hull of the motion. The test needs no matches between
  * rows, and ignores flicker below a threshold. The static rows are taken from the middle frame;
- * rows of other frames fill its holes. Captured images also settle points. */
+ * rows of other frames fill its holes, where a quarter of the frames have static rows. Captured
+ * images also settle points. */
 spin_status spin_settle(const struct spin_settle_options *o, struct spin_settled *settled);
 /* Returns the step between the frames whose images give the median over time. n_pixels: of the
  * images of one frame, from all cameras. */
