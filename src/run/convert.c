@@ -438,14 +438,14 @@ static spin_status inspect_bundle(struct convert *c)
 
 /* Sets options for training on renders. Exposures are off, since all renders have the same one. The
  * splats of dynamic and varying tracks learn no residual values per frame, which would only learn
- * the flicker of the source. */
+ * the flicker of the source. No splats are added: the source has enough unless the user wants fewer
+ * (--splats), and the halves of split splats grow where no render shows them, in front of walls. */
 static void set_recipe(const struct convert *c, struct spin_retrain_options *o)
 {
     if (o->method != SPIN_METHOD_4D) {
         o->residual = SPIN_RESIDUAL_SOURCE;
         o->dynamic_residual = false;
-        if (c->o->splats) /* do not add the splats again that were left out */
-            o->densify_every = 0;
+        o->densify_every = 0;
         if (c->tracks && o->iterations < 0)
             o->iterations = (int)(track_share * -o->iterations *
                                   spin_options_clip_iterations(c->n_frames) / spin_n_ranks());
