@@ -396,22 +396,10 @@ static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t
 
 /* ---- Merges ---------------------------------------------------------------------------------- */
 
-/* Returns whether row i of a retrained frame is row i of the same imported frame. Refined frames
- * have other rows than imported frames, and a training with densification adds and sorts rows, so
- * an equal number of rows does not prove that they correspond. */
-static bool preserves_rows(const struct spin_decimation *d)
-{
-    const struct spin_bundle *b = &d->clip->bundle;
-
-    return d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
-}
-
-/* Returns whether rows are merged: they must be the same splats in all frames, in those of the
- * source too if an exporter may show these beside the others. */
+/* Returns whether rows are merged: they must be the same splats in all frames. */
 static bool merges_rows(const struct spin_decimation *d)
 {
-    return d->sharing == ROWS && !d->splats_4d && !d->filter->varies &&
-           (d->frames->from == SPIN_FROM_SOURCE || preserves_rows(d));
+    return d->sharing == ROWS && !d->splats_4d && !d->filter->varies;
 }
 
 /* Reads the kept rows of up to SAMPLES frames. */
@@ -612,6 +600,16 @@ static spin_status drop_smallest(const struct spin_splats *all, size_t most, uns
     return SPIN_OK;
 }
 
+/* Returns whether row i of a retrained frame is row i of the same imported frame. Refined frames
+ * have other rows than imported frames, and a training with densification adds and sorts rows, so
+ * an equal number of rows does not prove that they correspond. */
+static bool preserves_rows(const struct spin_decimation *d)
+{
+    const struct spin_bundle *b = &d->clip->bundle;
+
+    return d->frames->from == SPIN_FROM_TRAINED && !b->trained_n && b->refined.columns == 0;
+}
+
 static spin_status drop_rows(void *context, int f, const struct spin_splats *all, bool source,
                              unsigned char *reason)
 {
@@ -635,15 +633,16 @@ static void drop_rows_4d(const void *context, unsigned char *reason)
             reason[i] = SPIN_ROW_DECIMATE;
 }
 
-/* Merges rows of a frame, except those that the filter dropped for other reasons. */
-static spin_status merge_rows(void *context, int f, const unsigned char *reason,
+/* Merges rows of a frame, except those that the filter dropped for other reasons. Rows of the
+ * source that do not correspond to those of the clip are not merged. */
+static spin_status merge_rows(void *context, int f, bool source, const unsigned char *reason,
                               const struct spin_splats **out)
 {
     struct spin_decimation *d = context;
     const struct spin_decimate_set *set = set_of(d, f);
     SPIN_FREED unsigned char *skip = NULL;
 
-    if (set->merges.n == 0 || (*out)->n != set->n)
+    if (set->merges.n == 0 || (*out)->n != set->n || (source && !preserves_rows(d)))
         return SPIN_OK;
     SPIN_TRY(spin_alloc(set->n + 1, 1, (void **)&skip));
     for (size_t i = 0; i < set->n; i++)
@@ -679,7 +678,7 @@ static spin_status read_part(struct spin_decimation *d, int f, bool kept)
 
     SPIN_TRY(read_frame(d, f, kept, &mark, &row));
     if (kept && !d->splats_4d)
-        SPIN_TRY(merge_rows(d, f, d->filter->reason, &all));
+        SPIN_TRY(merge_rows(d, f, false, d->filter->reason, &all));
     return spin_splats_select(all, mark, &d->part);
 }
 

@@ -406,7 +406,7 @@ spin_status spin_row_filter_reread(struct spin_row_filter *f, int frame,
     if (n_kept == (*splats)->n)
         return SPIN_OK;
     if (f->merge)
-        SPIN_TRY(f->merge(f->drop_context, frame, f->reason, splats));
+        SPIN_TRY(f->merge(f->drop_context, frame, false, f->reason, splats));
     SPIN_TRY(spin_splats_select(*splats, mark, &f->kept));
     *splats = &f->kept;
     return SPIN_OK;
@@ -447,7 +447,7 @@ spin_status spin_row_filter_source(struct spin_row_filter *f, int frame,
 
     SPIN_TRY(choose_rows(f, frame, all, true, &n_kept, &mark));
     if (f->merge)
-        SPIN_TRY(f->merge(f->drop_context, frame, f->reason, &all));
+        SPIN_TRY(f->merge(f->drop_context, frame, true, f->reason, &all));
     return spin_splats_select(all, mark, out);
 }
 

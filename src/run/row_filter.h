@@ -23,7 +23,7 @@ struct spin_row_filter {
     void (*drop_4d)(const void *context, unsigned char *reason);
     /* Sets *out to the splats of the frame in which rows that remain have the values of several
      * rows, or leaves it unchanged. Called after drop(). */
-    spin_status (*merge)(void *context, int frame, const unsigned char *reason,
+    spin_status (*merge)(void *context, int frame, bool source, const unsigned char *reason,
                          const struct spin_splats **out);
     void *drop_context;
     /* True if the options may drop a row in some frames and keep it in others. */
