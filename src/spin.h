@@ -171,6 +171,9 @@ void spin_splats_free(struct spin_splats *s);
  * rows. */
 spin_status spin_splats_select(const struct spin_splats *s, const unsigned char *mark,
                                struct spin_splats *out);
+/* Copies rows row[0..n-1] of s to *out in this order, with the same columns. */
+spin_status spin_splats_gather(const struct spin_splats *s, const uint32_t *row, size_t n,
+                               struct spin_splats *out);
 
 /* 4D splats: each has a path over time and a window in time, so it is stored once instead of in
  * every frame. At time t, with d = t - times[i], row i is a splat with

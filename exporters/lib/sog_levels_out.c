@@ -87,9 +87,7 @@ static void widen(double box[6], const struct spin_splats *s)
 
 static spin_status make_levels(struct writing *w, struct leaf *l)
 {
-    SPIN_TRY(spin_splats_reserve(&l->level[0], l->n, COLUMNS, w->splats->sh_degree));
-    for (size_t i = 0; i < l->n; i++)
-        copy_row(w->splats, w->tree.order[l->first + i], &l->level[0], i);
+    SPIN_TRY(spin_splats_gather(w->splats, w->tree.order + l->first, l->n, &l->level[0]));
     for (int c = 0; c < 6; c++)
         l->box[c] = c < 3 ? HUGE_VAL : -HUGE_VAL;
     widen(l->box, &l->level[0]);

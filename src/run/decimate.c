@@ -14,6 +14,7 @@ enum {
     HALVINGS = 8,  /* number of bisections to reach a given loss */
     SAMPLES = 4,   /* largest number of frames from which merges are chosen */
 };
+#define MOST_MERGED 0.75 /* largest share of the splats that are merged into others */
 /* How a splat of one frame is recognised in other frames: not at all, by its row, by its 4D splat
  * or by its track. */
 enum { NOTHING, ROWS, FOUR_D, TRACKS };
@@ -277,8 +278,8 @@ static int find_sharing(const struct spin_decimation *d)
     return d->frames->tracks.values ? TRACKS : NOTHING;
 }
 
-/* Sets item[i] to the index of the 4D splat or track that row i of frame f belongs to, or to NONE
- * for a single-frame splat. */
+/* Sets item[i] to the index of the row, 4D splat or track that row i of frame f belongs to, or to
+ * NONE for a single-frame splat. */
 static spin_status read_items(const struct spin_decimation *d, int f, size_t n, uint32_t *item)
 {
     struct spin_bundle *b = (struct spin_bundle *)(uintptr_t)&d->clip->bundle;
@@ -287,6 +288,11 @@ static spin_status read_items(const struct spin_decimation *d, int f, size_t n, 
     struct spin_bundle_values v;
     size_t k = 0;
 
+    if (d->sharing == ROWS) {
+        for (size_t i = 0; i < n; i++)
+            item[i] = (uint32_t)i;
+        return SPIN_OK;
+    }
     if (d->sharing == FOUR_D) {
         SPIN_TRY(spin_bundle_splats_4d(b, &s));
         for (size_t i = 0; i < s->n && k < n; i++)
@@ -370,14 +376,17 @@ static size_t most_of(const struct spin_decimate_set *set, enum spin_decimate_un
     return n < (double)set->n_counted ? (size_t)n : set->n_counted;
 }
 
-/* Visits the splats by descending weight, and keeps a splat if none of the frames that contain it
- * has reached the maximum number of splats per frame, which follows from `unit` and `amount`. */
-static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t n,
-                          enum spin_decimate_unit unit, double amount)
+/* Visits the sorted entries by descending weight, and keeps a splat if none of the frames that
+ * contain it has reached limit[set], the number of splats to keep in a frame. */
+static void keep_heaviest(struct spin_decimation *d, const struct entry *entry, size_t n,
+                          const size_t *limit)
 {
     size_t end;
 
-    qsort(entry, n, sizeof *entry, by_weight);
+    for (size_t i = 0; i < n; i++) {
+        d->set[entry[i].set].keep[entry[i].row] = 0;
+        d->set[entry[i].set].n_kept = 0;
+    }
     for (size_t i = 0; i < n; i = end) {
         bool fits = true;
 
@@ -385,8 +394,7 @@ static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t
         while (entry[i].item != NONE && end < n && entry[end].item == entry[i].item)
             end++;
         for (size_t k = i; k < end; k++)
-            fits =
-                fits && d->set[entry[k].set].n_kept < most_of(&d->set[entry[k].set], unit, amount);
+            fits = fits && d->set[entry[k].set].n_kept < limit[entry[k].set];
         for (size_t k = i; k < end && fits; k++) {
             d->set[entry[k].set].keep[entry[k].row] = 1;
             d->set[entry[k].set].n_kept++;
@@ -396,104 +404,214 @@ static void keep_heaviest(struct spin_decimation *d, struct entry *entry, size_t
 
 /* ---- Merges ---------------------------------------------------------------------------------- */
 
-/* Returns whether rows are merged: they must be the same splats in all frames. */
-static bool merges_rows(const struct spin_decimation *d)
+/* Returns whether splats may be merged: frames must share them, by rows, tracks or 4D splats. */
+static bool merges_splats(const struct spin_decimation *d)
 {
-    return d->sharing == ROWS && !d->splats_4d && !d->filter->varies;
+    return !d->splats_4d && d->sharing != NOTHING && !(d->sharing == ROWS && d->filter->varies);
 }
 
-/* Reads the kept rows of up to SAMPLES frames. */
-static spin_status read_samples(struct spin_decimation *d, struct spin_splats *sample, int n)
-{
-    for (int k = 0; k < n; k++) {
-        SPIN_FREED unsigned char *mark = NULL;
-        SPIN_FREED uint32_t *row = NULL;
-        int f = n > 1 ? k * (d->clip->n_frames - 1) / (n - 1) : 0;
+/* The splats that every frame contains and keeps, of which some are to be merged. */
+struct common {
+    uint32_t *item; /* [n] ascending */
+    float *weight;  /* [n] */
+    size_t n;
+};
 
-        SPIN_TRY(read_frame(d, f, true, &mark, &row));
-        SPIN_TRY(spin_splats_select(&d->splats, mark, &sample[k]));
+static int by_item(const void *a, const void *b)
+{
+    uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+
+    return (x > y) - (x < y);
+}
+
+/* Lists the common splats among the sorted entries, those of one splat being adjacent. */
+static spin_status list_common(const struct spin_decimation *d, const struct entry *entry, size_t n,
+                               struct common *out)
+{
+    size_t end, n_sets = (size_t)d->n_sets;
+    SPIN_FREED float *weight = NULL;
+    uint32_t most = 0;
+
+    SPIN_TRY(spin_grow(n / n_sets + 1, sizeof *out->item, (void **)&out->item));
+    SPIN_TRY(spin_grow(n / n_sets + 1, sizeof *out->weight, (void **)&out->weight));
+    out->n = 0;
+    for (size_t i = 0; i < n; i++)
+        if (entry[i].item != NONE && entry[i].item > most)
+            most = entry[i].item;
+    SPIN_TRY(spin_alloc((size_t)most + 1, sizeof *weight, (void **)&weight));
+    for (size_t i = 0; i < n; i = end) {
+        for (end = i + 1; entry[i].item != NONE && end < n && entry[end].item == entry[i].item;)
+            end++;
+        if (entry[i].item == NONE || end - i < n_sets ||
+            !d->set[entry[i].set].keep[entry[i].row])
+            continue;
+        weight[entry[i].item] = entry[i].weight;
+        out->item[out->n++] = entry[i].item;
     }
+    if (out->n > 0)
+        qsort(out->item, out->n, sizeof *out->item, by_item);
+    for (size_t i = 0; i < out->n; i++)
+        out->weight[i] = weight[out->item[i]];
     return SPIN_OK;
 }
 
-/* Plans the merges of the kept rows that leave n of them. */
-static spin_status plan_merges(struct spin_decimation *d, size_t n)
+/* Sets *row to an allocated array with the row of each of the items in frame f, whose `n` rows
+ * belong to item[n]; NONE: the frame does not contain the item. */
+static spin_status find_rows(const struct spin_decimation *d, int f, size_t n, size_t n_items,
+                             uint32_t **row)
+{
+    SPIN_FREED uint32_t *item = NULL;
+
+    SPIN_TRY(spin_alloc(n + 1, sizeof *item, (void **)&item));
+    SPIN_TRY(spin_alloc(n_items + 1, sizeof **row, (void **)row));
+    memset(*row, 0xff, (n_items + 1) * sizeof **row);
+    SPIN_TRY(read_items(d, f, n, item));
+    for (size_t i = 0; i < n; i++)
+        if (item[i] < n_items)
+            (*row)[item[i]] = (uint32_t)i;
+    return SPIN_OK;
+}
+
+/* Copies the common splats of frame f to *out. */
+static spin_status read_common(struct spin_decimation *d, int f, const struct common *c,
+                               struct spin_splats *out)
+{
+    SPIN_FREED unsigned char *mark = NULL;
+    SPIN_FREED uint32_t *unused = NULL, *row = NULL;
+
+    SPIN_TRY(read_frame(d, f, false, &mark, &unused));
+    SPIN_TRY(find_rows(d, f, d->splats.n, (size_t)c->item[c->n - 1] + 1, &row));
+    for (size_t i = 0; i < c->n; i++)
+        row[i] = row[c->item[i]]; /* item[i] >= i */
+    return spin_splats_gather(&d->splats, row, c->n, out);
+}
+
+/* Plans the merges that leave n of the common splats, which are more. */
+static spin_status plan_merges(struct spin_decimation *d, const struct common *c, size_t n)
 {
     struct spin_splats sample[SAMPLES] = {{0}};
-    struct spin_decimate_set *set = &d->set[0];
-    struct spin_merge_plan *plan = &set->merges;
     int n_samples = d->clip->n_frames < SAMPLES ? d->clip->n_frames : SAMPLES;
-    SPIN_FREED uint32_t *row = NULL;
-    SPIN_FREED float *seen = NULL;
     spin_status status = SPIN_OK;
-    size_t kept = 0;
 
-    SPIN_TRY_OUT(spin_alloc(set->n_kept + 1, sizeof *row, (void **)&row));
-    SPIN_TRY_OUT(spin_alloc(set->n_kept + 1, sizeof *seen, (void **)&seen));
-    for (size_t i = 0; i < set->n; i++)
-        if (set->keep[i]) {
-            seen[kept] = set->weight[i];
-            row[kept++] = (uint32_t)i;
-        }
-    SPIN_TRY_OUT(read_samples(d, sample, n_samples));
-    SPIN_TRY_OUT(spin_merge_plan_make(sample, n_samples, seen, n, plan));
-    for (size_t i = 0; i < plan->n; i++) {
-        if (plan->pair[i][0] != SPIN_MERGE_NONE)
-            plan->pair[i][0] = row[plan->pair[i][0]];
-        plan->pair[i][1] = row[plan->pair[i][1]];
-        set->keep[plan->pair[i][1]] = 0;
-    }
-    set->n_kept -= plan->n;
+    for (int k = 0; k < n_samples; k++)
+        SPIN_TRY_OUT(read_common(d, n_samples > 1 ? k * (d->clip->n_frames - 1) / (n_samples - 1) : 0,
+                                 c, &sample[k]));
+    SPIN_TRY_OUT(spin_merge_plan_make(sample, n_samples, c->weight, n, &d->merges));
+    for (size_t i = 0; i < d->merges.n; i++)
+        for (int k = 0; k < 2; k++)
+            if (d->merges.pair[i][k] != SPIN_MERGE_NONE)
+                d->merges.pair[i][k] = c->item[d->merges.pair[i][k]];
 out:
     for (int k = 0; k < SAMPLES; k++)
         spin_splats_free(&sample[k]);
     return status;
 }
 
-/* Chooses the rows to keep, and those to merge into them. Some of the excess is dropped before
+/* Marks the splats as not kept that the plan merges into others. */
+static spin_status leave_out_merged(struct spin_decimation *d)
+{
+    uint32_t n_items = 0;
+
+    for (size_t i = 0; i < d->merges.n; i++)
+        if (d->merges.pair[i][1] >= n_items)
+            n_items = d->merges.pair[i][1] + 1;
+    for (int s = 0; s < d->n_sets; s++) {
+        SPIN_FREED uint32_t *row = NULL;
+
+        SPIN_TRY(find_rows(d, s, d->set[s].n, n_items, &row));
+        for (size_t i = 0; i < d->merges.n; i++)
+            d->set[s].keep[row[d->merges.pair[i][1]]] = 0;
+        d->set[s].n_kept -= d->merges.n;
+    }
+    return SPIN_OK;
+}
+
+/* Returns the largest number of splats that a frame keeps beyond its limit. */
+static size_t most_excess(const struct spin_decimation *d, const size_t *limit)
+{
+    size_t most = 0;
+
+    for (int s = 0; s < d->n_sets; s++)
+        if (d->set[s].n_kept > limit[s] && d->set[s].n_kept - limit[s] > most)
+            most = d->set[s].n_kept - limit[s];
+    return most;
+}
+
+/* Chooses the splats to keep, and those to merge into them. Some of the excess is dropped before
  * merging, since both alone are worse: with 70, 50, 25 and 10 % of the splats of a frame of real
  * footage, images have 47.6, 35.3, 24.1 and 17.5 dB if the others are dropped, 44.0, 38.7, 33.7 and
- * 29.9 dB if nothing is dropped before, and 47.3, 40.5, 35.0 and 30.4 dB as here. */
-static spin_status choose_and_merge(struct spin_decimation *d, struct entry *entry, size_t n,
-                                    enum spin_decimate_unit unit, double amount)
+ * 29.9 dB if nothing is dropped before, and 47.3, 40.5, 35.0 and 30.4 dB as here.
+ *
+ * At most MOST_MERGED of the splats that all frames have are merged. If more would have to be, more
+ * are dropped before. */
+static spin_status keep_and_merge(struct spin_decimation *d, const struct entry *entry, size_t n,
+                                  const size_t *limit)
 {
-    size_t all = d->set[0].n_counted, most = most_of(&d->set[0], unit, amount);
-    double excess = (double)(all - most);
-    double merged = excess * fmin(0.5, excess / fmax((double)all, 1));
+    SPIN_FREED size_t *wider = NULL;
+    struct common common = {0};
+    spin_status status = SPIN_OK;
+    size_t n_merges = SIZE_MAX;
 
-    keep_heaviest(d, entry, n, SPIN_DECIMATE_SPLATS, (double)most + floor(merged));
-    return d->set[0].n_kept > most ? plan_merges(d, most) : SPIN_OK;
+    SPIN_TRY_OUT(spin_alloc((size_t)d->n_sets, sizeof *wider, (void **)&wider));
+    for (int attempt = 0; attempt < 4; attempt++) {
+        for (int s = 0; s < d->n_sets; s++) {
+            double all = (double)d->set[s].n_counted, excess = all - (double)limit[s];
+            double merged = floor(excess * fmin(0.5, excess / fmax(all, 1)));
+
+            wider[s] = limit[s] + (size_t)fmin(merged, (double)n_merges);
+        }
+        keep_heaviest(d, entry, n, wider);
+        SPIN_TRY_OUT(list_common(d, entry, n, &common));
+        if (most_excess(d, limit) <= (size_t)(MOST_MERGED * (double)common.n))
+            break;
+        n_merges = (size_t)(0.5 * MOST_MERGED * (double)common.n);
+    }
+    n_merges = most_excess(d, limit);
+    if (n_merges > (size_t)(MOST_MERGED * (double)common.n)) {
+        keep_heaviest(d, entry, n, limit);
+    } else if (n_merges > 0) {
+        SPIN_TRY_OUT(plan_merges(d, &common, common.n - n_merges));
+        SPIN_TRY_OUT(leave_out_merged(d));
+    }
+out:
+    free(common.item);
+    free(common.weight);
+    return status;
 }
+
+/* ---- The choice of all frames ---------------------------------------------------------------- */
 
 /* Chooses which splats to keep in the sets `first` to `end` - 1; other sets have no influence on
  * the choice. */
 static spin_status choose_sets(struct spin_decimation *d, int first, int end,
                                enum spin_decimate_unit unit, double amount)
 {
-    bool items = d->sharing == FOUR_D || d->sharing == TRACKS;
+    bool items = d->sharing == FOUR_D || d->sharing == TRACKS, merges = merges_splats(d);
     SPIN_FREED struct entry *entry = NULL;
     SPIN_FREED uint32_t *item = NULL;
+    SPIN_FREED size_t *limit = NULL;
     size_t n = 0, most = 0, all = 0;
 
     for (int s = first; s < end; s++) {
-        memset(d->set[s].keep, 0, d->set[s].n);
-        d->set[s].n_kept = 0;
-        spin_merge_plan_free(&d->set[s].merges);
         all += d->set[s].n_counted;
         most = d->set[s].n > most ? d->set[s].n : most;
     }
     SPIN_TRY(spin_alloc(all + 1, sizeof *entry, (void **)&entry));
     SPIN_TRY(spin_alloc(most + 1, sizeof *item, (void **)&item));
+    SPIN_TRY(spin_alloc((size_t)d->n_sets, sizeof *limit, (void **)&limit));
     for (int s = first; s < end; s++) {
-        if (items)
+        limit[s] = most_of(&d->set[s], unit, amount);
+        if (items || merges)
             SPIN_TRY(read_items(d, s, d->set[s].n, item));
-        n += add_entries(d, s, items ? item : NULL, entry + n);
+        n += add_entries(d, s, items || merges ? item : NULL, entry + n);
     }
     if (items)
         SPIN_TRY(take_means(entry, n));
-    if (merges_rows(d))
-        return choose_and_merge(d, entry, n, unit, amount);
-    keep_heaviest(d, entry, n, unit, amount);
+    qsort(entry, n, sizeof *entry, by_weight);
+    spin_merge_plan_free(&d->merges);
+    if (merges)
+        return keep_and_merge(d, entry, n, limit);
+    keep_heaviest(d, entry, n, limit);
     return SPIN_OK;
 }
 
@@ -568,8 +686,8 @@ void spin_decimation_close(struct spin_decimation *d)
     for (int s = 0; s < d->n_sets && d->set; s++) {
         free(d->set[s].weight);
         free(d->set[s].keep);
-        spin_merge_plan_free(&d->set[s].merges);
     }
+    spin_merge_plan_free(&d->merges);
     free(d->set);
     free(d->pairs);
     spin_splats_free(&d->splats);
@@ -639,17 +757,34 @@ static spin_status merge_rows(void *context, int f, bool source, const unsigned 
                               const struct spin_splats **out)
 {
     struct spin_decimation *d = context;
-    const struct spin_decimate_set *set = set_of(d, f);
+    struct spin_merge_plan rows = {0};
     SPIN_FREED unsigned char *skip = NULL;
+    SPIN_FREED uint32_t *row = NULL;
+    uint32_t n_items = 0;
+    spin_status status = SPIN_OK;
 
-    if (set->merges.n == 0 || (*out)->n != set->n || (source && !preserves_rows(d)))
+    if (d->merges.n == 0 || (*out)->n != set_of(d, f)->n || (source && !preserves_rows(d)))
         return SPIN_OK;
-    SPIN_TRY(spin_alloc(set->n + 1, 1, (void **)&skip));
-    for (size_t i = 0; i < set->n; i++)
+    for (size_t i = 0; i < d->merges.n; i++)
+        for (int k = 0; k < 2; k++)
+            if (d->merges.pair[i][k] != SPIN_MERGE_NONE && d->merges.pair[i][k] >= n_items)
+                n_items = d->merges.pair[i][k] + 1;
+    SPIN_TRY(find_rows(d, f, (*out)->n, n_items, &row));
+    SPIN_TRY(spin_alloc((*out)->n + 1, 1, (void **)&skip));
+    for (size_t i = 0; i < (*out)->n; i++)
         skip[i] = reason[i] && reason[i] != SPIN_ROW_DECIMATE;
-    SPIN_TRY(spin_merge_plan_apply(&set->merges, *out, skip, &d->merged));
+    SPIN_TRY_OUT(spin_alloc(d->merges.n, sizeof *rows.pair, (void **)&rows.pair));
+    for (rows.n = 0; rows.n < d->merges.n; rows.n++)
+        for (int k = 0; k < 2; k++) {
+            uint32_t item = d->merges.pair[rows.n][k];
+
+            rows.pair[rows.n][k] = item == SPIN_MERGE_NONE ? item : row[item];
+        }
+    SPIN_TRY_OUT(spin_merge_plan_apply(&rows, *out, skip, &d->merged));
     *out = &d->merged;
-    return SPIN_OK;
+out:
+    spin_merge_plan_free(&rows);
+    return status;
 }
 
 void spin_decimation_attach(struct spin_decimation *d)

@@ -45,7 +45,6 @@ struct spin_decimate_set {
     /* [n] the weight of each row; negative if the row filter drops the row */
     float *weight;
     unsigned char *keep;           /* [n], 1 if the decimation keeps the row, else 0 */
-    struct spin_merge_plan merges; /* rows that are merged into rows that are kept */
 };
 
 struct spin_decimation {
@@ -65,6 +64,7 @@ struct spin_decimation {
     struct spin_pair *pairs;
     size_t n_pairs;
     struct spin_viewpoints placed; /* cameras for measuring the loss, if the clip has none */
+    struct spin_merge_plan merges; /* of rows, tracks or 4D splats, as frames share them */
     struct spin_splats splats, merged, part;
 };
 

@@ -129,6 +129,24 @@ spin_status spin_splats_select(const struct spin_splats *s, const unsigned char 
     return SPIN_OK;
 }
 
+spin_status spin_splats_gather(const struct spin_splats *s, const uint32_t *row, size_t n,
+                               struct spin_splats *out)
+{
+    struct spin_splats from = *s;
+
+    SPIN_TRY(spin_splats_reserve(out, n, SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES, s->sh_degree));
+    out->antialias = s->antialias;
+    for (unsigned c = SPIN_COL_MEANS; c <= SPIN_COL_SH; c <<= 1) {
+        size_t width = spin_column_width(c, s->sh_degree);
+        const float *in = *spin_column_of(&from, c);
+        float *to = *spin_column_of(out, c);
+
+        for (size_t i = 0; i < n; i++)
+            memcpy(to + i * width, in + row[i] * width, width * sizeof *to);
+    }
+    return SPIN_OK;
+}
+
 spin_status spin_views_add(struct spin_views *views, const struct spin_view *v)
 {
     char *path = NULL, *mask = NULL;
