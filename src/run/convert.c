@@ -204,6 +204,22 @@ static spin_status check_output(const struct convert *c)
     return SPIN_OK;
 }
 
+/* Checks before the training that a clip of several frames is not to be written to a single file of
+ * a format that stores one frame per file. */
+static spin_status check_single_file(const struct convert *c)
+{
+    static const char *const formats[] = {"compressed-ply", "ply", "sog", "splat", "spz"};
+    const char *format = spin_exporter_for(c->output);
+
+    for (size_t i = 0; i < sizeof formats / sizeof *formats && c->n_frames > 1; i++)
+        if (format && strcmp(format, formats[i]) == 0 && !spin_path_is_folder(c->output) &&
+            !strpbrk(spin_path_name(c->output), "#%"))
+            return spin_misuse("cannot write %d frames to the single file '%s': a file of '%s' "
+                               "contains one frame; name a folder and give --to %s",
+                               c->n_frames, c->output, format, format);
+    return SPIN_OK;
+}
+
 /* Called if the output cannot be written. If the input is a data set and not a run, replaces the
  * error `status` by the description of the data set, which needs no output. */
 static spin_status explain_input(const struct convert *c, spin_status status)
@@ -415,6 +431,7 @@ static spin_status inspect_bundle(struct convert *c)
                     bundle.refined.columns;
     c->renders = retrains_on_renders(c, &bundle);
     c->n_frames = bundle.meta.n_frames;
+    SPIN_TRY(check_single_file(c));
     c->settles = c->renders && !bundle.meta.identity;
     if (c->has_data && !c->renders && !c->is_trained && !c->o->no_retrain)
         SPIN_TRY(spin_settle_applies(&bundle, &c->settles));

@@ -4,6 +4,7 @@
 # import if the exporter lacks them, and removes the imported bundle if it fails.
 . tests/cli/lib.sh
 bin=$(cd "$bin" && pwd)
+clip=$(pwd)/fixtures/court-mini
 mkdir "$work/run"
 cp $clip/params.npz "$work/run"
 cd "$work" || exit 1
@@ -53,4 +54,11 @@ is "$code" 1 "frames as 4D splats of another program"
 is "$(ls -d never* 2>/dev/null)" "" "leave nothing beside the output"
 run "$bin/spin4d" run -o up.html
 is "$code $(ls -d up*import* 2>/dev/null)" "1 " "nor if the bundle's name is taken"
+# Several frames do not fit in one file of a format with one frame per file. This is said before the
+# training.
+run "$bin/spin4d" "$clip" -o "$work/several.ply" -q
+fails 2 spin4d "six frames as one PLY"
+err_has "cannot write 6 frames to the single file '.*several.ply'.*--to ply" "says what to name instead"
+[ -z "$(find "$work" -name 'several*')" ]
+ok $? "and leaves nothing"
 done_testing
