@@ -442,6 +442,9 @@ struct spin_decimated {
      * if in_all is true. `before` excludes splats that other options drop, and is 0 without
      * --decimate. */
     double before, after;
+    /* Number of splats whose values were merged into others, in each frame; the rest of before -
+     * after was dropped. */
+    size_t merged;
     /* True: `before` and `after` are numbers of the whole clip. This is so for 4D splats, and for
      * splats that all frames share if filters drop some of them in some frames only. */
     bool in_all;

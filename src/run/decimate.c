@@ -892,6 +892,8 @@ spin_status spin_decimation_measure(struct spin_decimation *d, struct spin_decim
     }
     out->before /= d->n_sets;
     out->after /= d->n_sets;
+    for (size_t i = 0; i < d->merges.n; i++)
+        out->merged += d->merges.pair[i][0] != SPIN_MERGE_NONE;
     for (size_t k = 0; k < n_pictures; k++) {
         size_t at = d->n_pairs * k / n_pictures;
         int f = d->n_pairs > 0 ? d->pairs[at].frame : (int)(k * (size_t)n_frames / n_pictures);

@@ -673,6 +673,7 @@ static spin_json *decimated_json(const struct spin_decimated *d)
                   d->in_all ? "in all" : "a frame", "by",
                   d->by_views ? "their contribution to the images" : "opacity and size", "cameras",
                   d->by_views ? "training cameras" : "all around", "pictures", d->n_pictures);
+    spin_json_set(j, "merged", json_integer((json_int_t)d->merged));
     spin_json_set_number(j, "psnr", d->n_pictures > 0 ? d->psnr : (double)NAN);
     spin_json_set(j, "tries", json_integer(d->n_tries));
     spin_json_set(j, "reached",

@@ -253,8 +253,10 @@ def check_import(frames):
             values = [unit(v.astype(float)) for v in values]
         if name == "sh.rest":  # a splat's coefficients, each of three channels
             values = [v.reshape(-1, 3, 3).transpose(0, 2, 1).reshape(-1, 9) for v in values]
-        # The median of at most 65536 values, taken evenly from all frames.
-        some_of = np.sort(np.concatenate([v.ravel()[::-(-v.size // (65536 // 5))] for v in values]))
+        # The median of at most 65536 values, taken evenly from all frames and all components.
+        steps = [-(-v.size // (65536 // 5)) for v in values]
+        steps = [next(k for k in range(step, step + 60) if k == 1 or k % 2 and k % 3 and k % 5) for step in steps]
+        some_of = np.sort(np.concatenate([v.ravel()[::k] for k, v in zip(steps, values)]))
         near([r["min"], r["median"], r["max"]], [min(v.min() for v in values), some_of[len(some_of) // 2],
                                                  max(v.max() for v in values)], 1e-6, name)
 

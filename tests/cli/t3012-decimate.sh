@@ -28,7 +28,7 @@ run "$bin/spin-import" "$work/p" --info
 out_has "1000 a frame" "which come in again"
 run "$bin/spin-export" "$work/c.spin" --to spz -o "$work/s" --decimate 25%
 is "$code" 0 "a quarter of them"
-out_has "^decimated: .* splats a frame, by their contribution to the images; [0-9.]* dB against all splats in 16 images" \
+out_has "^decimated: .* splats a frame, by their contribution to the images; [0-9]* splats merged into these; [0-9.]* dB against all splats in 16 images" \
     "and what that loses is said"
 run "$bin/spin-export" "$work/c.spin" --to ply -o "$work/q" --decimate 500 --json
 is "$(of "d['psnr'] < $many")" True "half as many lose more"
