@@ -455,14 +455,17 @@ static spin_status inspect_bundle(struct convert *c)
 
 /* Sets options for training on renders. Exposures are off, since all renders have the same one. The
  * splats of dynamic and varying tracks learn no residual values per frame, which would only learn
- * the flicker of the source. No splats are added: the source has enough unless the user wants fewer
- * (--splats), and the halves of split splats grow where no render shows them, in front of walls. */
+ * the flicker of the source. No splats are split: the halves would grow where no render shows them,
+ * in front of walls. Faint splats are pruned, unless the user chose their number (--splats). */
 static void set_recipe(const struct convert *c, struct spin_retrain_options *o)
 {
     if (o->method != SPIN_METHOD_4D) {
         o->residual = SPIN_RESIDUAL_SOURCE;
         o->dynamic_residual = false;
-        o->densify_every = 0;
+        if (c->o->splats)
+            o->densify_every = 0;
+        else
+            o->densify_threshold = 1; /* prunes, but splits nothing */
         if (c->tracks && o->iterations < 0)
             o->iterations = (int)(track_share * -o->iterations *
                                   spin_options_clip_iterations(c->n_frames) / spin_n_ranks());
@@ -479,11 +482,12 @@ static const char *renders_from(const struct spin_convert_options *o)
 }
 
 /* Estimates the size of .tsog and .sogst files, in bytes. The constants are means of the clips in
- * docs/results.md, "Frames without images", of which the sizes differ by up to 20 %: the number of
- * 4D splats per static splat, and per dynamic splat of a frame, and the bytes of a 4D splat. */
-static uint64_t guess_bytes(const struct spin_settled *s)
+ * docs/results.md, "Frames without images", of which the sizes differ by up to 13 %: the number of
+ * 4D splats per static splat, and per dynamic splat of a frame, with and without pruning, and the
+ * bytes of a 4D splat. */
+static uint64_t guess_bytes(const struct spin_settled *s, bool prunes)
 {
-    const double per_static = 1.15, per_dynamic = 0.72, bytes = 14;
+    const double per_static = prunes ? 1.2 : 1.15, per_dynamic = prunes ? 0.47 : 0.72, bytes = 14;
 
     return (uint64_t)(bytes *
                       (per_static * s->n_static + per_dynamic * s->n_dynamic * s->n_frames));
@@ -514,7 +518,7 @@ static spin_status settle_clip(struct convert *c)
     SPIN_TRY(status);
     if (c->renders && (strcmp(c->to, "tsog") == 0 || strcmp(c->to, "sogst") == 0))
         snprintf(size, sizeof size, "; the clip will have about %s",
-                 spin_text_bytes(guess_bytes(&s), bytes));
+                 spin_text_bytes(guess_bytes(&s, !c->o->splats), bytes));
     spin_log(0, "of %.0f splats per frame, %.0f are static and stored once, and %.0f are dynamic%s",
              s.n_before, s.n_static, s.n_dynamic, size);
     return SPIN_OK;

@@ -94,7 +94,7 @@ is "$code" 0 "frames become 4D splats"
 err_has "static and stored once" "what stands still is stored once"
 is "$(echo $(ls -d moves.*))" "moves.import.spin moves.spin moves.tracks.spin moves.tsog" "what is kept"
 is "$(python3 -c 'import json,sys,zipfile
-print(json.load(zipfile.ZipFile(sys.argv[1]).open("meta.json"))["trained"]["options"]["densify_every"])' moves.tracks.spin)" 0 \
+print(json.load(zipfile.ZipFile(sys.argv[1]).open("meta.json"))["trained"]["options"]["densify_threshold"])' moves.tracks.spin)" 1 \
     "no splats are added to those of the frames"
 flicker=$(python3 -c 'import json,sys; e = json.load(open(sys.argv[1]))["eval"]; print(e["flicker"] < 1 and e["psnr"] > 20)' "$work/out")
 is "$flicker" True "it is measured in held-out views"
