@@ -424,7 +424,8 @@ static int by_item(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-/* Lists the common splats among the sorted entries, those of one splat being adjacent. */
+/* Lists the common splats among the sorted entries, of which those of one splat are adjacent and in
+ * the order of the sets. A track that has two rows in a frame is not common. */
 static spin_status list_common(const struct spin_decimation *d, const struct entry *entry, size_t n,
                                struct common *out)
 {
@@ -440,10 +441,14 @@ static spin_status list_common(const struct spin_decimation *d, const struct ent
             most = entry[i].item;
     SPIN_TRY(spin_alloc((size_t)most + 1, sizeof *weight, (void **)&weight));
     for (size_t i = 0; i < n; i = end) {
-        for (end = i + 1; entry[i].item != NONE && end < n && entry[end].item == entry[i].item;)
+        bool everywhere = entry[i].item != NONE;
+
+        for (end = i + 1; everywhere && end < n && entry[end].item == entry[i].item;)
             end++;
-        if (entry[i].item == NONE || end - i < n_sets ||
-            !d->set[entry[i].set].keep[entry[i].row])
+        everywhere = everywhere && end - i == n_sets && d->set[entry[i].set].keep[entry[i].row];
+        for (size_t k = i; k < end && everywhere; k++)
+            everywhere = entry[k].set == k - i;
+        if (!everywhere)
             continue;
         weight[entry[i].item] = entry[i].weight;
         out->item[out->n++] = entry[i].item;
