@@ -147,9 +147,45 @@ static void check_order(void)
     spin_splats_free(&again);
 }
 
+/* Equal splats: a round merges pairs that have no splat in common. Rows that a frame lacks, and
+ * rows to skip, take no part. */
+static void check_plan(void)
+{
+    enum { N = 8 };
+    struct spin_splats in = {0}, out = {0};
+    struct spin_merge_plan plan;
+    const double size[3] = {0.1, 0.1, 0.1};
+    unsigned char skip[N] = {0};
+    int uses[N] = {0};
+    bool disjoint = true;
+    uint32_t into;
+
+    start(&in, N, 0);
+    for (size_t i = 0; i < N; i++)
+        put(&in, i, 0, 0, 0, size, 0.3, 0.5);
+    ok(spin_merge_plan_make(&in, 1, NULL, N - 3, &plan) == SPIN_OK && plan.n == 3, "three merges");
+    for (size_t i = 0; i < plan.n; i++)
+        disjoint = disjoint && ++uses[plan.pair[i][0]] == 1 && ++uses[plan.pair[i][1]] == 1;
+    ok(disjoint, "of six splats");
+    into = plan.pair[0][0];
+    ok(spin_merge_plan_apply(&plan, &in, NULL, &out) == SPIN_OK && opacity_of(&out, into) > 0.5,
+       "two become one");
+    skip[plan.pair[0][1]] = 1;
+    ok(spin_merge_plan_apply(&plan, &in, skip, &out) == SPIN_OK && out.n == N, "one is skipped");
+    close_to(opacity_of(&out, into), 0.3, 1e-6, "the other stays as it is");
+    in.n = plan.pair[2][1];
+    ok(spin_merge_plan_apply(&plan, &in, NULL, &out) == SPIN_OK && out.n == in.n,
+       "a frame that lacks a row");
+    in.n = N;
+    spin_merge_plan_free(&plan);
+    spin_splats_free(&in);
+    spin_splats_free(&out);
+}
+
 TAP_MAIN
 {
     check_pair();
     check_opaque();
     check_order();
+    check_plan();
 }
