@@ -460,9 +460,11 @@ static spin_status read_sog_frame(struct clip *clip, unsigned columns, struct sp
     return SPIN_OK;
 }
 
-/* Sets *joined if a folder with a streamed SOG, written by spin-export, also contains the splats
- * that are not static, as one file per frame. */
-static spin_status is_joined(struct spin_model *m, const char *folder, bool *joined)
+/* Sets *joined if a folder, which spin-export wrote, contains the static splats of a clip as a
+ * streamed SOG with this index, and the others as one file per frame. index: NULL if the folder has
+ * no index, which then is an error if the frames need it. */
+static spin_status is_joined(struct spin_model *m, const char *folder, const char *index,
+                             bool *joined)
 {
     SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
     struct spin_file_sequence files = {0};
@@ -476,6 +478,11 @@ static spin_status is_joined(struct spin_model *m, const char *folder, bool *joi
     if (!still || strcmp(still, SPIN_SOG_LEVELS_FILE) != 0)
         return SPIN_OK;
     SPIN_TRY(spin_file_sequence_list(m, folder, ".sog", &files));
+    if (files.n_frames > 0 && !index)
+        return spin_not_found("'%s/" SPIN_SOG_LEVELS_FILE "' does not exist, but contains the "
+                              "static splats of these frames: copy it and the folders beside it, or "
+                              "remove '%s' to import the other splats only",
+                              folder, path);
     *joined = files.n_frames > 0;
     return SPIN_OK;
 }
@@ -541,8 +548,8 @@ static spin_status open_sog_clip(void *self, const char *path)
     bool is_clip = false;
 
     SPIN_TRY(spin_model_find(&clip->base, &index, path, SPIN_SOG_LEVELS_FILE));
-    if (index)
-        SPIN_TRY(is_joined(&clip->base, path, &is_clip));
+    if (spin_path_is_folder(path))
+        SPIN_TRY(is_joined(&clip->base, path, index, &is_clip));
     if (is_clip) {
         SPIN_TRY(read_still(clip, path, index));
         return open_clip(clip, &joined, path);

@@ -193,8 +193,7 @@ static spin_status write_leaves(struct writing *w, int level, size_t index, size
     return write_chunk(w, level, index, &s);
 }
 
-/* Removes the folders of chunks of this level from number `index` on, which a former export left.
- */
+/* Removes the folders of chunks of this level from number `index` on. */
 static spin_status remove_former(const struct spin_sog_levels_out *x, int level, size_t index)
 {
     for (;; index++) {
@@ -305,10 +304,22 @@ static spin_status make_index(struct writing *w)
                     : spin_fail(SPIN_E_MEMORY, "not enough memory for '" SPIN_SOG_INDEX "'");
 }
 
+/* Removes the index of a former export, since the chunks that it lists are about to be replaced. */
+static spin_status remove_index(const struct spin_sog_levels_out *x)
+{
+    SPIN_FREED char *path = NULL;
+
+    SPIN_TRY(spin_path_join(x->folder, SPIN_SOG_INDEX, &path));
+    if (spin_path_exists(path))
+        (void)spin_out_remove(path);
+    return SPIN_OK;
+}
+
 spin_status spin_sog_levels_write(struct spin_sog_levels_out *x, const struct spin_splats *splats)
 {
     struct writing w = {.x = x, .splats = splats, .images.level = x->effort};
     spin_status status = SPIN_OK;
+    bool replacing = false; /* true: chunks of a former export may be lost */
 
     w.rows.pool = x->pool;
     w.rows.turn.kind = SPIN_TURN_NONE;
@@ -317,9 +328,13 @@ spin_status spin_sog_levels_write(struct spin_sog_levels_out *x, const struct sp
     SPIN_TRY_OUT(make_leaves(&w));
     for (size_t i = 0; i < w.n_leaves; i++)
         w.leaf[i].lods = spin_json_object();
+    SPIN_TRY_OUT(remove_index(x));
+    replacing = true;
     SPIN_TRY_OUT(write_chunks(&w));
     SPIN_TRY_OUT(make_index(&w));
 out:
+    for (int level = 0; level < SPIN_SOG_MOST_LEVELS && replacing && status != SPIN_OK; level++)
+        (void)remove_former(x, level, 0);
     for (size_t i = 0; i < w.n_leaves; i++) {
         json_decref(w.leaf[i].lods);
         for (int k = 0; k < SPIN_SOG_MOST_LEVELS; k++)

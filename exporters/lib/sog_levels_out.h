@@ -25,8 +25,8 @@ struct spin_sog_levels_out {
     char *index;                         /* the text of the index, which the caller writes last */
 };
 
-/* Writes the chunks of these splats, which must have all attributes, and creates the index. Folders
- * of chunks that a former export left in the folder, and that this one does not use, are removed.
- */
+/* Writes the chunks of these splats, which must have all attributes, and creates the index. The
+ * index of a former export to the folder is removed, and so are those of its chunks that this one
+ * does not replace. If writing a chunk fails, no chunks are left. */
 spin_status spin_sog_levels_write(struct spin_sog_levels_out *x, const struct spin_splats *splats);
 void spin_sog_levels_out_free(struct spin_sog_levels_out *x);

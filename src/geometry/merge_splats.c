@@ -312,7 +312,9 @@ static spin_status write_splat(const struct merged *m, size_t i, struct spin_spl
     double log_scale[3], quat[4], opacity = fmax(m->opacity, 1e-7);
 
     if (!spin_covariance_split(m->cov, log_scale, quat))
-        return spin_malformed("a splat has a scale that is too large to be merged");
+        return spin_malformed("splat %zu is too large to be merged with others: drop splats of "
+                              "that size with --max-scale 1",
+                              i);
     for (size_t c = 0; c < 3; c++) {
         out->means[3 * i + c] = (float)m->mean[c];
         out->log_scales[3 * i + c] = (float)log_scale[c];

@@ -121,6 +121,20 @@ is "$("$bin/spin-import" --info "$work/coarse.spin" | awk '/^splats/ { print $2 
 "$bin/spin-import" -q "$work/s/lod-meta.json" -o "$work/still.spin"
 is "$("$bin/spin-import" --info "$work/still.spin" | awk '/^splats/ { print $2 }')" 21000 "the index alone is the static part"
 
+# Without the static splats, the frames would be incomplete.
+mkdir "$work/cut" && cp "$work/s/sequence.json" "$work"/s/*.sog "$work/cut"
+run "$bin/spin-import" "$work/cut" -o "$work/cut.spin"
+fails 1 spin-import "frames without their static splats"
+err_has "cut/lod-meta.json' does not exist, but contains the static splats of these frames" "says what is missing"
+
+# An export that fails leaves neither chunks nor the index of the chunks that it has replaced.
+cp -r "$work/s" "$work/broken" && rm -r "$work/broken/2_0" && : >"$work/broken/2_0"
+run "$bin/spin-export" -q "$work/in.spin" --to streamed-sog --range 5:6 -o "$work/broken" --force
+is "$code" 1 "a chunk that cannot be written"
+err_has "cannot make folder '.*broken/2_0': a file has that name" "says which"
+[ ! -e "$work/broken/lod-meta.json" ] && [ ! -e "$work/broken/0_0" ] && [ ! -e "$work/broken/1_0" ]
+ok $? "the former index and the new chunks are gone"
+
 # Rotations apply to both parts.
 "$bin/spin-export" -q "$work/in.spin" --to streamed-sog --rotate 90,0,0 -o "$work/turned" &&
     "$bin/spin-import" -q "$work/turned" -o "$work/turned.spin" --force &&
