@@ -58,7 +58,7 @@ static spin_status write_levels(struct export *x)
     char count[48], coarse[48];
 
     SPIN_TRY(copy_rows(&x->frames.rows, &splats));
-    x->levels.folder = x->frames.folder.path;
+    x->levels.output = &x->frames.folder;
     x->levels.pool = x->frames.rows.pool;
     x->levels.effort = x->images.level;
     x->levels.antialias = job->antialias;

@@ -146,8 +146,9 @@ static spin_status write_chunk(struct writing *w, int level, size_t index,
     uint64_t bytes;
 
     snprintf(name, sizeof name, "%d_%zu", level, index);
-    SPIN_TRY(spin_path_join(x->folder, name, &folder));
+    SPIN_TRY(spin_path_join(x->output->path, name, &folder));
     SPIN_TRY(spin_folder_make(folder));
+    spin_output_folder_mark(x->output, folder);
     SPIN_TRY(spin_splat_rows_choose(&w->rows, s));
     SPIN_TRY(spin_sort_rows_fill(&w->order, &w->rows));
     SPIN_TRY(spin_alloc(spin_splat_rows_blocks(&w->rows) + 1, sizeof *quant, (void **)&quant));
@@ -201,7 +202,7 @@ static spin_status remove_former(const struct spin_sog_levels_out *x, int level,
         char name[48];
 
         snprintf(name, sizeof name, "%d_%zu", level, index);
-        SPIN_TRY(spin_path_join(x->folder, name, &folder));
+        SPIN_TRY(spin_path_join(x->output->path, name, &folder));
         SPIN_TRY(spin_path_join(folder, "meta.json", &meta));
         if (!spin_path_exists(meta))
             return SPIN_OK;
@@ -309,7 +310,7 @@ static spin_status remove_index(const struct spin_sog_levels_out *x)
 {
     SPIN_FREED char *path = NULL;
 
-    SPIN_TRY(spin_path_join(x->folder, SPIN_SOG_INDEX, &path));
+    SPIN_TRY(spin_path_join(x->output->path, SPIN_SOG_INDEX, &path));
     if (spin_path_exists(path))
         (void)spin_out_remove(path);
     return SPIN_OK;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "exporters/lib/sog_images.h"
+#include "io/output.h"
 
 #define SPIN_SOG_INDEX "lod-meta.json"
 
@@ -11,7 +12,7 @@ enum { SPIN_SOG_MOST_LEVELS = 8 };
 
 struct spin_sog_levels_out {
     /* Set by the caller. */
-    const char *folder; /* an existing folder */
+    struct spin_output_folder *output; /* the folders of all chunks are marked as written */
     struct spin_pool *pool;
     int n_levels; /* 1 to SPIN_SOG_MOST_LEVELS; level k has about 1/4^k of the splats */
     int effort;   /* effort of WebP, 0 to 9 */

@@ -248,6 +248,64 @@ static spin_status add_former(struct spin_output_folder *x, const char *name)
     return is_regular(path) ? spin_strdup(name, &x->former[x->n_former++].name) : SPIN_OK;
 }
 
+static bool is_true_folder(const char *path)
+{
+    struct stat st;
+
+    return lstat(path, &st) == 0 && S_ISDIR(st.st_mode);
+}
+
+/* Returns the number of characters of the folder's name in an entry of lod-meta.json, such as 4 for
+ * "0_12/meta.json", or 0 if the entry has another form. Anybody may have written the file, so other
+ * folders are not accepted. */
+static size_t chunk_folder_length(const char *entry)
+{
+    static const char digits[] = "0123456789";
+    size_t level = strspn(entry, digits), number;
+
+    if (level == 0 || entry[level] != '_')
+        return 0;
+    number = strspn(entry + level + 1, digits);
+    return number > 0 && strcmp(entry + level + 1 + number, "/meta.json") == 0 ? level + 1 + number
+                                                                               : 0;
+}
+
+/* Adds the folders of the chunks of a streamed SOG that spin4d wrote. */
+static spin_status add_former_chunks(struct spin_output_folder *x)
+{
+    SPIN_LEAVES(spin_json_freed) spin_json *root = NULL;
+    SPIN_FREED char *index = NULL;
+    const spin_json *names;
+    const char *generator;
+
+    SPIN_TRY(spin_path_join(x->path, "lod-meta.json", &index));
+    if (!is_regular(index) || spin_json_load(index, &root) != SPIN_OK)
+        return SPIN_OK;
+    spin_inputs_own(index); /* this export may replace the file although it was read */
+    generator = spin_json_string(spin_json_get(spin_json_get(root, "asset"), "generator"));
+    names = spin_json_get(root, "filenames");
+    if (!generator || strncmp(generator, "spin4d ", 7) != 0 || spin_json_length(names) == 0)
+        return SPIN_OK;
+    SPIN_TRY(
+        spin_grow(x->n_former + spin_json_length(names), sizeof *x->former, (void **)&x->former));
+    for (size_t i = 0; i < spin_json_length(names); i++) {
+        const char *entry = spin_json_string(spin_json_at(names, i));
+        size_t n = entry ? chunk_folder_length(entry) : 0;
+        SPIN_FREED char *name = NULL, *path = NULL;
+
+        if (n == 0)
+            continue;
+        SPIN_TRY(spin_strdup(entry, &name));
+        name[n] = '\0';
+        SPIN_TRY(spin_path_join(x->path, name, &path));
+        if (!is_true_folder(path))
+            continue;
+        x->former[x->n_former++] = (struct spin_output_former){.name = name, .is_folder = true};
+        name = NULL;
+    }
+    return SPIN_OK;
+}
+
 /* Returns the file name in an entry of sequence.json, or NULL if the name is not accepted. Since
  * anybody may have written sequence.json, a name is accepted only if it contains the number of the
  * frame and no folder. */
@@ -287,7 +345,7 @@ static spin_status add_all_former(struct spin_output_folder *x, const spin_json 
         if (name)
             SPIN_TRY(add_former(x, name));
     }
-    return SPIN_OK;
+    return format && strcmp(format, "streamed-sog") == 0 ? add_former_chunks(x) : SPIN_OK;
 }
 
 static spin_status read_former(struct spin_output_folder *x)
@@ -325,6 +383,27 @@ void spin_output_folder_mark(struct spin_output_folder *x, const char *path)
         found->written = true;
 }
 
+/* Removes the folder of a chunk and the files that an export writes to it, and adds their number to
+ * *n. Returns false if the folder contains other files, which are kept. */
+static bool remove_chunk(const char *folder, size_t *n)
+{
+    char **names = NULL;
+    size_t n_names = 0;
+
+    if (spin_folder_list(folder, &names, &n_names) != SPIN_OK)
+        return false;
+    for (size_t i = 0; i < n_names; i++) {
+        SPIN_FREED char *path = NULL;
+
+        if (strcmp(names[i], "meta.json") != 0 && !spin_text_ends_any_case(names[i], ".webp"))
+            continue;
+        if (spin_path_join(folder, names[i], &path) == SPIN_OK && is_regular(path))
+            *n += unlink(path) == 0;
+    }
+    spin_folder_list_free(names);
+    return rmdir(folder) == 0;
+}
+
 void spin_output_folder_remove_former(struct spin_output_folder *x)
 {
     size_t n = 0, n_left = 0;
@@ -335,8 +414,11 @@ void spin_output_folder_remove_former(struct spin_output_folder *x)
 
         if (x->former[i].written)
             continue;
-        if (spin_path_join(x->path, x->former[i].name, &path) == SPIN_OK && is_regular(path) &&
-            unlink(path) == 0)
+        if (spin_path_join(x->path, x->former[i].name, &path) != SPIN_OK)
+            n_left++;
+        else if (x->former[i].is_folder)
+            n_left += spin_path_is_taken(path) && !remove_chunk(path, &n);
+        else if (is_regular(path) && unlink(path) == 0)
             n++;
         else
             n_left++;

@@ -42,10 +42,12 @@ void spin_output_lock_drop(struct spin_output_lock *lock);
 
 #define SPIN_SEQUENCE "sequence.json"
 
-/* A file of a former export to the same folder, as listed in its sequence.json. */
+/* A file of a former export to the same folder, as listed in its sequence.json, or the folder of a
+ * chunk, as listed in the index of a streamed SOG. */
 struct spin_output_former {
     char *name;
-    bool written; /* this export has overwritten the file */
+    bool is_folder;
+    bool written; /* this export has overwritten it */
 };
 
 /* A folder that an export fills: call spin_output_folder_begin(), write the files, then call

@@ -149,12 +149,17 @@ ok $? "static and moving splats are rotated alike"
 # A single frame is static as a whole. Fewer levels replace those of the former export.
 run "$bin/spin-export" "$work/in.spin" --to streamed-sog --range 5:6 --levels 3 -o "$work/s" --force
 is "$code" 0 "one frame replaces the clip"
+is "$(grep -c warning: "$work/err")" 0 "no file stays, so nothing is said of it"
 valid "$work/s" 21050 3 "with three levels"
 is "$(ls "$work/s")" "0_0
 1_0
 2_0
 lod-meta.json
 sequence.json" "files of the former export are removed"
+echo mine >"$work/s/notes"
+run "$bin/spin-export" "$work/in.spin" --to streamed-sog --range 5:6 --levels 3 -o "$work/s" --force
+err_has "'$work/s' was not empty: files that are not overwritten stay in it" "a file that does stay is announced"
+rm "$work/s/notes"
 "$bin/spin-import" -q "$work/s" -o "$work/one.spin"
 rows "$work/in.spin" 5 >"$work/a"
 rows "$work/one.spin" 5 >"$work/b"
@@ -162,6 +167,8 @@ cmp "$work/a" "$work/b" 2>"$work/err"
 ok $? "it is imported with its number"
 run "$bin/spin-export" -q "$work/in.spin" --to streamed-sog --range 5:6 --levels 1 -o "$work/one"
 valid "$work/one" 21050 1 "one level"
+run "$bin/spin-export" "$work/in.spin" --to ply --range 5:6 -o "$work/s" --force
+is "$(grep -c warning: "$work/err") $(ls "$work/s" | tr '\n' ' ')" "0 frame_00005.ply sequence.json " "another format replaces the chunks, too"
 
 run "$bin/spin-export" "$work/in.spin" --to streamed-sog -o "$work/x.sog"
 fails 2 spin-export "a file as the output"

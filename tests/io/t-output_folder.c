@@ -150,6 +150,60 @@ static void test_foreign(void)
     check_present("frame_00001.ply mine8.txt", "", "a list that cannot be read");
 }
 
+/* Writes the index of a streamed SOG with these chunks, and the list of the export. */
+static void put_index(const char *generator, const char *chunks)
+{
+    char text[600];
+
+    snprintf(text, sizeof text, "{\"asset\": {\"generator\": \"%s\"}, \"filenames\": [%s]}",
+             generator, chunks);
+    put_file("lod-meta.json", text);
+    put_file("sequence.json", "{\"generator\": \"spin4d 0.0\", \"format\": \"streamed-sog\"}");
+}
+
+static void put_chunk(const char *name)
+{
+    char file[80];
+
+    mkdir(path_of(name), 0777);
+    snprintf(file, sizeof file, "%s/meta.json", name);
+    put_file(file, "old");
+    snprintf(file, sizeof file, "%s/quats.webp", name);
+    put_file(file, "old");
+}
+
+/* The folders of chunks that a former streamed SOG lists, and foreign ones. */
+static void test_chunks(void)
+{
+    static const char *const names[] = {"0_0", "1_0", "2_0", "3_x", "away", "mine"};
+
+    snprintf(folder, sizeof folder, "%s/chunks", check_folder());
+    mkdir(folder, 0777);
+    put_chunk("0_0");
+    put_chunk("1_12");
+    put_index("spin4d 0.0", "\"0_0/meta.json\", \"1_12/meta.json\", \"1_12/meta.json\"");
+    export_frames("ply", 1, 2, true);
+    ok(!*warned, "chunks that are removed cause no warning: %s", warned);
+    check_present("frame_00001.ply sequence.json", "0_0 1_12 lod-meta.json",
+                  "chunks of a former export");
+    if (symlink("away", path_of("1_12")) != 0)
+        exit(1);
+    for (int i = 0; i < 2; i++) {
+        for (int k = 0; k < 6; k++)
+            put_chunk(names[k]);
+        put_file("2_0/notes", "mine");
+        put_index(i ? "spin4d 0.0" : "another 1.0",
+                  "\"0_0/meta.json\", \"1_12/meta.json\", \"2_0/meta.json\", \"mine/meta.json\", "
+                  "\"3_x/meta.json\", \"../chunks/1_0/meta.json\", \"1_0/quats.webp\", 4");
+        export_frames("ply", 1, 2, true);
+        check_present("1_0/meta.json 2_0/notes away/meta.json mine/meta.json 3_x/meta.json",
+                      i ? "0_0 2_0/meta.json" : "", "other folders, links and files stay");
+        ok((access(path_of("0_0"), F_OK) == 0) == (i == 0), "only chunks of this program go");
+        ok(i == 0 || strstr(warned, "cannot remove 1 file"), "the folder of a file is kept: %s",
+           warned);
+    }
+}
+
 static void test_abandon(void)
 {
     struct spin_output_folder out;
@@ -172,5 +226,6 @@ TAP_MAIN
     test_former();
     test_unnumbered();
     test_foreign();
+    test_chunks();
     test_abandon();
 }
