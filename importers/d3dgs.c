@@ -413,7 +413,10 @@ static const struct spin_plugin_option tc3dgs_options[] = {
      "or all for the whole clip, if the presence is low on average, in any frame or in all frames; "
      "none to ignore the mask",
      "frame"},
-    {"tc-threshold", "P", "presence at or below which a Gaussian is hidden, 0 to 1", "0.1"},
+    {"tc-threshold", "P",
+     "presence below which a Gaussian is hidden, 0 to 1; --tc-mask frame also hides one that is "
+     "equal",
+     "0.1"},
     {NULL, NULL, NULL, NULL},
 };
 

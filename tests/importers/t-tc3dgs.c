@@ -95,6 +95,36 @@ static void test_options(void)
     ok(model_open("tc3dgs", path, beyond, &run) == SPIN_E_USAGE, "or is not a probability");
 }
 
+/* A presence of exactly the threshold: training draws a Gaussian whose presence is above it, and
+ * the pruning before its tests removes those whose presence is below it. */
+static void test_equality(void)
+{
+    static const char *const modes[] = {"frame", "avg", "any", "all"};
+    const uint64_t shape[] = {T, N, 1};
+    const char *path;
+
+    for (int i = 0; i < T * N; i++)
+        mask[i] = i % N == 0 ? 0.0f : i % N == 1 ? -0.001f : i % N == 2 ? 0.001f : 1.0f;
+    path = make_run(3, shape);
+    for (int k = 0; k < 4; k++) {
+        const char *options[] = {"tc-mask", modes[k], "tc-threshold", "0.5", NULL};
+        struct spin_splats s = {0};
+        struct run run;
+
+        if (!ok(model_open("tc3dgs", path, options, &run) == SPIN_OK, "opens: %s",
+                spin_last_error()))
+            continue;
+        ok(run.sequence.counts[0] == (k == 0 ? 2 : 3) && run.sequence.counts[2] == (k == 0 ? 2 : 3),
+           "%s: the threshold itself %s", modes[k], k == 0 ? "hides" : "does not hide");
+        ok(run.importer->frame(run.self, 1, 0, SPIN_COL_MEANS, &s) == SPIN_OK &&
+               s.n == run.sequence.counts[1] && s.means[0] == numbers[3 * N + (k == 0 ? 6 : 0)],
+           "and a frame has as many rows");
+        run_close(&run);
+        spin_splats_free(&s);
+    }
+    fill();
+}
+
 TAP_MAIN
 {
     const char *root = check_fixture("tc3dgs");
@@ -103,6 +133,7 @@ TAP_MAIN
     fill();
     test_shapes();
     test_options();
+    test_equality();
     if (root)
         ok(read_truncations("tc3dgs", path_in(root, "trained/params.npz")) == 0,
            "no truncation of a fixture can be read");
