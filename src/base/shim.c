@@ -100,6 +100,7 @@ static bool load_object(struct search *s, const char *path)
 
     if (access(path, R_OK) != 0)
         return false;
+    s->shim->refused = false;
     if (ends_process(path)) {
         snprintf(s->shim->why, sizeof s->shim->why,
                  "its libraries need more memory than `ulimit -v` allows");
@@ -120,18 +121,27 @@ static bool load_object(struct search *s, const char *path)
 }
 
 /* Whether users other than root, the current user and the owner of the program's file can write to
- * path. */
+ * path. The reason then also states what to do. */
 static bool is_writable_by_others(struct search *s, const char *path)
 {
+    struct spin_shim *shim = s->shim;
     struct stat st;
 
     if (stat(path, &st) != 0)
         return false; /* a missing file is left to load_object() */
-    if (!(st.st_mode & (S_IWGRP | S_IWOTH)) &&
-        (st.st_uid == 0 || st.st_uid == geteuid() || st.st_uid == s->owner))
+    if (st.st_mode & (S_IWGRP | S_IWOTH))
+        snprintf(shim->why, sizeof shim->why,
+                 "'%.350s' is writable by its group or by all users: remove these permissions with "
+                 "chmod go-w",
+                 path);
+    else if (st.st_uid != 0 && st.st_uid != geteuid() && st.st_uid != s->owner)
+        snprintf(shim->why, sizeof shim->why,
+                 "'%.350s' belongs to user %lu, who is neither root, nor you, nor the owner of the "
+                 "program: change its owner with chown",
+                 path, (unsigned long)st.st_uid);
+    else
         return false;
-    snprintf(s->shim->why, sizeof s->shim->why, "'%.400s' is writable by others, see spin4d(7)",
-             path);
+    shim->refused = true;
     return true;
 }
 
@@ -209,6 +219,7 @@ spin_status spin_shim_load(struct spin_shim *shim, const void **table)
     pthread_mutex_lock(&mutex);
     if (!shim->tried) {
         *shim->why = '\0';
+        shim->refused = false;
         *table = find_table(shim);
     }
     found = *table != NULL;
@@ -219,6 +230,9 @@ spin_status spin_shim_load(struct spin_shim *shim, const void **table)
     if (!shim->tried)
         return spin_fail(SPIN_E_MEMORY, "%s '%s' cannot be loaded for lack of memory: %s",
                          shim->lacking, shim->file, shim->why);
+    if (shim->refused)
+        return spin_unsupported("%s '%s' is refused: %s (see spin4d(7))", shim->lacking, shim->file,
+                                shim->why);
     return spin_unsupported("%s '%s' is missing or cannot be loaded%s%s (" HINT ")", shim->lacking,
                             shim->file, *shim->why ? ": " : "", shim->why, shim->debian);
 }

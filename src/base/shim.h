@@ -16,6 +16,7 @@ struct spin_shim {
     const char *lacking;
     const char *debian; /* Debian packages that are needed to build the shared object */
     bool tried;
+    bool refused;  /* other users could have written the object; `why` states what to do */
     char why[512]; /* why the shared object cannot be loaded; "" if its file does not exist */
 };
 

@@ -42,19 +42,22 @@ for mode in 775 757; do
     export_glb
     fails 1 spin-export "an object of mode $mode"
     loads no "an object of mode $mode is not loaded"
-    err_has "'$tree/lib/spin-gltf.so' is writable by others, see spin4d(7)" "an object of mode $mode: it says why"
+    err_has "shim 'spin-gltf.so' is refused: '$tree/lib/spin-gltf.so' is writable by its group or by all users: \
+remove these permissions with chmod go-w (see spin4d(7))$" "an object of mode $mode: it says why, and what to do"
+    is "$(grep -c "on Debian: install" "$work/err")" 0 "but advises no packages, which are not missing"
     chmod 755 "$tree/lib/spin-gltf.so"
     chmod $mode "$tree/lib"
     export_glb
     loads no "nor one in a folder of mode $mode"
-    err_has "'$tree/lib' is writable by others, see" "a folder of mode $mode: it says why"
+    err_has "'$tree/lib' is writable by its group or by all users" "a folder of mode $mode: it says why"
     chmod 755 "$tree/lib"
 done
 for what in "$tree/lib/spin-gltf.so" "$tree/lib"; do
     if chown 65534 "$what" 2>/dev/null; then
         export_glb
         loads no "of somebody else: ${what##*/}"
-        err_has "'$what' is writable by others" "of somebody else: ${what##*/}: it says why"
+        err_has "'$what' belongs to user 65534, who is neither root, nor you, nor the owner of the program: \
+change its owner with chown (see spin4d(7))$" "of somebody else: ${what##*/}: it says why"
         chown 65534 "$tree/bin/spin-export"
         export_glb
         loads yes "the owner of the program is trusted: ${what##*/}"
@@ -63,7 +66,11 @@ for what in "$tree/lib/spin-gltf.so" "$tree/lib"; do
         skip "objects of somebody else" "root alone can give files away"
     fi
 done
-rm "$tree/lib/spin-gltf.so"
+chmod 775 "$tree/lib/spin-gltf.so"
+put_trap "$tree/lib/spin4d"
+export_glb
+err_has "cannot be loaded: '$tree/lib/spin4d/spin-gltf.so' belongs to another version" "the reason is that of the last object tried"
+rm -r "$tree/lib/spin-gltf.so" "$tree/lib/spin4d"
 
 for folder in up/lib up/lib/spin4d up/tree/lib up/tree/build/lib up/tree/build/release/bin/lib; do
     put_trap "$work/$folder"
