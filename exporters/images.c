@@ -23,7 +23,9 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,
     SPIN_DRAWING_OPTIONS,
     {"fps", "F",
-     "frames per second for --duration and in EXR files; default: the bundle's, else 30", NULL},
+     "frames per second for --duration and in EXR files; default: that of the file of --path, else "
+     "the bundle's; if unknown, EXR files have none and --duration uses 30",
+     NULL},
     {"format", "png|exr", "file format; default: by the pattern, else png", NULL},
     {"bits", "N",
      "bits per channel: 8 or 16 in PNG, 16 (half floats) or 32 in EXR; default: the lower", NULL},
@@ -255,7 +257,8 @@ static spin_status parse_film(struct export *x)
     SPIN_TRY(spin_option_word(v, "transfer", "linear|srgb", &word));
     x->film.linear = x->film.exr && word == 0;
     x->clamps = spin_plugin_value(v, "clamp", NULL) != NULL;
-    x->film.fps = x->drawing.file.fps > 0 ? x->drawing.file.fps : x->job->fps;
+    /* A file of --camera holds the camera still: its images show the clip at the clip's rate. */
+    x->film.fps = x->drawing.file.fps > 0 && !x->drawing.fixed ? x->drawing.file.fps : x->job->fps;
     SPIN_TRY(spin_option_number(v, "fps", 0.01, 1000, &x->film.fps));
     x->wants_depth = spin_plugin_value(v, "depth", NULL) != NULL;
     if (!x->film.exr && x->wants_depth)

@@ -9,8 +9,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,
     SPIN_DRAWING_OPTIONS,
     {"fps", "F",
-     "frames per second; default: the bundle's, else 30, or fewer if the video would take less "
-     "than two seconds",
+     "frames per second; default: that of the file of --path, else the bundle's, else 30, or fewer "
+     "if the video would take less than two seconds",
      NULL},
     {"quality", "Q", "0 (best) to 51 (smallest)", "18"},
     {0},

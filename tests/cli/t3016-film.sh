@@ -231,6 +231,28 @@ a, b, c, d = (exr(p) for p in sys.argv[1:])
 assert a["Z"].shape == (48, 96) and c["Z"].shape == (720, 1280)
 assert abs(a["ZMedian"].mean() - 5) + abs(b["ZMedian"].mean() - 3) < 1e-4
 assert abs(c["ZMedian"].mean() - 5) + abs(d["ZMedian"].mean() - 3) < 1e-4' "$work"/studio/*.exr "$work"/list/*.exr
+# The rate in EXR files is that of --fps, else of the file of --path, else of the clip. A file of
+# --camera has one still camera, whose images follow the clip.
+"$bin/spin-export" -q "$work/walls.spin" --to ply --fps 25 -o "$work/paced" &&
+    "$bin/spin-import" -q "$work/paced" -o "$work/paced.spin"
+ok $? "a clip with a frame rate"
+rate() { # WANT CLIP OPTION...
+    want=$1 of=$2
+    shift 2
+    rm -rf "$work/rates"
+    run "$bin/spin-export" "$work/$of.spin" --to images --format exr -o "$work/rates" "$@"
+    is "$code" 0 "draws $of $(echo "$*" | sed 's|/[^ ]*/||g')"
+    holds "which has the rate $want" '
+import struct
+head = exr_head(sys.argv[1])[0]
+got = struct.unpack("<iI", head["framesPerSecond"])[0] if "framesPerSecond" in head else 0
+assert got == int(sys.argv[2]), got' "$(find "$work/rates" -name '*00000.exr')" "$want"
+}
+rate 12 paced --path "$work/studio.json"
+rate 25 paced --path "$work/list.json"
+rate 25 paced --camera "$work/studio.json"
+rate 48 paced --camera "$work/studio.json" --fps 48
+rate 0 walls --camera "$work/studio.json"
 bad() { # TEXT MESSAGE OPTION...
     printf '%s\n' "$1" >"$work/bad.txt"
     text=$2
