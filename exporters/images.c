@@ -23,8 +23,8 @@ static const struct spin_plugin_option options[] = {
     SPIN_DRAWING_OPTION_PATH,
     SPIN_DRAWING_OPTIONS,
     {"fps", "F",
-     "frames per second for --duration and in EXR files; default: that of the file of --path, else "
-     "the bundle's; if unknown, EXR files have none and --duration uses 30",
+     "frames per second for --duration and in EXR files; default: that of --path FILE or the "
+     "bundle",
      NULL},
     {"format", "png|exr", "file format; default: by the pattern, else png", NULL},
     {"bits", "N",
