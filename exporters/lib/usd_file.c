@@ -36,12 +36,15 @@ static void code_row(void *self, size_t row, unsigned char *out, struct spin_qua
         memmove(value, value + 1, 3 * sizeof *value);
         value[3] = w;
     }
-    if (!spin_usd_is_half(x))
+    if (!spin_usd_is_half(x)) {
+        spin_little_endian(value, n);
         memcpy(out, value, n * sizeof *value);
+    }
     for (size_t k = 0; k < n && spin_usd_is_half(x); k++) {
-        uint16_t half = (uint16_t)spin_usd_half_bits(value[k]);
+        uint32_t half = spin_usd_half_bits(value[k]);
 
-        memcpy(out + k * sizeof half, &half, sizeof half);
+        out[2 * k] = (unsigned char)half;
+        out[2 * k + 1] = (unsigned char)(half >> 8);
     }
 }
 

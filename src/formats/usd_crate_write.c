@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/base.h"
+#include "formats/gaussian.h"
 #include "math/approx.h"
 
 enum { HEAD = 88, SECTIONS = 6, KIND_ATTRIBUTE = 1, KIND_PRIM = 6, KIND_ROOT = 7 };
@@ -38,6 +39,31 @@ static void append_int(struct bytes *b, uint64_t v, unsigned n)
     for (unsigned i = 0; i < n; i++)
         at[i] = (unsigned char)(v >> 8 * i);
     append(b, at, n);
+}
+
+/* Returns the size of the numbers of which values of a type consist. */
+static unsigned number_bytes(enum spin_usdc_type type)
+{
+    bool half = type == SPIN_USDC_HALF || type == SPIN_USDC_QUATH || type == SPIN_USDC_HALF3;
+
+    return half ? 2 : type == SPIN_USDC_MATRIX4D ? 8 : 4;
+}
+
+/* Appends numbers of `width` bytes, 2, 4 or 8, which are `bytes` bytes in total. */
+static void append_numbers(struct bytes *b, const void *data, size_t bytes, unsigned width)
+{
+    const unsigned char *from = data;
+    uint16_t half = 0;
+    uint32_t word = 0;
+    uint64_t wide = 0;
+
+    for (size_t at = 0; at < bytes; at += width) {
+        memcpy(width == 8   ? (void *)&wide
+               : width == 4 ? (void *)&word
+                            : (void *)&half,
+               from + at, width);
+        append_int(b, width == 8 ? wide : width == 4 ? word : half, width);
+    }
 }
 
 static uint64_t word_of(int type, bool is_array, bool is_inline, uint64_t payload)
@@ -94,7 +120,10 @@ uint64_t spin_usdc_reserve(struct spin_usdc_writer *w, enum spin_usdc_type type,
 uint64_t spin_usdc_value(struct spin_usdc_writer *w, enum spin_usdc_type type, const void *data,
                          size_t bytes)
 {
-    return word_of((int)type, false, false, append_bytes(w, data, bytes));
+    struct bytes b = {.n = 0};
+
+    append_numbers(&b, data, bytes, number_bytes(type));
+    return word_of((int)type, false, false, put_bytes(w, &b));
 }
 
 uint64_t spin_usdc_array(struct spin_usdc_writer *w, enum spin_usdc_type type, size_t n,
@@ -103,7 +132,7 @@ uint64_t spin_usdc_array(struct spin_usdc_writer *w, enum spin_usdc_type type, s
     struct bytes b = {.n = 0};
 
     append_int(&b, n, 8);
-    append(&b, data, n * bytes);
+    append_numbers(&b, data, n * bytes, number_bytes(type));
     return word_of((int)type, true, false, put_bytes(w, &b));
 }
 
@@ -116,9 +145,12 @@ uint64_t spin_usdc_float(float v)
 
 uint64_t spin_usdc_double(struct spin_usdc_writer *w, double v)
 {
+    struct bytes b = {.n = 0};
+
     if ((double)(float)v == v)
         return word_of(DOUBLE, false, true, spin_bits_of_float((float)v));
-    return word_of(DOUBLE, false, false, append_bytes(w, &v, sizeof v));
+    append_numbers(&b, &v, sizeof v, sizeof v);
+    return word_of(DOUBLE, false, false, put_bytes(w, &b));
 }
 
 /* Returns the index of a token, which is added if it is new. */
@@ -185,7 +217,7 @@ uint64_t spin_usdc_samples(struct spin_usdc_writer *w, const double *time, const
     uint64_t times;
 
     append_int(&b, n, 8);
-    append(&b, time, n * sizeof *time);
+    append_numbers(&b, time, n * sizeof *time, sizeof *time);
     times = word_of(DOUBLE_VECTOR, false, false, put_bytes(w, &b));
     append_int(&b, 8, 8); /* distance in bytes from this field to the word of the times */
     append_int(&b, times, 8);
@@ -282,7 +314,8 @@ static void list_children(struct spin_usdc_writer *w, size_t i, bool attributes,
         free(b.data);
         return;
     }
-    memcpy(b.data, &n, sizeof n);
+    for (unsigned k = 0; k < 8; k++)
+        b.data[k] = (unsigned char)(n >> 8 * k);
     add_field(w, &w->node[i], name, word_of(TOKEN_VECTOR, false, false, put_bytes(w, &b)));
 }
 
@@ -322,9 +355,8 @@ static void append_ints(struct bytes *to, const struct bytes *ints)
 
     append_int(&codes, 1, 4);
     for (size_t i = 0; i < n; i++) {
-        uint32_t now;
+        uint32_t now = spin_u32_at(ints->data + 4 * i);
 
-        memcpy(&now, ints->data + 4 * i, sizeof now);
         if (now - before != 1) {
             byte |= 3u << 2 * (i % 4);
             append_int(&rest, now - before, 4);

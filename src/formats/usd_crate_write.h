@@ -56,10 +56,11 @@ spin_status spin_usdc_end(struct spin_usdc_writer *w);
 void spin_usdc_free(struct spin_usdc_writer *w);
 
 /* Reserves an array of n items of `bytes` bytes each, which the caller writes at *offset with
- * spin_out_put(). */
+ * spin_out_put() in little-endian byte order. */
 uint64_t spin_usdc_reserve(struct spin_usdc_writer *w, enum spin_usdc_type type, size_t n,
                            size_t bytes, uint64_t *offset);
-/* These functions write a value of `bytes` bytes, or an array of n items of `bytes` bytes each. */
+/* These functions write a value of `bytes` bytes, or an array of n items of `bytes` bytes each,
+ * whose numbers have the byte order of this machine. */
 uint64_t spin_usdc_value(struct spin_usdc_writer *w, enum spin_usdc_type type, const void *data,
                          size_t bytes);
 uint64_t spin_usdc_array(struct spin_usdc_writer *w, enum spin_usdc_type type, size_t n,
