@@ -25,8 +25,9 @@ import spin4d  # noqa: E402
 PAGE = "docs/formats.md"
 KINDS = ("position", "scale", "rotation", "opacity", "colour", "SH")
 # Exporter, name of its output, whether it quantises values.
-WRITERS = [("ply", "out", False), ("compressed-ply", "out", True), ("sog", "out", True), ("splat", "out", True),
-           ("spz", "out", True), ("gltf", "out.glb", False), ("usd", "out.usdc", False), ("4dgs", "out.4dgs", True),
+WRITERS = [("ply", "out", False), ("compressed-ply", "out", True), ("sog", "out", True),
+           ("streamed-sog", "out", True), ("splat", "out", True), ("spz", "out", True), ("gltf", "out.glb", False),
+           ("usd", "out.usdc", False), ("4dgs", "out.4dgs", True),
            ("ftgs", "out.ftgs.ply", False), ("sogst", "out.sogst", True), ("sogst-ply", "out.sogst.ply", False),
            ("stglite", "out.stg.ply", False), ("tsog", "out.tsog", True), ("html", "out.html", True)]
 # Larger differences are a loss, which a message must mention; smaller ones are rounding. Positions
@@ -39,7 +40,7 @@ WORDS = {"position": ROUNDS + "|approximated by degree", "scale": ROUNDS, "rotat
          "fps": "frame rate", "antialias": "trained with antialiasing"}
 REFUSALS = {"begin or end abruptly": "splats that begin or end abruptly", "do not fade": "splats that do not fade",
             "keep their full opacity": "splats that do not fade",
-            "but this clip has frames": "frames"}
+            "but this clip has frames": "frames", "no splat is the same in all": "no static splats"}
 # Frames of each conversion, of which the last is compared.
 N_FRAMES = 2
 
