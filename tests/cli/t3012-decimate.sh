@@ -150,4 +150,43 @@ merged = {len(k - a) for a, k in zip(all, kept)}
 assert len(merged) == 1 and 0 < merged.pop() < 30, [len(k - a) for a, k in zip(all, kept)]
 P
 ok $? "have at most 60 each, a splat that is kept in all that its time shows, and the merged ones in all"
+# Of each chosen pair of tracks, one has two rows in a frame and the other none: neither is merged.
+# All pairs are chosen, or one of eight.
+run "$bin/spin-retrain" "$work/c.spin" -o "$work/t.spin" --iterations 3 --precision full -q
+is "$code" 0 "tracks"
+for each in 1 8; do
+    python3 - "$work/t.spin" "$work/two$each.spin" $each 2>"$work/err" <<'P'
+import io, json, sys, zipfile
+import numpy as np
+
+old = zipfile.ZipFile(sys.argv[1])
+meta = json.loads(old.read('meta.json'))
+tracks, name = meta['trained']['tracks'], 'trained/track/%05d.npy'
+planes = np.load(io.BytesIO(old.read(name % 0))).view('u1')
+track = sum(p.astype('<u4') << 8 * k for k, p in enumerate(planes))
+assert tracks['same_rows'] and (np.sort(track) == np.arange(tracks['n'])).all()
+tracks['same_rows'] = False
+meta.get('xor_rows', {}).pop('trained/track', None)
+row = np.argsort(track)
+# Both tracks of a pair have rows in the same arrays.
+ends = [0, tracks['moving'], tracks['varying'], tracks['n']]
+first = np.concatenate([np.arange(a, b - 1, 2) for a, b in zip(ends, ends[1:])])[::int(sys.argv[3])]
+with zipfile.ZipFile(sys.argv[2], 'w', zipfile.ZIP_DEFLATED) as new:
+    for member in old.namelist():
+        if member not in ('meta.json', name % 0):
+            new.writestr(member, old.read(member))
+    for f in range(len(meta['trained']['splats'])):
+        mine, at = track.copy(), io.BytesIO()
+        mine[row[first + 1 - f % 2]] = first + f % 2
+        np.save(at, mine)
+        new.writestr(name % f, at.getvalue())
+    new.writestr('meta.json', json.dumps(meta))
+P
+    ok $? "two rows of a track in a frame, one pair of $each"
+    for range in 0:2 0:3; do
+        run "$bin/spin-export" "$work/two$each.spin" --to ply -o "$work/two" --range $range --decimate 60% --force --json
+        is "$code $(of 'd["after"] <= 0.6 * d["before"], d["after"] > 0.59 * d["before"]')" "0 (True, True)" "range $range is decimated"
+        is "$(of '(d["merged"] > 0, r["frames"])')" "($([ $each = 8 ] && echo True || echo False), ${range#0:})" "by merging the other tracks only"
+    done
+done
 done_testing
