@@ -56,6 +56,7 @@ ROOM_TESTS = {
     "src/geometry": "geometry/ exporters/t-camera_path cli/t1026 cli/t3016",
     "importers": "importers/t-detect importers/t-golden importers/t-rows cli/t1001 cli/t1010 cli/t9006",
     "importers/lib/views": "importers/t-colmap importers/t-transforms cli/t1024 cli/t1016 cli/t1017-l cli/t9006",
+    "importers/lib/video_rows": "importers/t-dynerf cli/t9011",
     "importers/splats": "importers/t-splat_files cli/t1003 cli/t1021 cli/t3009",
     "importers/views": "importers/t-detect importers/t-golden importers/t-4danyone importers/t-panoptic cli/t1010 cli/t9006",
     "importers/usd": "importers/t-usd importers/t-golden cli/t3022",
