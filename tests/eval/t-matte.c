@@ -105,7 +105,7 @@ static void find(bool alpha, float level, const float background[3], uint8_t *ma
 
 static void test_files(void)
 {
-    static const float white[3] = {1, 1, 1};
+    static const float white[3] = {1, 1, 1}, grey[3] = {0.3f, 0.3f, 0.3f};
     uint8_t matte[PLANE];
     bool found;
     size_t held;
@@ -121,6 +121,9 @@ static void test_files(void)
     ok(!found, "a flat colour that is not the background has no mattes");
     find(false, 0.3f, white, matte, &found, &held);
     ok(!found, "also if the background is white");
+    find(false, 0.3f, grey, matte, &found, &held);
+    ok(found && at(matte, 0, 0) == 1 && at(matte, 11, 11) == 0,
+       "one that is the background has them, though it is not black");
 }
 
 TAP_MAIN

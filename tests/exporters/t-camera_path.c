@@ -729,6 +729,9 @@ static void test_wide_subject(void)
 static void test_subject(void)
 {
     const char *pairs[] = {NULL, NULL, NULL}, *up[] = {"up", "y", NULL};
+    static const char *const orbit[] = {"path", "orbit", "size", "320x180", NULL};
+    struct spin_camera_path d = {0};
+    struct spin_camera camera = {0};
     static const char *const upside[] = {"rotate", "180,0,0", NULL}, *const sideways[] = {
                                                                          "rotate", "0,90,0", NULL};
     struct spin_plugin_values values = {pairs};
@@ -755,6 +758,12 @@ static void test_subject(void)
            got.reach[1] >= sqrt(away),
        "and knows how wide the subject is: %g", got.keep);
     memcpy(first, got.eye, sizeof first);
+    values.pairs = orbit;
+    found = spin_camera_path_begin(&d, &job) == SPIN_OK &&
+            spin_camera_path_camera(&d, 0, &s, &camera) == SPIN_OK;
+    ok(found && got.z_near > 0 && camera.z_near == got.z_near,
+       "a moving camera shows what is as near: %g, %g", camera.z_near, got.z_near);
+    spin_camera_path_free(&d);
     values.pairs = up;
     ok(spin_initial_view_subject(&job, 320, 180, &got, &found) == SPIN_OK && got.up[1] == 1,
        "--up y turns it");
