@@ -145,7 +145,7 @@ BENCH_O  := $(BENCH_C:%.c=$(B)/%.o)
 BENCH    := $(B)/tests/bench/bench
 FUZZ_C   := $(wildcard tests/fuzz/fuzz-*.c)
 
-.PHONY: all help config setup setup-video setup-lint demo quick test test-bins room-bins test-tools test-builds test-card card-kit test-ranks check lint mutants test-viewers bench-viewers results pictures hero valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web windows dist deb clean format
+.PHONY: all help config setup setup-video setup-lint demo quick test test-bins room-bins test-tools test-builds test-card card-kit test-ranks check lint mutants changes test-viewers bench-viewers results pictures hero valgrind tsan fuzz fuzz-replay bench install uninstall wheel portable web windows dist deb clean format
 .SECONDARY:
 .DELETE_ON_ERROR:
 
@@ -480,6 +480,13 @@ mutants: ## draw faults from the sources; tests must detect them: [N=50] [SEED=1
 	@command -v python3 >/dev/null || { echo "make mutants: python3 not found: apt-get install python3" >&2; exit $(if $(LENIENT),0,1); }; \
 	N="$(N)" SEED="$(SEED)" IN="$(IN)" SINCE="$(SINCE)" PART="$(PART)" DRY="$(DRY)" MINUTES="$(or $(MINUTES),$(if $(SINCE),9))" LENIENT="$(LENIENT)" WIDE="$(WIDE)" JOBS=$(JOBS) python3 tests/mutants/run.py "$(M)"
 
+changes: ## what the commands print and write that those of a revision do not: SINCE=HEAD~1 [K=words of tests] [SHOW=lines]
+	@rev=$$(git rev-parse --short "$(or $(SINCE),HEAD~1)^{commit}") && old=$(BUILD)/changes/$$rev && mkdir -p $$old && \
+	{ [ -e $$old/Makefile ] || git archive $$rev | tar -x -C $$old; } && \
+	$(MAKE) -s -C $$old CONFIG=release CUDA=0 SETUP=0 CC="$(CC)" CXX="$(CXX)" all && \
+	$(MAKE) -s CONFIG=release CUDA=0 SETUP=0 all test-bins && \
+	SHOW="$(SHOW)" JOBS=$(JOBS) python3 tests/tools/changes.py $$old/build/release $(K)
+
 tsan: ## the threaded tests under ThreadSanitizer
 	@$(MAKE) --no-print-directory CONFIG=tsan test K=threads
 
@@ -593,7 +600,7 @@ format: ## format all sources with clang-format
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cpp' '*.cu')
 
 clean: ## remove build outputs in BUILD, and bin
-	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov race shims mutants fuzz web windows deb gcc clang arm64 bytes stderr test-needs debian-* *.tar.gz *.whl) bin
+	rm -rf $(addprefix $(BUILD)/,release debug asan ubsan tsan cov race shims mutants fuzz web windows deb gcc clang arm64 bytes stderr test-needs changes debian-* *.tar.gz *.whl) bin
 	-@rmdir $(BUILD) 2>/dev/null
 
 -include $(shell find $(B) $(RACE) -name '*.d' 2>/dev/null)

@@ -15,7 +15,7 @@ if [ -z "$fixtures" ]; then
 fi
 clip=fixtures/court-mini
 work=$(mktemp -d) || exit 1
-trap 'rm -rf "$work"' EXIT
+trap 'record_files "$work"; rm -rf "$work"' EXIT
 trap 'exit 130' INT TERM
 count=0
 failed=0
@@ -27,6 +27,17 @@ failed=0
 run() {
     "$@" >"$work/out" 2>"$work/err" </dev/null
     code=$?
+    [ -z "${SPIN_RECORD:-}" ] || {
+        printf '#~ run %s: %s\n' "$*" "$code"
+        sed 's/^/#~ out /' "$work/out"
+        sed 's/^/#~ err /' "$work/err"
+    } >&7
+}
+
+# With SPIN_RECORD=1 a test also prints what it does not check, in lines that begin with "#~".
+[ -z "${SPIN_RECORD:-}" ] || exec 7>&1
+record_files() { # FOLDER
+    [ -z "${SPIN_RECORD:-}" ] || python3 tests/tools/record.py "$1" >&7
 }
 
 # strace OPTION... COMMAND. LeakSanitizer is off: it would need ptrace, which strace already uses.

@@ -3,6 +3,34 @@
 # failed.
 . "$(dirname "$0")/lib.sh"
 
+# Two builds compared: one with links to the same commands, then one command that says more, but
+# what no test checks.
+old=$work/old
+mkdir -p "$old/bin"
+ln -s "$(cd "$bin" && pwd)"/* "$old/bin/"
+ln -s "$(cd "$bin/../lib" && pwd)" "$old/lib"
+changes() { run env -u SPIN_RECORD JOBS=1 python3 tests/tools/changes.py "$old" t3025; }
+changes
+is "$code $(cat "$work/out")" "0 0 of 1 tests show a difference" "a build does what it does"
+rm "$old/bin/spin-import"
+printf '#!/bin/sh\necho "a second of 0.5 s, 7 cameras" >&2\nexec "%s/spin-import" "$@"\n' "$(cd "$bin" && pwd)" >"$old/bin/spin-import"
+chmod +x "$old/bin/spin-import"
+changes
+is "$code" 1 "a line on stderr is a difference"
+out_has '^    -.*a second of T, 7 cameras$' "which is shown, without the time"
+run env SPIN_RECORD=1 sh tests/cli/t3025-programs.sh
+out_has '^#~ file frames.spin/source/means/00000.npy: [0-9a-f]*$' "files that a test leaves are recorded, by member"
+# A number that varies between two runs does not count, another one does.
+echo 'import sys' >"$work/preamble"
+holds "what varies without a change" '
+sys.path.insert(0, "tests/tools")
+import records
+runs = [records.lines_of("ok 3 - a\n#~ out bytes 1%d, splats 7\n#~ out degree %d" % (i, 3), "/x") for i in range(3)]
+base = records.Baseline(runs[:2])
+assert not base.differences(runs[2])
+assert base.differences(runs[2] - records.Counter(["#~ out degree 3"])) == ["-#~ out degree 3"]
+assert records.Baseline(runs[:1]).differences(runs[0] + records.Counter(["ok b"])) == ["+ok b"]'
+
 runner=$PWD/tests/run.sh
 mkdir -p "$work/tree/tests/cli" "$work/tree/tests/room" "$work/tree/tests/fuzz"
 mkdir -p "$work/tree/build/tests/room" "$work/tree/build/tests/fuzz" "$work/tree/fixtures/hostile/door"

@@ -12,6 +12,19 @@ static const char clip[] = "fixtures/court-mini";
 static const char *folder, *bin;
 static char said[1 << 16]; /* by the last command, on both streams */
 
+/* With SPIN_RECORD=1 a test also prints what it does not check, in lines that begin with "#~", for
+ * tests/tools/changes.py. */
+static void record(const char *command, int status)
+{
+    printf("#~ run %s: %d\n", command, status);
+    for (const char *line = said; *line;) {
+        int n = (int)strcspn(line, "\n");
+
+        printf("#~ said %.*s\n", n, line);
+        line += n + (line[n] == '\n');
+    }
+}
+
 /* Runs a shell command and returns its exit code; its output is in `said`. */
 __attribute__((format(printf, 1, 2))) static int shell(const char *format, ...)
 {
@@ -31,6 +44,8 @@ __attribute__((format(printf, 1, 2))) static int shell(const char *format, ...)
     said[f ? fread(said, 1, sizeof said - 1, f) : 0] = '\0';
     if (f)
         fclose(f);
+    if (getenv("SPIN_RECORD"))
+        record(command, status);
     return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
 }
 

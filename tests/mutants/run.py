@@ -349,15 +349,19 @@ def limit_resources():
         resource.setrlimit(what, (most, resource.getrlimit(what)[1]))
 
 
-def run_test(tree, test, limit):
+def run_test(tree, test, limit, record=None, more=None):
     """Runs a test until its first line that is not ok. Returns why it failed, or None if it passed,
-    and its processor seconds."""
+    and its processor seconds. With `record`, a list that receives all of the output, it runs to its
+    end and also prints what it does not check. `more` is added to the environment."""
     path, part = test
-    more = {"TAP_PART": part} if part else {}
+    more = dict(more or {}, **({"TAP_PART": part} if part else {}))
+    errors = subprocess.DEVNULL if record is None else tempfile.TemporaryFile()
+    if record is not None:
+        more["SPIN_RECORD"] = "1"
     command = [os.path.join(tree, binary(test))] if binary(test) else ["sh", path]
     room = tempfile.mkdtemp(prefix="mutant")
     p = subprocess.Popen(command, cwd=tree, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-                         stderr=subprocess.DEVNULL, start_new_session=True, preexec_fn=limit_resources,
+                         stderr=errors, start_new_session=True, preexec_fn=limit_resources,
                          env=dict(environment(), TMPDIR=room, **more))
     late = threading.Timer(limit, end, [p])
     n, why = 0, None
@@ -365,10 +369,16 @@ def run_test(tree, test, limit):
     late.start()
     for line in p.stdout:
         n += 1
-        if line.startswith(b"not ok"):
+        if record is not None:
+            record.append(line.decode(errors="replace"))
+        elif line.startswith(b"not ok"):
             why = line.decode(errors="replace").strip()
             end(p)
     used = wait_for(p)
+    if record is not None:
+        errors.seek(0)
+        record.append(errors.read().decode(errors="replace"))
+        errors.close()
     if not late.is_alive() and not why:
         why = "did not end within %.0f s" % limit
     late.cancel()
