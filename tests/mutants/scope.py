@@ -64,7 +64,7 @@ ROOM_TESTS = {
     "exporters/ply_4d": "exporters/t-check cli/t3010",
     "exporters/lib/time_windows": "cli/t3010 cli/t3011",
     "exporters/lib/quant": "exporters/t-quant cli/t3002 cli/t3011",
-    "exporters/lib/frames": "run/t-export cmd/t-export cli/t3003 cli/t9005",
+    "exporters/lib/frames": "run/t-export cmd/t-export cli/t3002 cli/t3003 cli/t9005",
     "exporters/images": "exporters/t-images cli/t3016 cli/t3009",
     "exporters/lib/camera_path": "exporters/t-camera_path cli/t3016",
     "exporters/lib/path_file": "cli/t3016 cli/t3017",
