@@ -48,8 +48,8 @@ bool spin_state_is_parameter(const struct spin_state_array *array);
 struct spin_checkpoint {
     /* Path of the checkpoint file. */
     const char *path;
-    /* Identifies the input and the options (key.h); a resume fails if the checkpoint file has
-     * another fingerprint. */
+    /* Identifies the input and the options (refinement.h); a resume fails if the checkpoint file
+     * has another fingerprint. */
     const char *fingerprint;
     /* Options that discard the checkpoint (spin_options_restart()), for error messages. */
     const char *restart;

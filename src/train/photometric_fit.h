@@ -1,10 +1,12 @@
-/* Fits the gain of each camera and the falloff of each lens to the colours of points that are
- * visible in several cameras. The model of a measured colour value is: log value = log colour of
- * the point + log gain of the camera + log falloff of the camera's lens at the pixel
- * (math/exposure.h). */
+/* Measures photometric differences between the training cameras, in colour and in the falloff of
+ * brightness towards the corners: fits the gain of each camera and the falloff of each lens to the
+ * colours of points that are visible in several cameras. The model of a measured colour value is:
+ * log value = log colour of the point + log gain of the camera + log falloff of the camera's lens
+ * at the pixel (math/exposure.h). */
 #pragma once
 
 #include "spin.h"
+#include "train/photos.h"
 
 /* A sample: the colour of a point in one camera. */
 struct spin_photometric_sample {
@@ -46,3 +48,13 @@ struct spin_photometric_result {
 spin_status spin_photometric_choose(const struct spin_photometric_sample *sample, size_t n,
                                     int n_cameras, int n_lenses, const double *corner,
                                     float *exposure, struct spin_photometric_result *result);
+
+/* Compares the colours of the source's points in the images of those training cameras in which the
+ * points are visible. Sets result->spread to the largest absolute deviation of any camera in any
+ * colour channel, 0..1. The deviation of a camera is the median, over its visible points, of the
+ * difference between the point's colour in this camera and the point's mean colour in all cameras.
+ * result->spread is -1 if too few points are visible in at least three cameras. Also fits a gain
+ * for each camera and a falloff for each lens, stores them in plan->exposure and plan->lenses, and
+ * sets result->gains and result->falloff. Gains and falloffs that are rejected are 0. */
+spin_status spin_photometric_fit_cameras(struct spin_plan *plan, struct spin_photos *photos,
+                                         struct spin_photometric_result *result);

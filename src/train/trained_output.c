@@ -7,8 +7,8 @@
 #include "scene/data_path.h"
 #include "scene/kept_cameras.h"
 #include "scene/renders.h"
+#include "train/refinement.h"
 #include "train/rows_4d.h"
-#include "train/key.h"
 
 /* ---- Precision ------------------------------------------------------------------------------- */
 

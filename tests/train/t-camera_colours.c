@@ -4,7 +4,7 @@
  * the wall's edge only.
  * K: lens falloff exposure */
 #include "spin_run.h"
-#include "train/camera_colours.h"
+#include "train/photometric_fit.h"
 
 #include "base/log.h"
 #include "io/image.h"

@@ -9,7 +9,7 @@
 #include "base/log.h"
 #include "io/json.h"
 #include "train/checkpoint.h"
-#include "train/key.h"
+#include "train/refinement.h"
 #include "train/trainer.h"
 
 /* Replaces Jansson's allocator, which the library calls, so that memory can run out. */
