@@ -2,6 +2,8 @@
  * converts the layout to and from JSON. */
 #include "model/field.h"
 
+#include <string.h>
+
 #include "base/base.h"
 #include "math/grid.h"
 #include "math/rng.h"
@@ -318,4 +320,26 @@ spin_status spin_field_from_json(const spin_json *trained, struct spin_field *ou
             "meta.json: 'trained.sh_degree' is missing or not in the range 0 to 3");
     spin_json_bool(spin_json_get(trained, "antialias"), &out->antialias);
     return *there ? network_from_json(field, out) : SPIN_OK;
+}
+
+/* ---- Residuals ------------------------------------------------------------------------------- */
+
+const size_t spin_residual_width[SPIN_HEADS] = {3, 4, 3, 1};
+
+void spin_residual_from_rows(size_t n, const float *rows, size_t stride, const uint32_t *row_of,
+                             float *groups)
+{
+    for (size_t k = 0, first = 0; k < SPIN_HEADS; first += spin_residual_width[k++])
+        for (size_t i = 0; i < n; i++, groups += spin_residual_width[k])
+            memcpy(groups, rows + (row_of ? row_of[i] : i) * stride + first,
+                   spin_residual_width[k] * sizeof *groups);
+}
+
+void spin_residual_to_rows(size_t n, const float *groups, const uint32_t *row_of, float *rows,
+                           size_t stride)
+{
+    for (size_t k = 0, first = 0; k < SPIN_HEADS; first += spin_residual_width[k++])
+        for (size_t i = 0; i < n; i++, groups += spin_residual_width[k])
+            memcpy(rows + (row_of ? row_of[i] : i) * stride + first, groups,
+                   spin_residual_width[k] * sizeof *groups);
 }

@@ -3,7 +3,7 @@
 
 #include "base/base.h"
 #include "math/drawable.h"
-#include "model/residual.h"
+#include "model/field.h"
 
 bool spin_bundle_is_trained(const struct spin_bundle *bundle)
 {

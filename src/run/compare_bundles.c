@@ -4,7 +4,7 @@
 #include "io/ranks.h"
 #include "eval/report/report.h"
 #include "run/run.h"
-#include "scene/data_path.h"
+#include "scene/dataset.h"
 
 /* Names a run after its file, or by its whole path if another input has the same file name. */
 static spin_status set_name(spin_json *run, const char *const *input, int n, int i)

@@ -30,8 +30,7 @@
 #include "run/export_sound.h"
 #include "run/settle.h"
 #include "run/targets.h"
-#include "scene/data_path.h"
-#include "scene/foreign.h"
+#include "scene/dataset.h"
 #include "scene/probe.h"
 #include "train/options.h"
 

@@ -2,9 +2,9 @@
  * and the headers of its arrays. */
 #include "base/base.h"
 #include "spin_run.h"
+#include "scene/bundle_meta.h"
 #include "scene/clip.h"
-#include "scene/data_path.h"
-#include "scene/trained_options.h"
+#include "scene/dataset.h"
 
 static int64_t integer_of(const spin_json *object, const char *key)
 {

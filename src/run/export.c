@@ -14,10 +14,10 @@
 #include "io/ranks.h"
 #include "render/draw_renders.h"
 #include "render/player.h"
-#include "run/share_splats.h"
 #include "run/targets.h"
 #include "run/training.h"
-#include "scene/data_path.h"
+#include "scene/columns.h"
+#include "scene/dataset.h"
 #include "scene/lens.h"
 #include "scene/probe.h"
 

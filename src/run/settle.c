@@ -6,7 +6,7 @@
 #include "math/activate.h"
 #include "math/rng.h"
 #include "render/player.h"
-#include "scene/data_path.h"
+#include "scene/dataset.h"
 
 /* A splat is dynamic if its pixel has changed, in one frame, in at least this share of the cameras
  * that see it. */

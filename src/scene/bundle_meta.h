@@ -72,3 +72,7 @@ spin_status spin_meta_integer(const spin_json *object, const char *key, int64_t 
 /* Reads "columns", "sh_degree" and "antialias"; "columns" must contain "means". */
 spin_status spin_meta_columns(const spin_json *object, unsigned *columns, int *sh_degree,
                               bool *antialias);
+
+/* Returns a copy of "options" in "trained" of meta.json, for reports. If no network was trained,
+ * the options of the network are omitted. Returns NULL if there are no options. */
+spin_json *spin_trained_options(const spin_json *trained);

@@ -2,12 +2,9 @@
 #include "scene/clip.h"
 
 #include "base/base.h"
+#include "geometry/camera_rig.h"
 #include "io/ranks.h"
-#include "scene/data_path.h"
-#include "scene/foreign.h"
 #include "scene/kept_cameras.h"
-#include "scene/near_plane.h"
-#include "scene/outer_cameras.h"
 #include "scene/probe.h"
 #include "scene/renders.h"
 

@@ -22,3 +22,8 @@ float **spin_column_of(struct spin_splats *s, unsigned column);
 /* Copies to `to` the rows i with mark[i] = 1, out of n rows of `width` floats each. */
 void spin_rows_select(const float *from, size_t n, size_t width, const unsigned char *mark,
                       float *to);
+
+/* Sends splats that one rank read or computed to rank 0, which writes them (io/ranks.h): copies
+ * these columns from *splats of rank `from` to *splats of rank 0. On other ranks the
+ * function does nothing. */
+spin_status spin_share_splats(struct spin_splats *splats, unsigned columns, int from);

@@ -64,3 +64,15 @@ size_t spin_views_pixels(const struct spin_views *views);
 /* Returns the first view of a row of the data set. If the row has no views, returns the first view
  * of the next row that has any, or the end of the list. Views are sorted by row. */
 const struct spin_view *spin_views_row(const struct spin_views *views, int row);
+
+/* ---- Path of a data set ---------------------------------------------------------------------- */
+
+/* The path is found even if the bundle was moved, alone or together with the data set. */
+
+/* Stores two paths of the data set `data` in *meta: one relative to `folder`, the folder of the
+ * bundle, and the absolute one. Data set and folder must exist. */
+spin_status spin_bundle_set_data_path(struct spin_bundle_meta *meta, const char *folder,
+                                      const char *data);
+/* Sets *out to the absolute path of the data set, which need not exist, or to NULL if the bundle
+ * has no data set. The caller frees *out. */
+spin_status spin_bundle_data_path(const struct spin_bundle *bundle, char **out);

@@ -30,3 +30,13 @@ const struct spin_importer *spin_importer_guess(const char *path, bool want_view
  * plug-in. */
 spin_status spin_plugin_check(const char *plugin, const struct spin_plugin_option *options,
                               const char *const *pairs);
+
+/* Common inputs that no importer reads: what to give instead. */
+
+/* Fails with SPIN_E_NOT_FOUND and a suggestion if `path` is a URL or a pattern. Returns SPIN_OK for
+ * any other path, even if the file does not exist. */
+spin_status spin_foreign_missing(const char *path);
+/* Writes a description of an existing input to text[n_text], as the end of an error message, such
+ * as "it is a ZIP archive: unpack it". Returns false if the kind of the input is unknown.
+ * `want_views` states whether a data set was expected, and not splats. */
+bool spin_foreign_input(const char *path, bool want_views, char *text, size_t n_text);

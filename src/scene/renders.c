@@ -1,10 +1,10 @@
 #include "scene/renders.h"
 
 #include "base/base.h"
+#include "geometry/camera_rig.h"
 #include "geometry/viewpoints.h"
 #include "io/drawn_image.h"
 #include "scene/bundle.h"
-#include "scene/near_plane.h"
 
 enum {
     /* Number of camera parameters in the path of an image: intrinsics, near plane, pose [3][4]. */

@@ -11,7 +11,7 @@
 #include "math/quat.h"
 #include "math/rng.h"
 #include "base/base.h"
-#include "model/residual.h"
+#include "model/field.h"
 
 enum { STREAM_SPLIT = 32 }; /* stream of the random generator, see math/rng.h */
 enum { KEEP, CLONE, SPLIT };
@@ -308,7 +308,7 @@ static struct spin_refine_row *row_of_part(struct spin_refine_point *p, int part
 }
 
 /* Copies values and moments of the tracks from the rows of a cloud to the groups on the device
- * (model/residual.h) if `up` is true, from the device to the cloud otherwise. */
+ * (model/field.h) if `up` is true, from the device to the cloud otherwise. */
 static spin_status copy_tracks(struct spin_device *d, const struct spin_param *param,
                                struct spin_refine_cloud *cloud, bool up)
 {

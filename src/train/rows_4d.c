@@ -4,7 +4,7 @@
 #include "train/rows_4d.h"
 
 #include "base/base.h"
-#include "model/residual.h"
+#include "model/field.h"
 
 const double spin_rows_4d_least_weight = 0.01;
 
@@ -392,7 +392,7 @@ spin_status spin_rows_4d_load(const struct spin_rows_4d *rows, const struct spin
 /* ---- The result ------------------------------------------------------------------------------ */
 
 /* Sets 4D splat i of *out to track i of the trainer: copies its values from the groups of n tracks
- * (model/residual.h), and converts its motion to the unit of time of the clip. */
+ * (model/field.h), and converts its motion to the unit of time of the clip. */
 static void set_row(const struct spin_field *field, size_t n, size_t i, const float *groups,
                     const float *motion, struct spin_splats_4d *out)
 {

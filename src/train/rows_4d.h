@@ -9,7 +9,7 @@
 
 struct spin_rows_4d {
     size_t n, capacity;
-    /* [n][SPIN_TRACK] position and residual values (model/residual.h) of each row. */
+    /* [n][SPIN_TRACK] position and residual values (model/field.h) of each row. */
     float *values;
     /* [n][SPIN_MOTION] motion of each row (device.h). The unit of time is that of
      * spin_field_time(), in which the clip lasts from 0 to 1. */

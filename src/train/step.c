@@ -8,9 +8,9 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "model/residual.h"
 #include "base/base.h"
 #include "io/file.h"
+#include "model/field.h"
 
 struct batch {
     const struct spin_images *images;

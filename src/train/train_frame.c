@@ -3,9 +3,9 @@
 #include "train/train_frame.h"
 
 #include "base/base.h"
-#include "model/residual.h"
 #include "math/activate.h"
 #include "math/sh.h"
+#include "model/field.h"
 #include "scene/bundle.h"
 #include "geometry/knn.h"
 

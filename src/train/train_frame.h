@@ -19,7 +19,7 @@ struct spin_train_frame {
     } size;
     double time;                 /* time of the frame, in the unit of the source */
     float SPIN_DEV *pos, *m, *v; /* [n_pos][3] positions, and their first and second moments */
-    /* [SPIN_RESIDUAL n_residual] residual values in groups (model/residual.h), and their moments;
+    /* [SPIN_RESIDUAL n_residual] residual values in groups (model/field.h), and their moments;
      * NULL if no splat owns residual values. */
     float SPIN_DEV *residual, *residual_m, *residual_v;
     /* [n][sh_width] SH coefficients beyond the first, and their moments; NULL if sh_width is 0. */
@@ -104,7 +104,7 @@ int spin_train_frame_step(struct spin_train_frame *frame, const struct spin_fram
 /* The trained parameters of one Gaussian, before activation functions. */
 struct spin_refine_row {
     float pos_w[3];
-    /* This and the following members are a row of residual values (model/residual.h). */
+    /* This and the following members are a row of residual values (model/field.h). */
     float log_scale[3];
     float rotation[4]; /* quaternion w, x, y, z of any length */
     float dc[3];       /* first SH coefficient of each channel: r, g, b */

@@ -3,8 +3,8 @@
 
 #include "base/base.h"
 #include "math/turn.h"
-#include "model/residual.h"
-#include "scene/data_path.h"
+#include "model/field.h"
+#include "scene/dataset.h"
 #include "scene/kept_cameras.h"
 #include "scene/renders.h"
 #include "train/refinement.h"
@@ -318,7 +318,7 @@ static spin_status write_values(const struct spin_output *output, struct spin_bu
 {
     struct spin_trainer *t = output->trainer;
     size_t floats = SPIN_TRACK * t->n_tracks;
-    /* [SPIN_TRACK n_tracks] values of the tracks, in groups (model/residual.h). */
+    /* [SPIN_TRACK n_tracks] values of the tracks, in groups (model/field.h). */
     SPIN_FREED float *tracks = NULL;
 
     SPIN_TRY(spin_alloc(floats + 1, sizeof *tracks, (void **)&tracks));

@@ -3,7 +3,7 @@
 
 #include "base/base.h"
 #include "math/turn.h"
-#include "model/residual.h"
+#include "model/field.h"
 #include "train/backdrop.h"
 #include "train/train_frame.h"
 #include "geometry/morton.h"

@@ -7,7 +7,6 @@
 #include "io/image.h"
 #include "base/number.h"
 #include "model/field.h"
-#include "scene/data_path.h"
 #include "scene/dataset.h"
 #include "tests/cmd/command.h"
 

@@ -2,7 +2,7 @@
  * fuzz bundle */
 #include "io/file.h"
 #include "render/player.h"
-#include "scene/data_path.h"
+#include "scene/dataset.h"
 #include "tests/fuzz/input.h"
 
 #include <stdlib.h>

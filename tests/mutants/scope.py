@@ -54,6 +54,7 @@ ROOM_TESTS = {
     "src/run/import": "run/t-spin importers/t-golden cli/t1003 cli/t1022 cli/t1017 cli/t1001 cli/t1010 cli/t1011 cli/t1012 cli/t3009 cli/t9006",
     "src/io/ranks": "cli/t5002",
     "src/geometry": "geometry/ exporters/t-camera_path cli/t1026 cli/t3016",
+    "src/geometry/camera_rig": "geometry/ scene/t-outer_cameras scene/t-dataset exporters/t-camera_path cli/t1026",
     "importers": "importers/t-detect importers/t-golden importers/t-rows cli/t1001 cli/t1010 cli/t9006",
     "importers/lib/views": "importers/t-colmap importers/t-transforms cli/t1024 cli/t1016 cli/t1017-l cli/t9006",
     "importers/lib/video_rows": "importers/t-dynerf cli/t9011",

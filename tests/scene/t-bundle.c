@@ -2,7 +2,7 @@
 
 #include "base/err.h"
 #include "base/log.h"
-#include "scene/data_path.h"
+#include "scene/dataset.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

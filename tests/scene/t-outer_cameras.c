@@ -1,7 +1,7 @@
-/* scene/outer_cameras.h: which cameras are at the edge of a rig, and holding them out.  K: views */
+/* geometry/camera_rig.h: which cameras are at the edge of a rig, and holding them out.  K: views */
 
+#include "geometry/camera_rig.h"
 #include "scene/dataset.h"
-#include "scene/outer_cameras.h"
 #include "tests/tap.h"
 
 /* Sets `views` to two frames of the cameras 0 to n - 1, all for training. */

@@ -9,7 +9,7 @@
 #include "eval/report/train_log.h"
 #include "io/image.h"
 #include "io/template.h"
-#include "scene/trained_options.h"
+#include "scene/bundle_meta.h"
 
 enum {
     CROPS = 6,
