@@ -7,7 +7,7 @@
  * imported, unless --camera gives the position of the viewer. Trainings with compression_sim render
  * with rounded tensors, so this importer rounds them too; an entropy network may scale the rounding
  * step of each value. */
-#include "geometry/kd_tree.h"
+#include "geometry/neighbours.h"
 #include "importers/lib/camera_places.h"
 #include "importers/lib/chkpnt.h"
 #include "formats/gaussian.h"

@@ -2,7 +2,7 @@
 
 #include "base/base.h"
 #include "geometry/merge_splats.h"
-#include "geometry/kd_tree.h"
+#include "geometry/neighbours.h"
 #include "io/file.h"
 #include "io/json.h"
 #include "math/covariance.h"

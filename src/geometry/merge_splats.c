@@ -1,8 +1,7 @@
 #include "geometry/merge_splats.h"
 
 #include "base/base.h"
-#include "geometry/kd_tree.h"
-#include "geometry/morton.h"
+#include "geometry/neighbours.h"
 #include "math/activate.h"
 #include "math/covariance.h"
 #include "math/sh.h"

@@ -6,7 +6,7 @@
 #include "formats/gaussian.h"
 #include "math/project.h"
 #include "math/quat.h"
-#include "run/training.h"
+#include "scene/clip.h"
 
 enum { MOST_IMAGES = 8, COST_IMAGES = 3 };
 

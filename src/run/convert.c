@@ -26,7 +26,6 @@
 #include "render/draw_renders.h"
 #include "render/player.h"
 #include "run/data_hint.h"
-#include "run/explain_data.h"
 #include "run/export_sound.h"
 #include "run/settle.h"
 #include "run/targets.h"

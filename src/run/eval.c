@@ -9,7 +9,7 @@
 #include "io/ranks.h"
 #include "render/draw_renders.h"
 #include "run/run.h"
-#include "run/training.h"
+#include "scene/clip.h"
 
 struct eval {
     const struct spin_eval_options *o;

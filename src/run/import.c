@@ -10,7 +10,6 @@
 #include "scene/clip.h"
 #include "run/column_stats.h"
 #include "run/data_hint.h"
-#include "run/explain_data.h"
 #include "run/import_frames.h"
 #include "run/nerfstudio_world.h"
 #include "io/archive.h"

@@ -10,10 +10,9 @@
 #include "io/json.h"
 #include "io/ranks.h"
 #include "render/draw_renders.h"
-#include "run/former_previews.h"
 #include "run/run.h"
-#include "run/training.h"
 #include "run/watch_run.h"
+#include "scene/clip.h"
 #include "scene/columns.h"
 #include "train/backdrop.h"
 #include "train/loop.h"
@@ -209,9 +208,9 @@ static void remove_former_previews(const struct run *r)
     if (o->resume || !o->force)
         return;
     if (o->preview)
-        spin_former_previews_remove(o->preview);
+        spin_previews_remove(o->preview);
     if (o->watch && strcmp(o->preview, r->watch.pictures) != 0)
-        spin_former_previews_remove(r->watch.pictures);
+        spin_previews_remove(r->watch.pictures);
 }
 
 /* Checks before the first iteration that all outputs can be written. */

@@ -3,9 +3,9 @@
 #include "run/row_filter.h"
 
 #include "base/base.h"
+#include "geometry/neighbours.h"
 #include "math/drawable.h"
 #include "math/sh.h"
-#include "geometry/knn.h"
 
 /* A splat is no floater if the RMS distance to its nearest neighbours is at most this many times
  * its largest scale. */

@@ -1,7 +1,7 @@
 /* Implements the functions of spin.h that read and render the clip of a bundle. */
 #include "base/base.h"
 #include "io/file.h"
-#include "run/renderer.h"
+#include "run/run.h"
 #include "scene/bundle.h"
 
 void spin_set_verbosity(int level) { spin_log_set_level(level); }

@@ -2,7 +2,7 @@
 
 #include "base/base.h"
 #include "base/pool.h"
-#include "geometry/knn.h"
+#include "geometry/neighbours.h"
 #include "math/activate.h"
 #include "math/rng.h"
 #include "render/player.h"

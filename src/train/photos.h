@@ -99,6 +99,10 @@ spin_status spin_test_views_measure_input(struct spin_plan *plan, struct spin_ph
  * see spin_plan_beside(). */
 spin_status spin_test_views_preview(struct spin_plan *plan, struct spin_photos *photos,
                                     struct spin_player *shown, const char *label);
+/* Removes from this folder all files named as spin_test_views_preview() names them, and logs their
+ * number. Previews of an earlier training would otherwise remain beside those of the new one and
+ * look like its later iterations. Does nothing if the folder cannot be read. */
+void spin_previews_remove(const char *folder);
 
 /* ---- Splats that no training camera sees ----------------------------------------------------- */
 

@@ -7,9 +7,8 @@
 #include <string.h>
 
 #include "base/base.h"
+#include "geometry/neighbours.h"
 #include "math/sh.h"
-#include "geometry/knn.h"
-#include "geometry/kd_tree.h"
 #include "base/mem.h"
 #include "math/quat.h"
 

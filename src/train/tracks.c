@@ -3,8 +3,8 @@
 #include "train/tracks.h"
 
 #include "base/base.h"
+#include "geometry/neighbours.h"
 #include "train/track_matching.h"
-#include "geometry/morton.h"
 
 /* Limits for the standard deviation of a row's position over time, relative to the extent of the
  * cameras. Up to UNSEEN, motion is invisible in images; up to NOISE, it may be noise. */

@@ -3,11 +3,11 @@
 #include "train/train_frame.h"
 
 #include "base/base.h"
+#include "geometry/neighbours.h"
 #include "math/activate.h"
 #include "math/sh.h"
 #include "model/field.h"
 #include "scene/bundle.h"
-#include "geometry/knn.h"
 
 /* An array of a frame: where its pointer is stored, and its size. */
 struct part {

@@ -2,11 +2,11 @@
 #include "train/training_frames.h"
 
 #include "base/base.h"
+#include "geometry/neighbours.h"
 #include "math/turn.h"
 #include "model/field.h"
 #include "train/backdrop.h"
 #include "train/train_frame.h"
-#include "geometry/morton.h"
 #include "train/track_matching.h"
 #include "train/photos.h"
 

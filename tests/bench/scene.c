@@ -9,7 +9,7 @@
 #include "base/err.h"
 #include "base/mem.h"
 #include "base/number.h"
-#include "geometry/morton.h"
+#include "geometry/neighbours.h"
 #include "math/blend.h"
 #include "math/mlp.h"
 #include "math/rng.h"

@@ -1,8 +1,8 @@
 /* The network's layout, first values and meta.json; the order of points.
  * K: core */
 
+#include "geometry/neighbours.h"
 #include "model/field.h"
-#include "geometry/morton.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

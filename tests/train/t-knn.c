@@ -2,8 +2,8 @@
  * refinement from coloured points.
  * K: golden threads refine */
 #include "base/pool.h"
+#include "geometry/neighbours.h"
 #include "train/densify.h"
-#include "geometry/knn.h"
 #include "math/rng.h"
 #include "tests/check.h"
 #include "tests/tap.h"

@@ -3,9 +3,9 @@
  * K: tracks threads */
 #include "train/track_matching.h"
 
+#include "geometry/neighbours.h"
 #include "math/rng.h"
 #include "tests/tap.h"
-#include "geometry/kd_tree.h"
 
 enum { N = 700, M = 650, WIDTH = 2 };
 static float at[3 * N], appearance[WIDTH * N], reach[N], to_at[3 * M], to_appearance[WIDTH * M];
