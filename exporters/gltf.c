@@ -24,7 +24,7 @@
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "exporters/lib/static_rows.h"
-#include "formats/glb_write.h"
+#include "formats/glb.h"
 
 #define DEFAULT_FPS 30
 #define BLOCK SPIN_ROWS_BLOCK

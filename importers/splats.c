@@ -8,7 +8,7 @@
  * GLB (KHR_gaussian_splatting): the axes of glTF are x left, y up, z forward, whereas those of a
  * training are mostly x right, y down, z forward. With --axes gltf, the importer undoes the half
  * turn about z that exporters apply. */
-#include "formats/glb_scene.h"
+#include "formats/glb.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
 #include "formats/splat.h"

@@ -52,3 +52,15 @@ spin_status spin_mattes_find(struct spin_mattes *m, size_t view, uint8_t *out);
  * pixels, otherwise 0. Exported for tests. */
 spin_status spin_matte_of_colours(int width, int height, const uint8_t *rgb8,
                                   const uint8_t background[3], uint8_t *out);
+
+/* ---- Borders --------------------------------------------------------------------------------- */
+
+/* The borders of images show one flat colour in renders and masked images of a subject, but not if
+ * a scene fills the images. */
+
+/* Sets colour to the most frequent colour, 0..1, of the border pixels of the images, and *flat to
+ * true if at least half of the border pixels have this colour, up to noise. Decodes at most 24 of
+ * the n views in `pairs`, evenly spaced. If n is 0, *flat is false and colour is left unchanged. */
+spin_status spin_borders_are_flat(const struct spin_views *views, struct spin_image_cache *images,
+                                  const struct spin_pair *pairs, size_t n, bool *flat,
+                                  float colour[3]);

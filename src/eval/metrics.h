@@ -1,8 +1,9 @@
 /* Compares rendered images with the ground truth (docs/method.md section 9). */
 #pragma once
 
-#include "eval/lpips.h"
+#include "spin.h"
 #include "eval/dynamic_mask.h"
+#include "eval/lpips.h"
 #include "eval/matte.h"
 #include "render/player.h"
 
@@ -12,7 +13,7 @@ struct spin_quality {
     /* psnr: PSNR of the mean squared error over all channels. psnr_channel_mean: mean of the PSNRs
      * of the three channels. */
     double psnr, ssim, psnr_channel_mean;
-    double psnr_colour_fitted; /* PSNR after the photometric fit (colour_fit.h) */
+    double psnr_colour_fitted; /* PSNR after the photometric fit (see below) */
     /* PSNR inside and outside the dynamic regions; NaN if a region has fewer than 16 pixels. */
     double psnr_dynamic, psnr_static;
     double dynamic; /* share of dynamic pixels, 0..1 */
@@ -111,3 +112,28 @@ struct spin_quality spin_quality_mean(const struct spin_quality_sum *sum);
 /* Writes a PNG with n images [3][h][w] side by side. */
 spin_status spin_write_beside(const char *path, int width, int height, const float *const *picture,
                               int n);
+
+/* ---- Photometric fit ------------------------------------------------------------------------- */
+
+/* Fits a gain and an offset per camera and channel that minimise the error of rendered images. The
+ * difference of the PSNR before and after the fit shows how much of the error is due to the unknown
+ * colour calibration of a held-out camera. */
+
+/* Sums over the n pixels of a view, for each channel, of values in 0..1. x: sum of the values of
+ * the rendered image; y: sum of the values of the ground truth; xx, xy, yy: sums of the products of
+ * these values. */
+struct spin_colour_sums {
+    int camera;
+    double n;
+    struct {
+        double x, y, xx, xy, yy;
+    } of[3];
+};
+
+/* Computes the sums of a view from the rendered image and the ground truth, both [3][plane]. Values
+ * of the rendered image are clamped to 0..1. */
+void spin_colour_sums(int camera, size_t plane, const float *image, const float *truth,
+                      struct spin_colour_sums *out);
+/* Fits all views of each camera together, and sets psnr [n_views] to the PSNR of each view after
+ * the fit. Fitted images are not clamped. */
+void spin_colour_fit(const struct spin_colour_sums *view, size_t n_views, double *psnr);

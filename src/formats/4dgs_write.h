@@ -2,8 +2,10 @@
  * quantised. */
 #pragma once
 
-#include "formats/4dgs_records.h"
+#include <stdio.h>
+
 #include "formats/4dgs_states.h"
+#include "io/file.h"
 
 /* Parameters of a file that are known before the first chunk. Values of splats are integers in
  * units of `step`; positions are relative to `origin`. */
@@ -28,6 +30,46 @@ struct spin_4dgs_coding {
 /* Sets coding->step and coding->origin for splats with positions inside coding->box and a typical
  * standard deviation of `scale`. All steps are twice the error bounds that the file declares. */
 void spin_4dgs_choose_steps(struct spin_4dgs_coding *coding, double scale);
+
+/* ---- Records --------------------------------------------------------------------------------- */
+
+/* A chunk in the index. Offsets and sizes are in bytes. */
+struct spin_4dgs_entry {
+    double interval[2];
+    uint64_t at, bytes;
+    size_t n, n_live;   /* splats in the chunk (for a delta: changes), and in the state */
+    uint64_t reference; /* offset of the chunk to whose state a delta is applied */
+    uint64_t key;       /* offset of the last keyframe, which may be this chunk */
+    unsigned depth;     /* number of deltas since the keyframe, including this one */
+    int n_bands;
+    struct {
+        uint64_t at, bytes;
+    } band[3];
+};
+
+struct spin_4dgs_writer {
+    struct spin_out *out;
+    const struct spin_4dgs_coding *coding;
+    FILE *record; /* collects the content of the current record in `text` */
+    char *text;
+    size_t n_text;
+    struct spin_4dgs_entry *entry; /* [n_entries] the index */
+    size_t n_entries;
+};
+
+/* These functions append values to a record, in little-endian byte order. */
+void spin_4dgs_put_number(FILE *to, uint64_t value, int bytes);
+void spin_4dgs_put_double(FILE *to, double value);
+void spin_4dgs_put_doubles(FILE *to, const double *value, int n);
+/* Appends the length of a text, and the text. */
+void spin_4dgs_put_text(FILE *to, const char *text);
+
+/* Begins a record, whose content is written to w->record. */
+spin_status spin_4dgs_begin_record(struct spin_4dgs_writer *w);
+/* Ends the current record and writes it to the end of the file. */
+spin_status spin_4dgs_end_record(struct spin_4dgs_writer *w, unsigned opcode);
+
+/* ---- Chunks ---------------------------------------------------------------------------------- */
 
 /* The changes of a state relative to the previous state. */
 struct spin_4dgs_changes {

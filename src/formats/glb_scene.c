@@ -1,4 +1,4 @@
-#include "formats/glb_scene.h"
+#include "formats/glb.h"
 
 #include "base/base.h"
 #include "math/covariance.h"

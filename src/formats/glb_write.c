@@ -1,6 +1,6 @@
 /* Writes the binary container of glTF 2.0 (section 4 of the specification): a header, the JSON
  * padded with spaces, and the binary chunk. */
-#include "formats/glb_write.h"
+#include "formats/glb.h"
 
 #include "base/base.h"
 #include "base/shim.h"

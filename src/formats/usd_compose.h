@@ -2,7 +2,7 @@
  * time. */
 #pragma once
 
-#include "formats/usd.h"
+#include "formats/usd_layer.h"
 #include "io/zip.h"
 #include "spin.h"
 

@@ -1,4 +1,4 @@
-#include "formats/usd_crate.h"
+#include "formats/usd_layer.h"
 
 #include <math.h>
 #include <string.h>

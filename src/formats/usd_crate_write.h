@@ -1,5 +1,5 @@
 /* Writes crates, the binary form of layers of OpenUSD (.usdc), in version 0.8, which all readers of
- * crates support; usd_crate.h describes the format. Values are written to the file when they are
+ * crates support; usd_layer.h describes the format. Values are written to the file when they are
  * added. Prims and attributes stay in memory until spin_usdc_end(), which writes the tables.
  *
  * The functions for values return the word of 64 bits that represents a value in the file. If they

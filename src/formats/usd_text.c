@@ -1,5 +1,5 @@
 /* Reads layers of USD in text form (.usda). */
-#include "formats/usd_text.h"
+#include "formats/usd_layer.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -3,8 +3,8 @@
 #include "run/watch_run.h"
 
 #include "base/base.h"
+#include "eval/report/report.h"
 #include "eval/report/svg_chart.h"
-#include "eval/report/train_log.h"
 #include "run/run.h"
 
 enum { LOSS_POINTS = 300 };

@@ -1,7 +1,7 @@
 /* Flat borders are distinguished from textured ones: for any colour, with noise, and if only part
  * of the border is flat.
  * K: eval backdrop */
-#include "eval/borders.h"
+#include "eval/matte.h"
 
 #include "io/image.h"
 #include "tests/check.h"

@@ -1,7 +1,7 @@
 /* One gain and offset per channel and camera, fitted afterwards, compared with sums computed pixel
  * by pixel.
  * K: lens colour */
-#include "eval/colour_fit.h"
+#include "eval/metrics.h"
 
 #include "tests/tap.h"
 

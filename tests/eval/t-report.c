@@ -2,8 +2,7 @@
  * worst views.
  * K: eval report */
 #include "spin_run.h"
-#include "eval/report/motion_crops.h"
-#include "eval/report/train_log.h"
+#include "eval/report/report.h"
 #include "scene/dataset.h"
 #include "scene/image_cache.h"
 #include "tests/check.h"

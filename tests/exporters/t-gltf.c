@@ -1,7 +1,7 @@
 /* K: gltf glb export */
 #include "base/log.h"
 #include "exporters/lib/frames.h"
-#include "formats/glb_write.h"
+#include "formats/glb.h"
 #include "tests/exporters/frame.h"
 
 #define E "KHR_gaussian_splatting"

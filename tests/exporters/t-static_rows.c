@@ -1,7 +1,7 @@
 /* A clip in one GLB: rows that all frames share are stored once.
  * K: gltf glb export still */
 #include "base/log.h"
-#include "formats/glb_scene.h"
+#include "formats/glb.h"
 #include "tests/exporters/frame.h"
 
 extern const struct spin_exporter spin_exporter_gltf;

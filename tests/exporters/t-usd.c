@@ -2,7 +2,7 @@
  * Stages of USD, read by a reader of their text that is written here, and held to what OpenUSD's
  * schema and the published rules of validation ask: required attributes, lengths, ranges. */
 #include "base/log.h"
-#include "formats/usd.h"
+#include "formats/usd_layer.h"
 #include "io/zip.h"
 #include "math/ntc.h"
 #include "tests/exporters/frame.h"

@@ -2,8 +2,7 @@
 #ifndef SPIN_TESTS_FORMATS_GLB_FILES_H
 #define SPIN_TESTS_FORMATS_GLB_FILES_H
 
-#include "formats/glb_scene.h"
-#include "formats/glb_write.h"
+#include "formats/glb.h"
 #include "tests/formats/splats.h"
 
 static void put_u32(unsigned char *at, size_t value)

@@ -5,7 +5,7 @@
 
 #include "formats/4dgs.h"
 #include "formats/compressed_ply.h"
-#include "formats/glb_scene.h"
+#include "formats/glb.h"
 #include "formats/ksplat.h"
 #include "formats/sog.h"
 #include "formats/splat.h"

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "formats/glb_scene.h"
+#include "formats/glb.h"
 
 #define ALL (SPIN_COL_MEANS | SPIN_COL_ATTRIBUTES)
 

@@ -3,7 +3,7 @@
 #pragma once
 
 #include "eval/metrics.h"
-#include "eval/report/motion_crops.h"
+#include "eval/report/report.h"
 #include "io/json.h"
 
 enum { SPIN_COMPARE_ROWS = 4 };

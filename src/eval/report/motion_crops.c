@@ -1,6 +1,6 @@
 /* Finds fast motion by the differences between three consecutive frames, with summed-area tables.
  */
-#include "eval/report/motion_crops.h"
+#include "eval/report/report.h"
 
 #include "base/base.h"
 

@@ -5,8 +5,6 @@
 
 #include "base/base.h"
 #include "eval/report/svg_chart.h"
-#include "eval/report/motion_crops.h"
-#include "eval/report/train_log.h"
 #include "io/image.h"
 #include "io/template.h"
 #include "scene/bundle_meta.h"

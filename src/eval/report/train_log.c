@@ -1,6 +1,6 @@
 /* Reads the log of a training and averages the loss for a chart. A resumed run appends to the same
  * file and may repeat iterations; the values of the last repetition are used. */
-#include "eval/report/train_log.h"
+#include "eval/report/report.h"
 
 #include "base/base.h"
 #include "io/file.h"

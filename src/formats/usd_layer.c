@@ -1,10 +1,8 @@
-#include "formats/usd.h"
+#include "formats/usd_layer.h"
 
 #include <string.h>
 
 #include "base/base.h"
-#include "formats/usd_crate.h"
-#include "formats/usd_text.h"
 
 spin_status spin_usd_open(const void *data, size_t size, struct spin_usd_layer *out)
 {
