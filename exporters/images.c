@@ -10,9 +10,9 @@
 #include "base/text.h"
 #include "exporters/lib/camera_path.h"
 #include "exporters/lib/transforms_file.h"
+#include "io/numbered.h"
 #include "io/output.h"
 #include "io/image.h"
-#include "io/pattern.h"
 
 static const struct spin_plugin_option options[] = {
     {"views", "WHICH", "cameras to render: test, train or all", "test"},

@@ -10,8 +10,7 @@
 #include "base/base.h"
 #include "exporters/lib/frames.h"
 #include "formats/spz.h"
-#include "io/gzip.h"
-#include "io/zstd.h"
+#include "io/compress.h"
 
 #define MAX_SH 45 /* largest number of SH coefficients above degree 0 of a splat */
 

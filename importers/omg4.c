@@ -7,8 +7,8 @@
  * time, the centre of its window. */
 #include "importers/lib/file_sequence.h"
 #include "importers/lib/gaussian4d.h"
+#include "io/compress.h"
 #include "math/motion.h"
-#include "io/xz.h"
 #include "math/contract.h"
 #include "math/ntc.h"
 

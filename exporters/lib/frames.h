@@ -10,8 +10,8 @@
 #include "exporters/lib/quant_error.h"
 #include "exporters/lib/sort_rows.h"
 #include "exporters/lib/splat_rows.h"
+#include "io/numbered.h"
 #include "io/output.h"
-#include "io/pattern.h"
 
 #define SPIN_FRAMES_OPTION_PATTERN(fallback)                                                       \
     {                                                                                              \

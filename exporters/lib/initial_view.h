@@ -46,8 +46,8 @@ bool spin_initial_view_is_blank(const float *image, size_t n, const float backgr
 void spin_initial_view_first(const struct spin_views *views, const double *up, int row, bool test,
                              const double middle[3], double size, struct spin_initial_view *out);
 
-/* Makes the view show the subject (geometry/subject.h), and applies --up and --rotate. If there is
- * a data set, the view is that of the camera whose image shows the subject best. Otherwise, the
+/* Makes the view show the subject (geometry/viewpoints.h), and applies --up and --rotate. If there
+ * is a data set, the view is that of the camera whose image shows the subject best. Otherwise, the
  * view faces the subject from a position where no wall blocks the view; the field of view, unless
  * the subject is too high for it, and, without --up, the up vector are those of *out. width,
  * height: size of the image in pixels. If there is no such view, sets *found to false. Must be

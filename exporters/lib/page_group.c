@@ -1,7 +1,7 @@
 #include "exporters/lib/page_group.h"
 
 #include "base/base.h"
-#include "io/gzip.h"
+#include "io/compress.h"
 
 #define NONE UINT32_MAX
 

@@ -1,7 +1,7 @@
 #include "exporters/lib/page_rows.h"
 
 #include "base/base.h"
-#include "io/gzip.h"
+#include "io/compress.h"
 #include "math/activate.h"
 #include "math/motion.h"
 

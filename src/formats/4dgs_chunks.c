@@ -5,8 +5,8 @@
 #include "base/text.h"
 #include "formats/4dgs_write.h"
 #include "formats/planes.h"
+#include "io/compress.h"
 #include "io/file.h"
-#include "io/gzip.h"
 
 enum { RAW, DIFFERENCE, CONSTANT };
 enum { SH_CODES = 7 };

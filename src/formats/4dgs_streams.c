@@ -4,8 +4,7 @@
 #include <math.h>
 
 #include "formats/planes.h"
-#include "io/gzip.h"
-#include "io/zstd.h"
+#include "io/compress.h"
 
 enum { RAW, DIFFERENCE, CONSTANT, N_MODES };
 

@@ -3,8 +3,8 @@
 #include "base/base.h"
 #include "formats/gaussian.h"
 #include "formats/planes.h"
+#include "io/compress.h"
 #include "io/json.h"
-#include "io/zstd.h"
 #include "math/quat.h"
 #include "math/sh.h"
 

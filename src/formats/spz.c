@@ -1,8 +1,7 @@
 #include "formats/spz.h"
 
 #include "base/base.h"
-#include "io/gzip.h"
-#include "io/zstd.h"
+#include "io/compress.h"
 #include "math/portable.h"
 #include "math/quat.h"
 #include "math/sh.h"

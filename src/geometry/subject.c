@@ -1,4 +1,4 @@
-#include "geometry/subject.h"
+#include "geometry/viewpoints.h"
 
 #include "base/base.h"
 #include "math/rng.h"

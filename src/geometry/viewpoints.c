@@ -1,7 +1,6 @@
 #include "geometry/viewpoints.h"
 
 #include "base/base.h"
-#include "geometry/subject.h"
 #include "math/rng.h"
 
 #define LOWEST (-0.1)      /* directions whose elevation has a smaller sine are not used */

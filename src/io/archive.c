@@ -1,7 +1,6 @@
 #include "io/archive.h"
 
 #include "base/base.h"
-#include "io/tar.h"
 #include "io/zip.h"
 
 enum { MOST_MEMBERS = 65536, PIECE = 1 << 20, LONGEST_NAME = 1024 };

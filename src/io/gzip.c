@@ -4,7 +4,7 @@
  * Each block uses the preceding 32 KiB as its dictionary and ends at a byte boundary (zlib's sync
  * flush, an empty stored block). The concatenated blocks are one ordinary stream, which is about
  * 0.1 % longer than one compressed as a whole. */
-#include "io/gzip.h"
+#include "io/compress.h"
 
 #include <zlib.h>
 

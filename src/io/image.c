@@ -3,17 +3,16 @@
  *
  * The check for completeness is needed because the decoders are lenient: libjpeg fills missing
  * parts with grey and reports success, and libpng prints to the terminal. */
-#include "io/drawn_image.h"
 #include "io/image.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
-#include "base/mem.h"
-#include "base/number.h"
-#include "io/image_shim.h"
+#include "base/base.h"
 #include "base/shim.h"
+#include "io/image_shim.h"
 #include "io/video.h"
 
 #define MAX_PIXELS ((int64_t)64 << 20)
@@ -147,6 +146,44 @@ static spin_status find_video(const char *path, char **file, int64_t *frame)
     return *file ? SPIN_OK : spin_fail(SPIN_E_MEMORY, "not enough memory for %zu bytes", n + 1);
 }
 
+/* ---- Images that are rendered ---------------------------------------------------------------- */
+
+static spin_draw_image_fn draw_image;
+
+void spin_drawn_images_set(spin_draw_image_fn draw) { draw_image = draw; }
+
+bool spin_image_is_drawn(const char *path) { return strstr(path, SPIN_DRAWN_MARK) != NULL; }
+
+static spin_status read_drawn(const char *path, const float background[3], int *width, int *height,
+                              uint8_t **rgb)
+{
+    if (!draw_image)
+        return spin_unsupported("cannot read the image '%s': this command does not render images",
+                                path);
+    return draw_image(path, background, width, height, rgb);
+}
+
+/* Sets the size of the image, and a digest that is computed from the path of the image and the size
+ * of the bundle file. Fails if the bundle does not exist. */
+static spin_status check_drawn(const char *path, int *width, int *height,
+                               struct spin_digest *digest)
+{
+    uint64_t hash = SPIN_HASH_BEGIN;
+    SPIN_FREED char *bundle = NULL;
+    struct stat st;
+
+    SPIN_TRY(read_drawn(path, NULL, width, height, NULL));
+    SPIN_TRY(spin_strdup(path, &bundle));
+    *strstr(bundle, SPIN_DRAWN_MARK) = '\0';
+    if (stat(bundle, &st) != 0)
+        return spin_not_found(
+            "cannot render the images of the data set: bundle '%s' does not exist", bundle);
+    spin_hash(&hash, path, strlen(path));
+    digest->size = (uint64_t)st.st_size;
+    digest->crc = (uint32_t)(hash ^ hash >> 32);
+    return SPIN_OK;
+}
+
 /* ---- Reading and writing -------------------------------------------------------------------- */
 
 /* Report the failure of a shim, with the first line of the shim's message, without a full stop. */
@@ -237,7 +274,7 @@ spin_status spin_image_size(const char *path, int *width, int *height, int *chan
 
     if (spin_image_is_drawn(path)) {
         *channels = 3;
-        return spin_drawn_image_read(path, NULL, width, height, NULL);
+        return read_drawn(path, NULL, width, height, NULL);
     }
     SPIN_TRY(find_video(path, &file, &frame));
     if (file) {
@@ -268,7 +305,7 @@ spin_status spin_image_check(const char *path, int *width, int *height, struct s
     int64_t frame;
 
     if (spin_image_is_drawn(path))
-        return spin_drawn_image_check(path, width, height, digest);
+        return check_drawn(path, width, height, digest);
     SPIN_TRY(find_video(path, &file, &frame));
     if (file)
         return check_video_frame(file, frame, width, height, digest);
@@ -294,7 +331,7 @@ spin_status spin_image_read(const char *path, const float background[3], int *wi
 
     *rgb = NULL;
     if (spin_image_is_drawn(path))
-        return spin_drawn_image_read(path, background, width, height, rgb);
+        return read_drawn(path, background, width, height, rgb);
     SPIN_TRY(find_video(path, &file, &frame));
     if (file)
         return spin_video_read(file, frame, NULL, width, height, rgb);

@@ -3,6 +3,7 @@
  * OpenImageIO takes a fifth of a second. Thread-safe. */
 #pragma once
 
+#include "spin.h"
 #include "io/file.h"
 
 /* For the functions that read, a path may also name a frame of a video, such as "cam00.mp4#12"; see
@@ -63,3 +64,20 @@ void spin_image_name(const struct spin_views *views, size_t view, int number, co
 /* Format the file name of image `number` of a camera path, such as "orbit_frame_00012.png" for the
  * path "orbit". */
 void spin_image_name_moving(const char *path, int number, char name[SPIN_IMAGE_NAME]);
+
+/* ---- Images that are rendered ---------------------------------------------------------------- */
+
+/* Images that are rendered from a bundle when they are read, instead of being decoded from a file.
+ * Their path is the path of the bundle, followed by "#draw=" and a description of the view. The
+ * functions above read them like other images. */
+
+#define SPIN_DRAWN_MARK "#draw="
+
+/* Renders the image over the background (NULL: black) to interleaved 8-bit RGB [h][w][3], allocated
+ * with malloc. If rgb is NULL, only the size is set. */
+typedef spin_status (*spin_draw_image_fn)(const char *path, const float background[3], int *width,
+                                          int *height, uint8_t **rgb);
+/* Sets the function that renders all such images. While it is NULL, they cannot be read. */
+void spin_drawn_images_set(spin_draw_image_fn draw);
+
+bool spin_image_is_drawn(const char *path);

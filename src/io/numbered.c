@@ -7,7 +7,6 @@
 #include "base/base.h"
 #include "io/file.h"
 #include "io/numbered_fields.h"
-#include "io/pattern.h"
 
 /* How regularly the distinct values of a number are spaced. The more regular, the more likely they
  * are frame numbers. */

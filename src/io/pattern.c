@@ -1,5 +1,5 @@
 /* File names with a frame number. */
-#include "io/pattern.h"
+#include "io/numbered.h"
 
 #include <ctype.h>
 

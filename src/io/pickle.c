@@ -6,7 +6,7 @@
  * bounded: lengths by the remaining input, memo slots by the number of opcodes executed, nesting by
  * a constant, and the total of all values by a budget. Nothing recurses, except for one level of a
  * stream inside a pickle (torch.storage._load_from_bytes). */
-#include "io/pickle.h"
+#include "io/torch.h"
 
 #include "base/base.h"
 

@@ -1,4 +1,4 @@
-#include "io/stream.h"
+#include "io/archive.h"
 
 #include <zlib.h>
 

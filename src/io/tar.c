@@ -1,4 +1,4 @@
-#include "io/tar.h"
+#include "io/archive.h"
 
 #include "base/base.h"
 

@@ -9,7 +9,7 @@
 #include <strings.h>
 
 #include "base/base.h"
-#include "io/xz.h"
+#include "io/compress.h"
 #include "io/zip.h"
 
 /* Maximum size of a deflated data.pkl in bytes. Its size is usually some kilobytes, or some

@@ -1,6 +1,6 @@
 /* Decompresses xz files with liblzma, in parts: the memory in use grows with the actual output, and
  * does not depend on sizes in headers. */
-#include "io/xz.h"
+#include "io/compress.h"
 
 #include <lzma.h>
 

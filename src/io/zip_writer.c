@@ -1,7 +1,7 @@
 /* Writes zip archives. Headers of stored members are padded to align their data. */
 #include "base/base.h"
+#include "io/compress.h"
 #include "io/zip.h"
-#include "io/gzip.h"
 #include "io/zip_format.h"
 
 enum {

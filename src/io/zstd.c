@@ -1,4 +1,4 @@
-#include "io/zstd.h"
+#include "io/compress.h"
 
 #include <zstd.h>
 #include <zstd_errors.h>

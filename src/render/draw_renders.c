@@ -3,7 +3,7 @@
 #include <pthread.h>
 
 #include "base/base.h"
-#include "io/drawn_image.h"
+#include "io/image.h"
 #include "render/player.h"
 #include "scene/renders.h"
 

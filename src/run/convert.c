@@ -20,8 +20,8 @@
 
 #include "base/base.h"
 #include "spin_run.h"
+#include "io/numbered.h"
 #include "io/output.h"
-#include "io/pattern.h"
 #include "io/ranks.h"
 #include "render/draw_renders.h"
 #include "render/player.h"

@@ -16,7 +16,6 @@
 #include "io/output.h"
 #include "io/image.h"
 #include "io/numbered.h"
-#include "io/pattern.h"
 #include "io/ranks.h"
 #include "scene/columns.h"
 #include "scene/dataset.h"

@@ -12,7 +12,6 @@
 #include <string.h>
 
 #include "base/mem.h"
-#include "io/drawn_image.h"
 #include "io/file.h"
 #include "io/image.h"
 #include "io/video.h"

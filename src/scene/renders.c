@@ -3,7 +3,7 @@
 #include "base/base.h"
 #include "geometry/camera_rig.h"
 #include "geometry/viewpoints.h"
-#include "io/drawn_image.h"
+#include "io/image.h"
 #include "scene/bundle.h"
 
 enum {

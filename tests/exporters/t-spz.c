@@ -5,7 +5,7 @@
 #include <unistd.h>
 
 #include "base/log.h"
-#include "io/zstd.h"
+#include "io/compress.h"
 #include "tests/exporters/frame.h"
 
 extern const struct spin_exporter spin_exporter_spz;

@@ -4,7 +4,7 @@
 #define SPIN_TESTS_FORMATS_SPZ_FILES_H
 
 #include "formats/spz.h"
-#include "io/gzip.h"
+#include "io/compress.h"
 #include "tests/formats/splats.h"
 
 /* A gzip of these bytes. */

@@ -3,8 +3,8 @@
 #include <zlib.h>
 
 #include "formats/4dgs.h"
+#include "io/compress.h"
 #include "io/file.h"
-#include "io/zstd.h"
 #include "tests/formats/splats.h"
 
 enum { N = 23, FIRST = 14, N_WINDOWS = 3 }; /* splats; of the first of two chunks */

@@ -1,7 +1,7 @@
 /* .splat4d files written by the words of the format, apart from its reader.
  * K: splat4d formats import */
 #include "formats/splat4d.h"
-#include "io/zstd.h"
+#include "io/compress.h"
 #include "tests/formats/splats.h"
 
 enum { N = 37, FRAMES = 7, GROUP = 3, JSON = 1400 };

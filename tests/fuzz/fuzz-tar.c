@@ -1,5 +1,5 @@
 /* Any bytes as a tar archive, packed by gzip or not: read every member.  K: fuzz tar archives */
-#include "io/tar.h"
+#include "io/archive.h"
 #include "tests/fuzz/input.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t n)

@@ -4,7 +4,7 @@
 
 #include <lzma.h>
 
-#include "io/xz.h"
+#include "io/compress.h"
 
 #define FROM "omg4"
 

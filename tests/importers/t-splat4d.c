@@ -1,6 +1,6 @@
 /* .splat4d of splats4D compared with its viewer.
  * K: splat4d import */
-#include "io/zstd.h"
+#include "io/compress.h"
 #include "tests/importers/models.h"
 
 #define C0 0.28209479177387814

@@ -1,7 +1,7 @@
 /* K: gzip spz threads */
 #include <zlib.h>
 
-#include "io/gzip.h"
+#include "io/compress.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

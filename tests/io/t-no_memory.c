@@ -8,13 +8,11 @@
 #include <unistd.h>
 
 #include "base/mem.h"
-#include "io/gzip.h"
+#include "io/compress.h"
 #include "io/image.h"
 #include "io/json.h"
 #include "io/npy.h"
 #include "io/webp.h"
-#include "io/xz.h"
-#include "io/zstd.h"
 #include "tests/check.h"
 
 static char folder[] = "/tmp/spin-no-memory-XXXXXX";

@@ -2,7 +2,6 @@
 #include "io/numbered.h"
 
 #include "base/base.h"
-#include "io/pattern.h"
 #include "tests/tap.h"
 
 enum { MOST = 32 };

@@ -2,7 +2,7 @@
  * streams.
  * K: io pickle torch hostile */
 #include "base/err.h"
-#include "io/pickle.h"
+#include "io/torch.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

@@ -1,7 +1,7 @@
 /* xz: decompressed data, bounds, and malformed files. */
 #include <lzma.h>
 
-#include "io/xz.h"
+#include "io/compress.h"
 #include "tests/check.h"
 #include "tests/tap.h"
 

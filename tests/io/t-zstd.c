@@ -1,6 +1,6 @@
 /* K: zstd spz
  * Frames of zstd by hand: raw blocks and runs (RFC 8878); and without the library. */
-#include "io/zstd.h"
+#include "io/compress.h"
 #include "tests/tap.h"
 
 #include <sys/wait.h>

@@ -1,9 +1,12 @@
-/* Compression with deflate and gzip, and decompression of gzip and zlib data, all in memory. */
+/* Compression and decompression in memory: deflate, gzip and zlib, xz, and Zstandard. */
 #pragma once
 
 #include <stdbool.h>
 
+#include "spin.h"
 #include "base/pool.h"
+
+/* ---- Deflate, gzip and zlib ------------------------------------------------------------------ */
 
 /* A part of a deflate stream: n bytes at `data`, to be compressed. In memory, they follow n_before
  * bytes that were compressed earlier; back references may point to the last SPIN_DEFLATE_WINDOW of
@@ -50,3 +53,31 @@ spin_status spin_zlib_write(const void *data, size_t n, unsigned char **out, siz
 /* The uncompressed length modulo 2^32, as stored at the end of gzip data; 0 if the data are shorter
  * than any gzip file. */
 uint32_t spin_gzip_length(const void *data, size_t size);
+
+/* ---- xz -------------------------------------------------------------------------------------- */
+
+/* Files compressed with xz (LZMA2), decompressed into memory within a limit. */
+
+bool spin_xz_detect(const unsigned char *head, size_t n);
+
+/* Decompress a file into a block allocated with malloc. SPIN_E_UNSUPPORTED if the decompressed size
+ * exceeds `limit` bytes, or exceeds the sum of 8 MiB and 32 times the size of the file. The
+ * decoder's own memory is limited too. Errors contain the path. */
+spin_status spin_xz_load(const char *path, size_t limit, unsigned char **out, size_t *n);
+
+/* ---- Zstandard ------------------------------------------------------------------------------- */
+
+/* Zstandard frames (RFC 8878) in memory, by the system's libzstd. The library is loaded when first
+ * needed, so that only files in this format require it; Debian and Ubuntu always have it, since
+ * dpkg requires it. The environment variable SPIN_ZSTD can replace the path libzstd.so.1. */
+
+/* SPIN_E_UNSUPPORTED if the library is missing. */
+spin_status spin_zstd_need(void);
+/* Decompress all frames of data, which must yield exactly n_out bytes, else SPIN_E_MALFORMED.
+ * SPIN_E_UNSUPPORTED if the library is missing. */
+spin_status spin_zstd_read(const void *data, size_t size, void *out, size_t n_out);
+/* Compress data as one frame. level: 1 (fast) to 19 (small). *out is a buffer with a capacity of
+ * *n_room bytes; if it is too small, it is reallocated and *n_room increases. *n_out receives the
+ * size of the frame. Equal data, level and library give equal bytes. */
+spin_status spin_zstd_write(const void *data, size_t size, int level, unsigned char **out,
+                            size_t *n_room, size_t *n_out);
