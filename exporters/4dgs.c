@@ -9,7 +9,7 @@
  * contains the splats that are visible in several intervals. */
 #include "base/base.h"
 #include "exporters/lib/4dgs_frames.h"
-#include "exporters/lib/time_windows_check.h"
+#include "exporters/lib/time_windows.h"
 #include "formats/4dgs_write.h"
 #include "io/sound.h"
 #include "math/motion.h"

@@ -16,7 +16,7 @@
  * SuperSplat-4D is log(sqrt(2) sigma), since the exponent of its window lacks the factor 1/2;
  * scale_t of OpenSplat4D is log(sigma). */
 #include "base/base.h"
-#include "exporters/lib/time_windows_check.h"
+#include "exporters/lib/time_windows.h"
 #include "formats/gs_ply.h"
 #include "io/ply.h"
 #include "math/sh.h"

@@ -13,10 +13,10 @@
  * are read twice: for the ranges, then for the codes, which wait in a temporary file for the order
  * of the list. */
 #include "base/base.h"
-#include "exporters/lib/time_windows_check.h"
+#include "exporters/lib/splat_rows.h"
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
-#include "exporters/lib/sort_rows.h"
+#include "exporters/lib/time_windows.h"
 #include "formats/tsog.h"
 #include "io/webp.h"
 #include "math/activate.h"

@@ -10,7 +10,6 @@
  * - The cloud and the network of a checkpoint are in separate folders; both must be of the same
  * iteration. */
 #include "importers/lib/deform.h"
-#include "importers/lib/deform_net.h"
 
 enum {
     WARM_UP = 3000 /* training does not use the network before this iteration */

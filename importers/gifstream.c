@@ -8,9 +8,9 @@
  * with rounded tensors, so this importer rounds them too; an entropy network may scale the rounding
  * step of each value. */
 #include "geometry/neighbours.h"
-#include "importers/lib/camera_places.h"
 #include "importers/lib/chkpnt.h"
 #include "formats/gaussian.h"
+#include "importers/lib/run_config.h"
 #include "math/activate.h"
 #include "math/quat.h"
 #include "math/rounded.h"

@@ -5,8 +5,8 @@
  * Only positions are imported: opacity, shape and colour of spawned Gaussians depend on the camera,
  * so there is no set of Gaussians per frame. By default, the positions at all offsets are imported;
  * with --camera, only the positions of Gaussians that are opaque from at least one given camera. */
-#include "importers/lib/camera_places.h"
 #include "importers/lib/hexplane.h"
+#include "importers/lib/run_config.h"
 #include "io/npy.h"
 #include "io/zip.h"
 #include "math/rounded.h"

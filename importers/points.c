@@ -6,7 +6,7 @@
  *
  * One file is a static scene that exists at all times, so that it can be sampled at the times of a
  * data set. Several files, which option `pattern` names, are one frame each. */
-#include "importers/lib/colmap_model.h"
+#include "importers/lib/colmap.h"
 #include "importers/lib/file_sequence.h"
 #include "io/npy.h"
 

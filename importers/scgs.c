@@ -6,7 +6,6 @@
  * The network adds residuals to the scales after the exponential, so a scale may become negative. A
  * negative scale renders the same ellipsoid as its absolute value, which the importer stores. */
 #include "importers/lib/deform.h"
-#include "importers/lib/deform_net.h"
 #include "math/activate.h"
 #include "math/quat.h"
 

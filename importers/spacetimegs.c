@@ -7,9 +7,9 @@
  * blends nine features, and a network computes the colour of a pixel from these and from the ray.
  * For each Gaussian, the importer computes the colour of a pixel that only this Gaussian covers,
  * for each of several cameras, and fits SH of degree 1 to these colours. */
-#include "importers/lib/camera_places.h"
 #include "importers/lib/gaussian4d.h"
 #include "importers/lib/model.h"
+#include "importers/lib/run_config.h"
 #include "math/motion.h"
 #include "math/quat.h"
 #include "math/sh.h"

@@ -28,8 +28,7 @@
  *     folders per frame      each image of the model is a camera of every frame; times are 0, 1,
  *                            2, ..., or k/n for SpacetimeGaussians; the first camera is held out,
  *                            as in 3DGStream */
-#include "importers/lib/colmap_model.h"
-#include "importers/lib/colmap_rig.h"
+#include "importers/lib/colmap.h"
 #include "importers/lib/views_rig.h"
 #include "io/numbered.h"
 

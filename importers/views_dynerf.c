@@ -14,8 +14,8 @@
  * as in 4DGaussians and Deformable-3DGS. */
 #include <strings.h>
 
-#include "importers/lib/video_rows.h"
 #include "importers/lib/views_check.h"
+#include "importers/lib/views_rig.h"
 #include "io/npy.h"
 #include "io/numbered.h"
 #include "io/video.h"

@@ -4,8 +4,35 @@
  * sources, a splat keeps its id as long as none of its quantised values changes. */
 #pragma once
 
-#include "exporters/lib/4dgs_code.h"
-#include "exporters/lib/sort_rows.h"
+#include "exporters/lib/quant_error.h"
+#include "exporters/lib/splat_rows.h"
+#include "formats/4dgs_write.h"
+
+/* ---- Quantised splats ------------------------------------------------------------------------ */
+
+/* Everything is quantised here except positions and times, whose coding depends on the temporal
+ * model. */
+
+struct spin_4dgs_coder {
+    const struct spin_4dgs_coding *coding;
+    const struct spin_splat_rows *rows;
+    /* Numbers of splats with a clamped colour, and with a clamped SH coefficient; and the largest
+     * change of a colour, and of a coefficient, by clamping. */
+    uint64_t n_colours, n_sh;
+    double lost_colour, lost_sh;
+    struct spin_quant_error quant;
+};
+
+int32_t spin_4dgs_round(double value, double step);
+/* Quantises scale, rotation, colour, opacity and SH of a row. *is: its values, without SH; *shown:
+ * receives the values that a reader decodes. Adds the errors of SH to c->quant. */
+void spin_4dgs_code_attributes(struct spin_4dgs_coder *c, size_t row,
+                               const struct spin_gaussian *is, struct spin_4dgs_splat *to,
+                               struct spin_gaussian *shown);
+/* Warns about clamped values, and logs the quantisation errors. */
+void spin_4dgs_coder_report(const struct spin_4dgs_coder *c);
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
 
 /* A state in the form in which it is written. splat: [n], sorted by id; row: [n], row of each splat
  * in its frame. */

@@ -8,7 +8,6 @@
 #pragma once
 
 #include "exporters/lib/quant_error.h"
-#include "exporters/lib/sort_rows.h"
 #include "exporters/lib/splat_rows.h"
 #include "io/numbered.h"
 #include "io/output.h"

@@ -13,7 +13,7 @@
 
 #include "exporters/lib/page_bytes.h"
 #include "exporters/lib/page_values.h"
-#include "exporters/lib/sort_rows.h"
+#include "exporters/lib/splat_rows.h"
 
 enum { SPIN_PAGE_MOST_FRAMES = 256 };
 

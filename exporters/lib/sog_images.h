@@ -8,7 +8,7 @@
 
 #include "exporters/lib/pictures.h"
 #include "exporters/lib/quant_error.h"
-#include "exporters/lib/sort_rows.h"
+#include "exporters/lib/splat_rows.h"
 #include "formats/sog.h"
 
 struct spin_sog_images {

@@ -1,4 +1,4 @@
-#include "exporters/lib/sort_rows.h"
+#include "exporters/lib/splat_rows.h"
 
 #include "base/base.h"
 #include "math/approx.h"

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "exporters/lib/sort_rows.h"
+#include "exporters/lib/splat_rows.h"
 
 struct spin_static_row {
     uint64_t hash[2]; /* hash of the row's values */

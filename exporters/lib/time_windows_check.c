@@ -1,4 +1,4 @@
-#include "exporters/lib/time_windows_check.h"
+#include "exporters/lib/time_windows.h"
 
 #include "base/base.h"
 #include "exporters/lib/readback.h"

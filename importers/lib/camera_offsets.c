@@ -1,5 +1,5 @@
 /* Reads the start times of the cameras of a rig. */
-#include "importers/lib/camera_offsets.h"
+#include "importers/lib/views_rig.h"
 
 #include "importers/lib/views_check.h"
 #include "io/text_file.h"

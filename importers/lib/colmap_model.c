@@ -1,5 +1,5 @@
 /* Reads sparse models of COLMAP. */
-#include "importers/lib/colmap_model.h"
+#include "importers/lib/colmap.h"
 
 #include "importers/lib/views_check.h"
 #include "io/text_file.h"

@@ -1,5 +1,5 @@
 /* Finds the frames of a camera rig whose cameras are in a sparse model of COLMAP. */
-#include "importers/lib/colmap_rig.h"
+#include "importers/lib/colmap.h"
 
 #include <ctype.h>
 #include <strings.h>

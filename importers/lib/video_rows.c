@@ -1,5 +1,5 @@
 /* Pairs the frames of synchronised videos by time. */
-#include "importers/lib/video_rows.h"
+#include "importers/lib/views_rig.h"
 
 #include "io/video.h"
 

@@ -2,7 +2,6 @@
  * adds the views. */
 #include "importers/lib/views_rig.h"
 
-#include "importers/lib/video_rows.h"
 #include "io/video.h"
 
 static int by_name(const void *a, const void *b)

@@ -1,9 +1,75 @@
 /* Data sets of a camera rig, with a folder of numbered images or a video for each camera. */
 #pragma once
 
-#include "importers/lib/camera_offsets.h"
 #include "importers/lib/file_sequence.h"
+#include "importers/lib/model.h"
 #include "importers/lib/views_check.h"
+
+/* ---- Start times of cameras ------------------------------------------------------------------ */
+
+/* They are relative to the start of the clip. */
+
+struct spin_offset {
+    const char *camera;
+    double value;    /* delay from the start of the clip to the start of the camera */
+    bool in_seconds; /* `value` is in seconds; otherwise in frames */
+    bool used;
+};
+
+struct spin_offsets {
+    struct spin_offset *list; /* [n] */
+    size_t n;
+};
+
+/* Reads option `offsets`: a list such as "cam01=5;cam02=-0.2s", or the name of a file in the folder
+ * of the data set, m->path. Without the option, reads offsets.txt if the data set contains it. Each
+ * line of a file is a camera and its offset, such as "cam01 5". */
+spin_status spin_offsets_read(struct spin_model *m, struct spin_offsets *out);
+
+/* Returns the offset of a camera, or NULL if none is given. `camera` is the name of the camera's
+ * folder or file. An entry of the list applies to the camera if its name equals `camera`, ignoring
+ * the extension, or contains the same number. */
+const struct spin_offset *spin_offsets_of(struct spin_offsets *offsets, const char *camera);
+
+/* To be called after spin_offsets_of() for all cameras. Fails if an offset was not used, since the
+ * list then names a camera that does not exist. */
+spin_status spin_offsets_check(const struct spin_offsets *offsets);
+
+#define SPIN_OFFSETS_OPTION                                                                        \
+    {                                                                                              \
+        "offsets", "LIST|FILE",                                                                    \
+            "start delays of cameras in frames or seconds, such as 'cam01=5;cam02=0.2s', or a "    \
+            "file with a camera and its delay per line",                                           \
+            "offsets.txt"                                                                          \
+    }
+
+/* ---- Videos ---------------------------------------------------------------------------------- */
+
+/* The frames of synchronised videos are paired by time. */
+
+struct spin_rig_video {
+    const char *camera; /* name of the camera, for spin_offsets_of() */
+    const char *file;
+    struct spin_file_sequence
+        frames; /* set by the function: paths such as "cam00.mp4#7", with frame numbers */
+
+    /* private */
+    double *time; /* [n] times of the frames, in seconds from the first frame */
+    size_t n;
+    double rate;   /* frames per second, 0 for a single frame */
+    double offset; /* seconds by which the video starts later than the clip */
+    bool regular;  /* frame k is at k / rate */
+};
+
+/* Lists the frames of n videos, which start at the same time except for `offsets`. If all videos
+ * have the same constant rate and offsets of whole frames, the frame number is the index of a frame
+ * plus the offset. Otherwise the clip gets the lowest of the rates, and each frame number is
+ * assigned, from every video, the frame that is nearest in time, or no frame if the nearest is more
+ * than half a frame interval away; a warning states the rates. */
+spin_status spin_video_rows(struct spin_model *m, struct spin_rig_video *film, size_t n,
+                            struct spin_offsets *offsets);
+
+/* ---- The rig --------------------------------------------------------------------------------- */
 
 struct spin_rig_camera {
     const char *name;           /* cameras are sorted by this text */

@@ -2,7 +2,7 @@
  * damaged file is an error.
  * K: export check ply gltf splat compressed-ply spz sog */
 #include "base/log.h"
-#include "exporters/lib/sort_rows.h"
+#include "exporters/lib/splat_rows.h"
 #include "formats/tsog.h"
 #include "tests/exporters/frame.h"
 
