@@ -217,7 +217,7 @@ struct spin_frame_batch {
         const float SPIN_DEV *own_residual; /* [SPIN_RESIDUAL n_own_residual], in groups */
         size_t n_own_means, n_own_residual;
         /* [n_own_means][4] unit quaternions, each of which rotates the displacement and the
-         * rotation that a splat gets from its track (math/turn.h); NULL: no rotation. */
+         * rotation that a splat gets from its track (math/quat.h); NULL: no rotation. */
         const float SPIN_DEV *turn;
 
         /* The following members are for densify_stats() and may be NULL. */

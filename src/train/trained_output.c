@@ -2,7 +2,7 @@
 #include "train/trained_output.h"
 
 #include "base/base.h"
-#include "math/turn.h"
+#include "math/quat.h"
 #include "model/field.h"
 #include "scene/dataset.h"
 #include "scene/kept_cameras.h"

@@ -3,7 +3,7 @@
 
 #include "base/base.h"
 #include "geometry/neighbours.h"
-#include "math/turn.h"
+#include "math/quat.h"
 #include "model/field.h"
 #include "train/backdrop.h"
 #include "train/train_frame.h"

@@ -3,7 +3,7 @@
  * splats of a frame are processed independently. Frames are processed one after the other. */
 #include "device/cpu/cpu.h"
 #include "math/motion.h"
-#include "math/turn.h"
+#include "math/quat.h"
 
 enum { CHUNK = 1024 };
 

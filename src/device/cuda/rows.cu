@@ -4,7 +4,7 @@
  * the other. */
 #include "device/cuda/cuda.h"
 #include "math/motion.h"
-#include "math/turn.h"
+#include "math/quat.h"
 
 /* A group of residual values is a matrix [n][width] that starts at `column` of a row of
  * attributes. */
