@@ -78,7 +78,7 @@ GENERIC_WORDS = {"spin", "file", "text", "rows", "views", "model", "output", "ta
                  "frames", "import", "export", "eval", "data", "args", "step", "loop", "plan", "lib", "values", "check"}
 # Tests that take minutes and detect nothing that others do not, unless ROOM_TESTS names them.
 LEFT_OUT = re.compile(r"cli/t(0004|0006|0008|2020|2023|2024|3005|3007|3013|3017|500\d|9002|9003|9004|9007|9008|9010)|t-hostile|card/")
-MOST_UNIT, MOST_NEAR, MOST_COMMAND = 5, 3, 3
+MOST_UNIT, MOST_NEAR, MOST_COMMAND, MOST_PLUGINS = 5, 3, 3, 4
 # Seconds of a test that has not been timed yet.
 GUESS = [("tests/cmd/", 30.0), ("tests/cli/t2", 40.0), ("tests/cli/t9", 30.0), ("tests/cli/", 8.0), ("tests/emu/", 20.0),
          ("tests/importers/t-hostile", 30.0), ("", 1.5)]
@@ -157,6 +157,16 @@ class Scope:
             edge = {o for o in edge if not o.startswith("tests/") and o not in ("importers/importers.o", "exporters/exporters.o")}
         return found
 
+    def plugins_of(self, objects):
+        """Names of the importers and exporters that call these objects, if they are few."""
+        seen, edge = set(objects), set(objects)
+        for _ in range(2):
+            edge = set().union(*(self.refers[o] for o in edge)) - seen if edge else set()
+            seen |= edge
+        found = {m.group(1) for o in seen for m in [re.match(r"(?:im|ex)porters/(\w+)\.o$", o)] if m}
+        found -= {"importers", "exporters"}
+        return found if len(found) <= MOST_PLUGINS else set()
+
     # ---- Tests -----------------------------------------------------------------------------------
 
     def tests_of(self, file):
@@ -191,6 +201,10 @@ class Scope:
                   for t in self.command
                   if not LEFT_OUT.search(t)}
         add(sorted((t for t in counts if counts[t] > 1), key=lambda t: -counts[t]), MOST_COMMAND)
+        for name in sorted(self.plugins_of(self.objects_of(file))) if "/lib/" in file else []:
+            name = name.replace("_", "-")
+            uses = {t: self.text[t].count(name) + 20 * (name in os.path.basename(t)) for t in counts}
+            add(sorted((t for t in uses if uses[t] > 1), key=lambda t: -uses[t]), 1)
         room = max((r for r in ROOM_TESTS if file.startswith(r)), key=len, default=None)
         for start in ROOM_TESTS[room].split() if room else []:
             found = [t for t in self.tests if t.startswith("tests/" + start)]
