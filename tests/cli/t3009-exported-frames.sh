@@ -109,6 +109,8 @@ for to in ply splat spz; do
     run "$bin/spin-import" "$work/empty" -o "$work/empty.spin" --force --json
     is "$code $(member frames) $(grep -c '"min": 0,' "$work/out")" "0 6 1" "$to: and they import again"
 done
+run "$bin/spin-export" "$work/named.spin" -o "$work/empty.tsog" --crop 0,0,-1,99,0.105,1 --json
+is "$code $(grep -c "warning: 5 of 6 frames are written without any splat" "$work/err")" "0 1" "tsog: says how many"
 
 # 4D splats: what --min-opacity keeps is counted as in the file.
 if [ -d "$fixtures/freetimegs/newer_sh1_clamped" ]; then
