@@ -1086,23 +1086,33 @@ static spin_status check_file(struct export *x)
 
 /* ---- The plug-ins ---------------------------------------------------------------------------- */
 
-static void free_export(void *self)
+/* Frees what only encoding and writing the file need, before the file is read back or at the end.
+ */
+static void free_encoded(struct export *x)
 {
-    struct export *x = self;
-
-    spin_out_abandon(&x->out);
     if (x->picture)
         spin_pictures_free(x->picture, n_pictures(x), true);
     free(x->picture);
-    spin_splat_rows_end(&x->rows);
-    spin_sort_rows_free(&x->order);
-    spin_time_windows_free(&x->windows);
     if (x->frames)
         spin_pages_release(x->rest);
     else
         free(x->rest);
     free(x->palette);
     free(x->label);
+    x->picture = NULL;
+    x->rest = x->palette = NULL;
+    x->label = NULL;
+}
+
+static void free_export(void *self)
+{
+    struct export *x = self;
+
+    spin_out_abandon(&x->out);
+    free_encoded(x);
+    spin_splat_rows_end(&x->rows);
+    spin_sort_rows_free(&x->order);
+    spin_time_windows_free(&x->windows);
     free(x->end);
     free(x->span);
     free(x->block_quant);
@@ -1221,7 +1231,10 @@ static spin_status write_all(struct export *x)
     if (x->fade_lost > 2 / 255.0)
         spin_log(0, "%s rounds times: the opacity of fading splats is off by up to %.2g",
                  x->kind->name, x->fade_lost);
-    return x->job->check ? check_file(x) : SPIN_OK;
+    if (!x->job->check)
+        return SPIN_OK;
+    free_encoded(x);
+    return check_file(x);
 }
 
 /* In both formats, a sound starts with the clip. A WAV file is therefore padded with silence or cut
