@@ -7,9 +7,9 @@
 
 /* ---- A k-d tree ------------------------------------------------------------------------------ */
 
-/* Each node splits its points at the median of the axis along which they
- * extend farthest; leaves have at most eight points. The median of a node is in the middle of the
- * node's range in `order`, so the tree needs no pointers. */
+/* Each node splits its points at the median of the axis along which they extend farthest; leaves
+ * have at most eight points. The median of a node is in the middle of the node's range in `order`,
+ * so the tree needs no pointers. */
 
 enum { SPIN_KD_LEAF = 8 };
 
