@@ -483,7 +483,7 @@ mutants: ## draw faults from the sources; tests must detect them: [N=50] [SEED=1
 changes: ## what the commands print and write that those of a revision do not: SINCE=HEAD~1 [K=words of tests] [SHOW=lines]
 	@rev=$$(git rev-parse --short "$(or $(SINCE),HEAD~1)^{commit}") && old=$(BUILD)/changes/$$rev && mkdir -p $$old && \
 	{ [ -e $$old/Makefile ] || git archive $$rev | tar -x -C $$old; } && \
-	$(MAKE) -s -C $$old CONFIG=release CUDA=0 SETUP=0 CC="$(CC)" CXX="$(CXX)" all && \
+	$(MAKE) -s -C $$old CONFIG=release CUDA=0 SETUP=0 CC="$(CC)" CXX="$(CXX)" all test-bins && \
 	$(MAKE) -s CONFIG=release CUDA=0 SETUP=0 all test-bins && \
 	SHOW="$(SHOW)" JOBS=$(JOBS) python3 tests/tools/changes.py $$old/build/release $(K)
 

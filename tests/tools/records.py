@@ -7,10 +7,10 @@ from collections import Counter
 TEMPORARY = re.compile(r"/[\w./-]*?/(?:(?:tmp\.|spin-test-|mutant)\w{6,10}/?)+")
 # Of the bundle that a training began with, whose path and time count.
 INPUT = re.compile(r'\\"input\\":\\"[0-9a-f]{16}')
-# Times, the share of a time behind it, and the sizes of files, which contain times; the hashes of
-# files show what else changes a size.
+# Times, the share of a time behind it, available memory, and the sizes of files, which contain
+# times; the hashes of files show what else changes a size.
 TIME = re.compile(r'("\w*(?:seconds|_s|rate|peak\w*|memory\w*|available|bytes|file)": )[\d.e+-]+|'
-                  r'\b[\d.]+ (?:ms|s|min|h)\b(?: +[\d.]+ %)?')
+                  r'\b[\d.]+ (?:ms|s|min|h|\w?B available)\b(?: +[\d.]+ %)?')
 PASSED = re.compile(r"^ok \d+ - ")
 HASH = re.compile(r"\b[0-9a-f]{16}\b")
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[-+]\d+)?")
