@@ -35,6 +35,7 @@ ROOM_TESTS = {
     "src/device": "device/ train/t-train cmd/t-retrain cli/t2021",
     "src/device/cuda": "emu/t-emu cli/t2020",
     "src/eval/report": "eval/ cmd/t-eval cli/t2030 cli/t9005",
+    "src/train/step": "train/t-train cli/t2001 cli/t5002",
     "src/train/loop": "train/t-train cli/t2001 cli/t2002 cli/t2007 cmd/t-retrain",
     "src/train/refinement": "train/t-refine cli/t2002 cmd/t-retrain",
     "src/train/rows_4d": "train/t-train scene/t-splats_4d cli/t2025 cmd/t-retrain",
