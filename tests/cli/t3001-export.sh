@@ -75,7 +75,7 @@ for state in empty short cut; do
     [ $state = short ] && cp -r "$clip/." "$work/run" && rm -r "$work/run/ims"
     for to in ply:ply gltf:clip.glb spz:spz; do
         run "$bin/spin-export" "$work/moved.spin" --to ${to%:*} -o "$work/$state-${to#*:}" -q
-        is "$code $(cat "$work/err")" "0 " "$state data set: ${to%:*} needs none"
+        is "$code $(cat "$work/err" "$work/out")" "0 " "$state data set: ${to%:*} needs none"
     done
     for to in html:page.html images:images 'spz:checked --check'; do
         # shellcheck disable=SC2086

@@ -28,7 +28,11 @@ for source in ftgs_ply/sh1_clamped/scene.ftgs.ply stglite/supersplat4d_sh1/scene
     within "read back within the steps of the file" "at['log_scale'] < 0.004 and at['rotation_deg'] < 0.2 and
         at['opacity'] < 0.02 and at['sh'] < 0.0158 and c['place_sizes'] < 0.2"
     case $source in
-    4dgs/*) within "colours as well" "at['colour'] < 0.001" ;;
+    4dgs/*)
+        within "colours as well" "at['colour'] < 0.001"
+        stated=$(sed -n 's/.* rounds values; .*: position \([0-9.e-]*\) .*/\1/p' "$work/err")
+        within "the stated error of positions is that of the file" "abs($stated / c['place']['rms'] - 1) < 0.1"
+        ;;
     *) err_has "stores colours of 0 to 1: those of [0-9]* splats are clamped" "clamped colours are counted" ;;
     esac
 done

@@ -88,6 +88,8 @@ static void test_lies(const char *model)
 
     model_fails(FROM, edited(model, "cfg_args", "text skinning=False=>skinning=True"), NULL,
                 "deform.pth", "[*, 3]", "skinning by nodes with more coordinates");
+    model_fails(FROM, edited(model, "cfg_args", "text hyper_dim=2, =>"), NULL, "point_cloud.ply",
+                "expected 9, for hyper_dim=8", "no hyper_dim, which is 8 by default");
     refuse_lies(FROM, model, NULL, lies, sizeof lies / sizeof *lies);
     refuse_cuts(FROM, model, NULL, NETWORK);
     refuse_cuts(FROM, model, NULL, CLOUD);

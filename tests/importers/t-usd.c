@@ -161,6 +161,7 @@ static void test_transforms(void)
         {"quatf xformOp:orient", "(0, 0.8, 0.6, 0)", 2.2, 0.4, -3, NULL},
         {"quatf xformOp:orient", "(0, 0, 0.8, 0.6)", -1, 3.44, 1.08, NULL},
         {"quatf xformOp:orient", "(0, 0, 0.6, 0.8)", -1, 2.32, 2.76, NULL},
+        {"quatf xformOp:orient", "(0, 0, 1, 0)", -1, 2, -3, NULL},
         {"quatf xformOp:orient", "(0.70710678, 0.70710678, 0, 0)", 1, -3, 2, NULL},
         {"float3 xformOp:rotateXYZ", "(90, 0, 90)", 3, 1, 2, NULL},
         {"float3 xformOp:rotateZYX:pivot", "(90, 0, 90)", -2, -3, 1, NULL},
@@ -176,6 +177,7 @@ static void test_transforms(void)
         char text[2048];
         struct run run;
         struct spin_splats s = {0};
+        double q[4];
 
         snprintf(text, sizeof text,
                  HEAD SPLATS "{\n" TWO
@@ -189,6 +191,11 @@ static void test_transforms(void)
                    run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) != SPIN_OK &&
                    strstr(spin_last_error(), ops[i].word) && strstr(spin_last_error(), "s.usda"),
                "%s: %s", ops[i].op, spin_last_error());
+        if (sscanf(ops[i].value, "(%lf, %lf, %lf, %lf)", &q[0], &q[1], &q[2], &q[3]) == 4 &&
+            ok(run.importer->frame(run.self, 0, 0, run.sequence.columns, &s) == SPIN_OK, "read"))
+            near(fabs(q[0] * (double)s.quats[0] + q[1] * (double)s.quats[1] +
+                      q[2] * (double)s.quats[2] + q[3] * (double)s.quats[3]),
+                 1, 1e-6, "and turns");
         run_close(&run);
         spin_splats_free(&s);
     }
