@@ -676,7 +676,6 @@ static spin_status write_block(struct spin_page_rows *r, const struct spin_splat
     /* This sort is stable, so rows of one class stay in Morton order. */
     spin_sort_rows_sort(&order);
     b.order = order.item;
-    r->n_rows += n;
     status = pack_block(&b, sink, context);
 out:
     free(b.key);

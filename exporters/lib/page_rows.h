@@ -38,7 +38,7 @@ struct spin_page_rows {
 
     /* spin_page_rows_write() sets the following members. */
     struct spin_quant_error quant; /* errors of all rows; those of rotations are in radians */
-    uint64_t n_rows, n_values;
+    uint64_t n_values;
 };
 
 struct spin_page_rows_block {
