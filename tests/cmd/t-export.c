@@ -254,6 +254,17 @@ static void test_import(void)
        "and so do spin-retrain and what it writes: %s", said);
 }
 
+static void test_poster(void)
+{
+    static const char tag[] = "og:image\" content=\"page.png\"";
+
+    export("in.spin", "page.html", "--to html --poster");
+    ok(is_png(".", "page.png", 1200, 630) &&
+           shell("grep -q '%s' %s/page.html", tag, folder) == 0 &&
+           shell("test $(wc -c <%s/page.png) -gt 20000", folder) == 0,
+       "--poster: an image that is not of one colour, and the page names it");
+}
+
 TAP_MAIN
 {
     begin_commands();
@@ -275,5 +286,6 @@ TAP_MAIN
     test_fps();
     test_splats();
     test_pictures();
+    test_poster();
     test_import();
 }

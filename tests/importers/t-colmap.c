@@ -166,6 +166,8 @@ static void test_text(void)
     set_refused(folder, "colmap:time=x", "'time'", "an unknown time rule");
     set_refused(folder, "colmap:principal=x", "'principal'", "an unknown principal point");
     set_refused(folder, "colmap:images=none", "2 of 2 images are missing", "missing images");
+    make_text(folder, "sparse/0/images.txt", "3 1 0 0 0 4 5 6 1 ../a.png\n\n");
+    set_refused(folder, NULL, "'../a.png', expected a path below", "an image that climbs out");
 }
 
 static void test_frames(void)

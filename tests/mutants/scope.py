@@ -71,7 +71,7 @@ ROOM_TESTS = {
     "exporters/lib/frames": "run/t-export cmd/t-export cli/t3002 cli/t3003 cli/t9005",
     "exporters/images": "exporters/t-images cli/t3016 cli/t3009",
     "exporters/lib/camera_path": "exporters/t-camera_path cli/t3016",
-    "exporters/lib/initial_view": "exporters/t-camera_path exporters/t-html cli/t3006 cli/t1026",
+    "exporters/lib/initial_view": "exporters/t-camera_path cmd/t-export cli/t3006 cli/t1026",
     "exporters/lib/path_file": "cli/t3016 cli/t3017",
     "exporters": "exporters/t-readback run/t-export cmd/t-export cli/t3002 cli/t3009",
     "exporters/html": "cli/t3006",
