@@ -394,8 +394,8 @@ TAP_MAIN
     unsetenv("SPIN_CPU");
     PART(against_plain, 20, 256, 0, 3);
     PART(against_plain, 128, 48, 0, 1);
-    /* More rows than one slice of a sum in CUDA. */
-    PART(against_plain, 8, 16, 0, 2100);
+    /* Wide, and more rows than one slice of a sum in CUDA. */
+    PART(against_plain, 72, 16, 0, 1100);
     PART(threads_same, 95);
     PART(threads_same, 7000);
     PART(rows_are_compact);
