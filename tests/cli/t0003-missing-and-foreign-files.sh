@@ -51,6 +51,9 @@ printf '\375''7zXZ' >"$work/a.xz"
 python3 -c 'import sys, zipfile
 zipfile.ZipFile(sys.argv[1], "w").write(sys.argv[2], "out/p.ply")' "$work/a.zip" "$work/in/out/p.ply"
 cp "$work/a.zip" "$work/packed"
+run "$bin/spin-import" --info fixtures/3dgstream/ntc_warmup.pth
+fails 1 spin-import "a checkpoint of no method"
+err_has "ntc_warmup.pth': a PyTorch checkpoint that no importer reads" "is called one"
 foreign() { # INPUT EXPECTED
     for command in "spin-import --info" "spin-import -o $work/new.spin" "spin4d --no-retrain -o $work/new.html" spin-eval \
         "spin-export -o $work/new.glb" "spin-retrain -o $work/new.spin"; do
