@@ -275,6 +275,7 @@ bad '{"camera_path": []}' 'the file contains no cameras'
 bad '{"frames": []}' "the list 'camera_path' is missing"
 bad '{"camera_type": "fisheye", "camera_path": []}' "'camera_type' is 'fisheye'"
 bad '[[1,0,0,0,0,1,0,0,0,0,1,null]]' 'matrix 1 has values that are not numbers'
+bad '[[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1,7]]' 'matrix 1 has 17 numbers, expected 12 or 16'
 bad '{"camera_path": [{"camera_to_world": [1,0,0,0,0,1,0,0,0,0,1,0], "fov": 0}]}' 'camera 1 has a field of view of 0'
 run "$bin/spin-export" "$work/walls.spin" --to images --path circle -o "$work/never"
 fails 2 spin-export "a path that is none"

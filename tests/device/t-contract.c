@@ -135,6 +135,33 @@ static void rows_and_threads(void)
     free(pos), free(d_x), free(x), free(x1), free(d1), free(rows);
 }
 
+/* Two frames of a batch get the gradients that their rows get as one frame. */
+static void frames_of_a_batch(void)
+{
+    enum { FIRST = 300, N = 700 };
+    struct spin_device *d = check_device(2);
+    struct loans l = {.d = d};
+    struct spin_frame_batch frames = {.n_frames = 2, .n = N};
+    struct spin_active active = lend_active(&l, NULL, N);
+    float *pos = net_random(N * 3, 7, -4.0f, 4.0f), *d_x = net_random(N * 4, 8, -1.0f, 1.0f);
+    float *want = net_floats(N * 3), *got = net_floats(N * 3);
+
+    on_contract_back(d, &identity, N, NULL, pos, d_x, want);
+    for (int f = 0; f < 2; f++) {
+        struct spin_frame_of_batch *frame = &frames.frame[f];
+
+        frame->first = f ? FIRST : 0;
+        frame->n = f ? N - FIRST : FIRST;
+        frame->means = lend(&l, pos + 3 * frame->first, frame->n * 12);
+        frame->d_means = lend_both(&l, got + 3 * frame->first, frame->n * 12);
+    }
+    d->op->contract_back(d, &identity, &frames, &active, lend(&l, d_x, N * 16));
+    settle(&l);
+    check_same_bits(got, want, N * 12, "backward: frames of a batch");
+    free(pos), free(d_x), free(want), free(got);
+    check_device_free(d);
+}
+
 static void sane(void)
 {
     float pos[] = {0, 0,      0, 1e30f, -1e30f, 1e30f, INFINITY, -INFINITY, 0, 3e38f, 0,
@@ -165,5 +192,6 @@ TAP_MAIN
     differences();
     uncontracted();
     rows_and_threads();
+    frames_of_a_batch();
     sane();
 }

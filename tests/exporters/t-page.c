@@ -272,6 +272,15 @@ static void test_group(void)
     ok(add(g, &rows, &a) && spin_page_group_write(g, see, &seen) == SPIN_E_UNSUPPORTED &&
            seen.n == 0 && strstr(spin_last_error(), "--bound-place"),
        "too far for its steps: says which option helps");
+    a.means[0] = a.means[3];
+    make_frame(&b, 500, 0, 9);
+    memcpy(b.means, a.means, 3 * 250 * sizeof *a.means);
+    b.means[3 * 499] = 1e9f;
+    g->n_frames = 0;
+    ok(add(g, &rows, &a) && add(g, &rows, &b) &&
+           spin_page_group_write(g, see, &seen) == SPIN_E_UNSUPPORTED &&
+           strstr(spin_last_error(), "--bound-place"),
+       "so is one that only the second frame has");
     spin_page_group_free(g);
     spin_splat_rows_end(&rows);
     spin_splats_free(&a);

@@ -467,6 +467,8 @@ static void test_lies(void)
         {4, 4, 0x7ff8000000000000, 8, "window 0", "a window that is not a number"},
         {5, 0, 0x7ff8000000000000, 8, "chunk 0: the start or end of the interval",
          "an interval that is not a number"},
+        {5, 8, 0x7ff8000000000000, 8, "chunk 0: the start or end of the interval",
+         "an end that is not one"},
         {5, 20, 15, 4, "chunks contain 24 splats, the header declares 23",
          "other numbers of splats"},
         {5, 28, 9, 8, "cannot unpack to 9 bytes", "another length of the streams"},

@@ -162,6 +162,7 @@ static void test_transforms(void)
         {"quatf xformOp:orient", "(0, 0, 0.8, 0.6)", -1, 3.44, 1.08, NULL},
         {"quatf xformOp:orient", "(0, 0, 0.6, 0.8)", -1, 2.32, 2.76, NULL},
         {"quatf xformOp:orient", "(0, 0, 1, 0)", -1, 2, -3, NULL},
+        {"quatf xformOp:orient", "(0.8, 0, 0.6, 0)", 3.16, 2, -0.12, NULL},
         {"quatf xformOp:orient", "(0.70710678, 0.70710678, 0, 0)", 1, -3, 2, NULL},
         {"float3 xformOp:rotateXYZ", "(90, 0, 90)", 3, 1, 2, NULL},
         {"float3 xformOp:rotateZYX:pivot", "(90, 0, 90)", -2, -3, 1, NULL},

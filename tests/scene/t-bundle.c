@@ -393,6 +393,8 @@ static void test_lies(void)
         {HEAD COLUMNS "\"trained\":{\"field\":{\"features\":-4}}," TAIL(GOOD), "features",
          "a network of -4 features"},
         {HEAD COLUMNS "\"trained\":3," TAIL(GOOD), "trained", "a training that is a number"},
+        {HEAD COLUMNS "\"trained\":{\"field\":null,\"splats\":[-1]}," TAIL(GOOD), "trained.splats",
+         "a frame of -1 trained splats"},
         {HEAD COLUMNS "\"cameras\":[7]," TAIL(GOOD), "cameras", "a camera that is a number"},
         {HEAD COLUMNS CAMERA("0", "9,9,8,5", "1") TAIL(GOOD), "cameras", "a camera without pixels"},
         {HEAD COLUMNS CAMERA("16", "9,9,8", "1") TAIL(GOOD), "cameras", "a camera without cy"},

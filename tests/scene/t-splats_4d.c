@@ -104,6 +104,17 @@ static void test_dropped(void)
     ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 3,
        "so do a sigma of 0, a gate above 1 and a plateau that ends before it begins");
     spin_splats_4d_free(&s);
+    for (int k = 0; k < SPIN_N_ARRAYS_4D; k++) {
+        float *values;
+
+        fill(&s);
+        values = *spin_array_4d_of(&s, k);
+        if (values)
+            values[spin_array_4d_width(&s, k)] = NAN;
+        ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == (values != NULL),
+           "NaN in array %d", k);
+        spin_splats_4d_free(&s);
+    }
     fill(&s);
     s.log_scales[4] = 400;
     ok(spin_splats_4d_finish(&s, &n_dropped, NULL) == SPIN_OK && n_dropped == 1,
