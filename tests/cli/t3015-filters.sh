@@ -44,6 +44,9 @@ export_grid() { # OUT OPTION...
     run "$bin/spin-export" "$work/grid.spin" --to ply -o "$out" --max-scale 0 "$@"
 }
 
+export_grid front --backdrop off
+is "$code" 0 "--backdrop off without a backdrop"
+err_has "warning: --backdrop off has no effect: these splats have no backdrop" "says so"
 export_grid box --crop -0.05,-0.05,-0.05,0.15,0.35,0.25 --json
 is "$code $(member filtered) $(member left_out) $(member splats_mean)" "0 42 0 24" "a box: how many are out of it"
 out_has '"crop": 42' "and for which reason"

@@ -42,7 +42,7 @@ static void test_folders(const char *fixture)
        "frame_ratio 2: time 6 of the data set is the file's 3");
     run_close(&run);
     write_text(path_in(folder, "cfg_args"), "Namespace(frame_ratio=0)");
-    fails(FROM, folder, "frame_ratio is 0", "a ratio of 0");
+    fails(FROM, folder, "cfg_args': frame_ratio is 0", "a ratio of 0");
     spin_splats_free(&a);
     spin_splats_free(&b);
 
