@@ -10,6 +10,7 @@ enum { FRAMES = 6, WIDTH = 3 + SPIN_RESIDUAL };
 static char path[600];
 static int frame_of[FRAMES] = {0, 1, 2, 3, 4, 5};
 static struct spin_rows_4d rows;
+static int apart = -1; /* a frame whose splat is of no track */
 
 /* Size 0.1, red c, at x. */
 static void fill(float x, float c, float *means, float *values)
@@ -51,12 +52,13 @@ static void write_clip(int n, uint32_t track, const float *x, const float *c)
         float means[3], values[SPIN_RESIDUAL];
         struct spin_splats s = {.n = 1, .means = means};
         uint64_t place[2] = {1, 3}, residual[2] = {1, SPIN_RESIDUAL};
+        uint32_t of = f == apart ? SPIN_NO_TRACK : track;
 
         fill(x[f], c[f], means, values);
         meta.frame[f] = (struct spin_frame_info){.n = 1, .number = f, .time = f};
         meta.source_index[f] = f;
         if (spin_bundle_write_frame(&w, f, SPIN_COL_MEANS, 0, &s) != SPIN_OK ||
-            spin_bundle_write_array(&w, "trained/track", f, "<u4", 1, one, &track) != SPIN_OK ||
+            spin_bundle_write_array(&w, "trained/track", f, "<u4", 1, one, &of) != SPIN_OK ||
             spin_bundle_write_array(&w, "trained/means", f, "<f4", 2, place, means) != SPIN_OK ||
             spin_bundle_write_array(&w, "trained/residual", f, "<f4", 2, residual, values) !=
                 SPIN_OK)
@@ -118,5 +120,8 @@ TAP_MAIN
        "a way that turns is cut where it turns: %zu rows", rows.n);
     cut(FRAMES, SPIN_NO_TRACK, still, same);
     ok(rows.n == FRAMES, "without a track, each frame has a row of its own: %zu", rows.n);
+    apart = 3;
+    cut(FRAMES, 0, still, same);
+    ok(rows.n == 3 && rows.n_whole == 0, "a track that misses a frame is two: %zu rows", rows.n);
     spin_rows_4d_close(&rows);
 }
