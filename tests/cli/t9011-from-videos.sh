@@ -43,8 +43,18 @@ chmod +x "$work"/path/*
     echo set -e
     sed -n 's/^    //p' docs/how-to/from-videos.md
 } >"$work/script"
+# COLMAP draws other random samples each time, also on one thread. Rarely one camera of a model
+# diverges to a negative focal length, which spin-import refuses; then all is done once more.
+cp -r "$work/place" "$work/again"
 (cd "$work/place" && PATH=$work/path:$PATH sh "$work/script") >"$work/out" 2>"$work/err" </dev/null
-is "$?" 0 "every command, one after the other"
+code=$?
+if grep -q "cameras.bin': camera [0-9]*: the focal lengths are" "$work/err"; then
+    rm -r "$work/place"
+    mv "$work/again" "$work/place"
+    (cd "$work/place" && PATH=$work/path:$PATH sh "$work/script") >"$work/out" 2>"$work/err" </dev/null
+    code=$?
+fi
+is "$code" 0 "every command, one after the other"
 out_has 'Registered images: [0-9]*$' "COLMAP finds the cameras: $(sed -n 's/.*Registered images: //p' "$work/out" | head -n 1)"
 is "$(ls "$work/place/points" | tr '\n' ' ')" "frame000000.ply frame000001.ply " "points of each frame"
 out_has '^cameras fit' "the cameras fit: $(sed -n '/^cameras fit/p' "$work/out")"
