@@ -219,7 +219,6 @@ spin_status spin_shim_load(struct spin_shim *shim, const void **table)
     pthread_mutex_lock(&mutex);
     if (!shim->tried) {
         *shim->why = '\0';
-        shim->refused = false;
         *table = find_table(shim);
     }
     found = *table != NULL;

@@ -49,7 +49,8 @@ static unsigned number_bytes(enum spin_usdc_type type)
     return half ? 2 : type == SPIN_USDC_MATRIX4D ? 8 : 4;
 }
 
-/* Appends numbers of `width` bytes, 2, 4 or 8, which are `bytes` bytes in total. */
+/* Appends `bytes` bytes of numbers that are 2, 4 or 8 bytes wide (`width`), least significant byte
+ * first. */
 static void append_numbers(struct bytes *b, const void *data, size_t bytes, unsigned width)
 {
     const unsigned char *from = data;

@@ -87,7 +87,7 @@ rm -r "$tree/lib/spin4d"
 # ---- The real shared objects ---------------------------------------------------------------------
 
 if [ -f "$build/lib/spin-gltf.so" ]; then
-    is "$(find "$build/lib" -perm /022)" "" "make leaves none that others can write"
+    is "$(find "$build/lib" -type f -perm /022)" "" "make leaves none that others can write"
     install -d "$work/copy/bin" "$work/copy/lib"
     install "$build/bin/spin-export" "$work/copy/bin"
     install -m 644 "$build/lib/spin-gltf.so" "$work/copy/lib"

@@ -25,6 +25,7 @@ ROOM_TESTS = {
     "src/train": "train/t-train cmd/t-retrain cli/t2001 cli/t2007",
     "src/eval": "eval/ cmd/t-eval cli/t2030",
     "src/run": "run/ cmd/t-export cmd/t-eval cli/t0010 cli/t9001 cli/t9005",
+    "src/base/shim": "cli/t0007 cli/t0003",
     "src/cmd": "cli/t0002 cli/t0010 cli/t1012 cli/t9005",
     "src/cmd/spin-import.c": "cmd/t-cameras cli/t1001 cli/t1010 cli/t1012 cli/t1015 cli/t9005",
     "src/cmd/spin-export.c": "cmd/t-export cli/t3001 cli/t3008 cli/t3015 cli/t9005",
